@@ -1,0 +1,1 @@
+"""Learned explorers: PPO on stable-baselines3."""

@@ -1,0 +1,1 @@
+"""Classic explorers and the path follower that they drive with."""

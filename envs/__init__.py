@@ -1,0 +1,1 @@
+"""Lidarnaut: Gymnasium environments for robots that explore unknown places."""

@@ -1,0 +1,6 @@
+"""Poses, occupancy grids and ray casting: the geometry that every other folder stands on."""
+
+from .occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from .pose import Pose2D, wrap_angle
+
+__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "Pose2D", "wrap_angle"]

@@ -1,0 +1,1 @@
+"""Costmaps, frontiers and path planning on what the robot believes."""

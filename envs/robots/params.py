@@ -1,0 +1,203 @@
+"""Robots as data."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+def _require(condition: bool, what: str, value: Any) -> None:
+    if not condition:
+        raise ValueError(f"{what}, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where a sensor sits, in the frame of the robot's base (midpoint of the wheel axle, on the ground)."""
+
+    x: float = 0.0
+    """Forward of the base [m]."""
+    y: float = 0.0
+    """Left of the base [m]."""
+    z: float = 0.0
+    """Above the ground [m]."""
+    yaw: float = 0.0
+    """Rotation against the base, counter-clockwise [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class LidarParams:
+    """A 2D lidar."""
+
+    num_beams: int
+    """Beams per scan."""
+    range_max: float
+    """Farthest return [m]."""
+    range_min: float = 0.0
+    """Nearest return [m]."""
+    fov: float = 2.0 * math.pi
+    """Field of view, centred on the sensor's x axis [rad]; a full turn does not repeat its first beam."""
+    noise_std: float = 0.0
+    """Standard deviation of the Gaussian range noise [m]."""
+    resolution: float = 0.0
+    """Step to which ranges are rounded [m]; 0 for none."""
+    dropout: float = 0.0
+    """Probability that a beam returns nothing at all."""
+    mount: Mount = Mount()
+    """Where the sensor sits."""
+
+    def __post_init__(self) -> None:
+        _require(self.num_beams >= 1, "num_beams must be at least 1", self.num_beams)
+        _require(0 <= self.range_min < self.range_max, "range_min must lie in [0, range_max)", self.range_min)
+        _require(0 < self.fov <= 2 * math.pi + 1e-9, "fov must lie in (0, 2 pi]", self.fov)
+        _require(self.noise_std >= 0, "noise_std must not be negative", self.noise_std)
+        _require(self.resolution >= 0, "resolution must not be negative", self.resolution)
+        _require(0 <= self.dropout < 1, "dropout must lie in [0, 1)", self.dropout)
+
+    @property
+    def angle_increment(self) -> float:
+        """Angle from one beam to the next [rad]."""
+        full_turn = self.fov > 2 * math.pi - 1e-6
+        return self.fov / (self.num_beams if full_turn else max(self.num_beams - 1, 1))
+
+    @property
+    def angle_min(self) -> float:
+        """Angle of the first beam in the sensor's frame [rad]."""
+        return -self.fov / 2 if self.num_beams > 1 else 0.0
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Angles of the beams in the sensor's frame, shape (num_beams,), float64 [rad]."""
+        return self.angle_min + np.arange(self.num_beams) * self.angle_increment
+
+
+@dataclass(frozen=True, slots=True)
+class DriveParams:
+    """Two driven wheels on one axle, as they really are."""
+
+    wheel_radius: float
+    """Radius of the driven wheels [m]."""
+    track: float
+    """Distance between the wheels' contact points [m]."""
+    wheel_width: float = 0.02
+    """Width of a wheel [m]."""
+    wheel_mass: float = 0.1
+    """Mass of one wheel [kg]."""
+    slip_std: float = 0.0
+    """Standard deviation of a wheel's slip, as a fraction of the distance that it rolls over 1 m."""
+
+    def __post_init__(self) -> None:
+        for field in ("wheel_radius", "track", "wheel_width", "wheel_mass"):
+            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+        _require(self.slip_std >= 0, "slip_std must not be negative", self.slip_std)
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryParams:
+    """What the robot's own controller takes its wheels for. Where it errs, odometry is biased."""
+
+    wheel_radius: float
+    """Wheel radius that the controller assumes [m]."""
+    track: float
+    """Track that the controller assumes [m]."""
+    ticks_per_rev: float
+    """Encoder counts in one turn of a wheel."""
+    open_loop: bool = False
+    """Counts the commanded steps instead of measured ones (stepper motors without encoders)."""
+
+    def __post_init__(self) -> None:
+        for field in ("wheel_radius", "track", "ticks_per_rev"):
+            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+
+
+@dataclass(frozen=True, slots=True)
+class Caster:
+    """A ball that slides under the body, touching the ground."""
+
+    x: float
+    """Forward of the base [m]."""
+    y: float
+    """Left of the base [m]."""
+    radius: float
+    """Radius of the ball [m]."""
+
+    def __post_init__(self) -> None:
+        _require(self.radius > 0, "radius must be positive", self.radius)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyParams:
+    """The rigid body that carries everything, as a box or, where `radius` is given, an upright cylinder."""
+
+    mass: float
+    """Mass without the wheels [kg]."""
+    center: tuple[float, float, float]
+    """Centre of the shape in the base frame, z above the ground [m]."""
+    size: tuple[float, float, float] | None = None
+    """Length, width and height of the box [m]."""
+    radius: float | None = None
+    """Radius of the cylinder [m]."""
+    height: float | None = None
+    """Height of the cylinder [m]."""
+
+    def __post_init__(self) -> None:
+        _require(self.mass > 0, "mass must be positive", self.mass)
+        _require((self.size is None) == (self.radius is not None), "give either size or radius and height", self.size)
+        _require((self.radius is None) == (self.height is None), "radius and height go together", self.height)
+        for value in (*(self.size or ()), self.radius or 1.0, self.height or 1.0):
+            _require(value > 0, "dimensions of the body must be positive", value)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuParams:
+    """Gyroscope and compass."""
+
+    gyro_std: float = 0.0
+    """Standard deviation of the yaw rate [rad/s]."""
+    has_compass: bool = False
+    """Whether the robot has a compass."""
+    compass_std: float = 0.0
+    """Standard deviation of the heading [rad]."""
+    compass_resolution: float = 0.0
+    """Step to which the heading is rounded [rad]; 0 for none."""
+
+    def __post_init__(self) -> None:
+        for field in ("gyro_std", "compass_std", "compass_resolution"):
+            _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotParams:
+    """A differential-drive robot."""
+
+    name: str
+    """What users call it."""
+    radius: float
+    """Radius of the circle around the base that stands for the footprint in planning and in kinematic contact [m]."""
+    max_v: float
+    """Greatest forward (and backward) speed [m/s]."""
+    max_w: float
+    """Greatest yaw rate [rad/s]."""
+    max_acc_v: float
+    """Greatest change of forward speed [m/s2]."""
+    max_acc_w: float
+    """Greatest change of yaw rate [rad/s2]."""
+    drive: DriveParams
+    """The wheels as they are."""
+    odometry: OdometryParams
+    """The wheels as the controller takes them to be."""
+    body: BodyParams
+    """The body."""
+    lidar: LidarParams
+    """The lidar."""
+    casters: tuple[Caster, ...] = ()
+    """Casters."""
+    imu: ImuParams = ImuParams()
+    """Gyroscope and compass."""
+    source: str = ""
+    """Where the numbers come from."""
+
+    def __post_init__(self) -> None:
+        for field in ("radius", "max_v", "max_w", "max_acc_v", "max_acc_w"):
+            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))

@@ -1,0 +1,5 @@
+"""Simultaneous localisation and mapping."""
+
+from .slam import Belief, Slam
+
+__all__ = ["Belief", "Slam"]

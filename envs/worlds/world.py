@@ -1,0 +1,58 @@
+"""What a place is made of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.geometry import Pose2D
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mover:
+    """A vertical cylinder that walks around a closed polyline at constant speed."""
+
+    radius: float
+    """Radius of the cylinder [m]."""
+    waypoints: np.ndarray
+    """Shape (k, 2), float64, corners of the closed polyline [m]."""
+    speed: float
+    """Speed along the polyline [m/s]."""
+
+    def position(self, time: float) -> tuple[float, float]:
+        """Return the centre (x, y) [m] at `time` [s]; at time 0 it stands on the first waypoint."""
+        corners = np.vstack([self.waypoints, self.waypoints[:1]])
+        lengths = np.hypot(*np.diff(corners, axis=0).T)
+        travelled = np.concatenate([[0.0], np.cumsum(lengths)])
+        s = (time * self.speed) % travelled[-1]
+        return float(np.interp(s, travelled, corners[:, 0])), float(np.interp(s, travelled, corners[:, 1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """A place: its horizontal section at the height of the robots' lidars, extruded to `height`."""
+
+    name: str
+    """What users call it."""
+    segments: np.ndarray
+    """Shape (n, 4), float64: walls and outlines of solid bodies as (x0, y0, x1, y1) [m]."""
+    circles: np.ndarray
+    """Shape (m, 3), float64: vertical cylinders as (x, y, radius) [m]."""
+    spawns: tuple[Pose2D, ...]
+    """Poses where a robot can start; the first is the usual one. All lie in one connected free area."""
+    bounds: tuple[float, float, float, float]
+    """(x_min, y_min, x_max, y_max) of everything static [m]."""
+    movers: tuple[Mover, ...] = ()
+    """Bodies that move."""
+    height: float = 1.0
+    """Height of walls and bodies in the physics engine [m]."""
+    source: str = ""
+    """Where the geometry comes from."""
+    licence: str = ""
+    """Licence of the source, as its authors state it."""
+
+    def circles_at(self, time: float) -> np.ndarray:
+        """Return the static circles followed by the movers at `time` [s]: shape (m + movers, 3), float64 [m]."""
+        if not self.movers:
+            return self.circles
+        moving = np.array([(*mover.position(time), mover.radius) for mover in self.movers])
+        return np.vstack([self.circles, moving])
