@@ -1,1 +1,23 @@
-"""Lidarnaut: Gymnasium environments for robots that explore unknown places."""
+"""Lidarnaut: Gymnasium environments for robots that explore unknown places.
+
+Importing this package registers the environments under the namespace `lidarnaut`.
+"""
+
+import gymnasium
+
+_ENTRY_POINT = "envs.explore:ExploreEnv"
+
+_TABLE: dict[str, tuple[str, dict[str, object]]] = {
+    "lidarnaut/Explore-v0": (_ENTRY_POINT, {}),
+    "lidarnaut/ExploreTurtleBot3World-v0": (_ENTRY_POINT, {"world": "turtlebot3_world"}),
+    "lidarnaut/ExploreHouse-v0": (_ENTRY_POINT, {"world": "turtlebot3_house"}),
+    "lidarnaut/ExploreWarehouse-v0": (_ENTRY_POINT, {"world": "tugbot_warehouse"}),
+    "lidarnaut/ExploreRooms-v0": (_ENTRY_POINT, {"world": "rooms"}),
+    "lidarnaut/ExploreMaze-v0": (_ENTRY_POINT, {"world": "maze"}),
+    "lidarnaut/ExploreAisles-v0": (_ENTRY_POINT, {"world": "warehouse"}),
+    "lidarnaut/ExploreCaves-v0": (_ENTRY_POINT, {"world": "caves"}),
+}
+
+for _id, (_entry_point, _kwargs) in _TABLE.items():
+    if _id not in gymnasium.registry:
+        gymnasium.register(id=_id, entry_point=_entry_point, kwargs=_kwargs, order_enforce=True)

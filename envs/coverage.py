@@ -1,0 +1,205 @@
+"""How much of a place there is to see, and how much of it has truly been seen."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.robots import RobotParams
+from envs.slam import Belief
+from envs.worlds import World, rasterize
+
+VIEWPOINT_SPACING = 0.25
+"""Distance between the poses from which the explorable area is looked at [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplorableArea:
+    """The part of a world that a robot could see, on a raster in the world frame."""
+
+    walls: OccupancyGrid
+    """The truth: 0 free, 100 touched by something static."""
+    explorable: np.ndarray
+    """Shape of `walls`, bool: free cells visible from somewhere the robot can stand."""
+    standable: np.ndarray
+    """Shape of `walls`, bool: cells where the robot's base can be, connected to the world's first spawn."""
+    roomy: np.ndarray
+    """Shape of `walls`, bool: standable cells with a cell's width to spare, where a robot may be put down."""
+
+    @property
+    def area(self) -> float:
+        """Size of the explorable area [m2]."""
+        return float(np.count_nonzero(self.explorable)) * self.walls.resolution**2
+
+    def can_stand(self, pose: Pose2D) -> bool:
+        """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
+        row, col = self.walls.cells(np.array([pose.x, pose.y]))
+        return bool(self.walls.contains(np.array([row, col])) and self.standable[row, col])
+
+    def draw_pose(self, rng: np.random.Generator) -> Pose2D:
+        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings."""
+        cell = np.argwhere(self.roomy)[rng.integers(np.count_nonzero(self.roomy))]
+        x, y = self.walls.centers(cell)
+        return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+@njit(cache=True, error_model="numpy")
+def _mark_visible(free, viewpoints, range_max, visible):
+    """Set in `visible` every free cell on a straight walk of at most `range_max` cells from a viewpoint.
+
+    Args:
+        free: shape (height, width), bool.
+        viewpoints: shape (n, 2), int64, (row, column).
+        range_max: length of the walks [cells].
+        visible: shape (height, width), bool, written.
+    """
+    height, width = free.shape
+    num_beams = 360
+    for k in range(viewpoints.shape[0]):
+        for beam in range(num_beams):
+            # Viewpoints look in slightly different directions, so that together they leave no gaps far away.
+            angle = 2.0 * math.pi * (beam + 0.618034 * k) / num_beams
+            d_row, d_col = math.sin(angle), math.cos(angle)
+            scale = 1.0 / max(abs(d_row), abs(d_col))
+            d_row, d_col = d_row * scale, d_col * scale
+            row, col = viewpoints[k, 0] + 0.5, viewpoints[k, 1] + 0.5
+            for _ in range(int(range_max / scale)):
+                r, c = int(row), int(col)
+                if r < 0 or c < 0 or r >= height or c >= width or not free[r, c]:
+                    break
+                visible[r, c] = True
+                row += d_row
+                col += d_col
+
+
+@lru_cache(maxsize=16)
+def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
+    """Find what `robot` could see of `world`: the free cells within lidar range of where its footprint can stand.
+
+    Args:
+        world: a closed world.
+        robot: gives footprint radius and lidar range.
+        resolution: side of a raster cell [m].
+
+    Raises:
+        ValueError: if the robot does not fit at the world's first spawn.
+    """
+    walls = rasterize(world, resolution)
+    free = walls.data == 0
+    clearance = ndimage.distance_transform_edt(free) * resolution
+    labels, _ = ndimage.label(clearance > robot.radius)
+    row, col = walls.cells(np.array(world.spawns[0][:2]))
+    label = labels[row, col]
+    if label == 0:
+        raise ValueError(
+            f"robot {robot.name!r} (radius {robot.radius} m) does not fit at the first spawn of world {world.name!r}, "
+            f"which has {clearance[row, col]:.3f} m of clearance at a resolution of {resolution} m; "
+            "choose a smaller robot, another world or a finer map_resolution"
+        )
+    standable = labels == label
+    roomy = standable & (clearance > robot.radius + resolution)
+    if not roomy.any():
+        roomy = standable
+    step = max(1, round(VIEWPOINT_SPACING / resolution))
+    lattice = np.zeros_like(standable)
+    lattice[::step, ::step] = True
+    viewpoints = np.argwhere(standable & lattice)
+    if len(viewpoints) == 0:
+        viewpoints = np.argwhere(standable)
+    visible = np.zeros_like(free)
+    _mark_visible(free, viewpoints, robot.lidar.range_max / resolution, visible)
+    return ExplorableArea(walls, visible | standable, standable, roomy)
+
+
+@njit(cache=True, error_model="numpy")
+def _count_new(new_cells, map_x, map_y, map_resolution, x, y, theta, explorable, origin_x, origin_y, resolution, seen):
+    """Mark in `seen` the explorable true cells under newly known map cells; return how many were new."""
+    height, width = explorable.shape
+    c, s = math.cos(theta), math.sin(theta)
+    count = 0
+    for k in range(new_cells.shape[0]):
+        # Four points of each map cell: a lattice of half a cell leaves no true cell out, however the map is turned.
+        for quarter in range(4):
+            u = map_x + (new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1)) * map_resolution
+            v = map_y + (new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)) * map_resolution
+            col = math.floor((x + c * u - s * v - origin_x) / resolution)
+            row = math.floor((y + s * u + c * v - origin_y) / resolution)
+            if 0 <= row < height and 0 <= col < width and explorable[row, col] and not seen[row, col]:
+                seen[row, col] = True
+                count += 1
+    return count
+
+
+class Coverage:
+    """Keeps count of what is truly known: explorable cells whose counterpart in the map is known, each once."""
+
+    def __init__(self, area: ExplorableArea, start: Pose2D) -> None:
+        """Start with nothing known.
+
+        Args:
+            area: what there is to see.
+            start: pose of the map frame's origin in the world frame.
+        """
+        self.area = area
+        self.start = start
+        self.seen = np.zeros_like(area.explorable)
+        self._num_seen = 0
+        self._num_explorable = np.count_nonzero(area.explorable)
+
+    def update(self, belief: Belief) -> float:
+        """Take in `belief.new_cells` and return the area that became truly known [m2]."""
+        walls = self.area.walls
+        new = _count_new(
+            belief.new_cells,
+            *belief.grid.origin,
+            belief.grid.resolution,
+            *self.start,
+            self.area.explorable,
+            *walls.origin,
+            walls.resolution,
+            self.seen,
+        )
+        self._num_seen += new
+        return float(new * walls.resolution**2)
+
+    @property
+    def explored_area(self) -> float:
+        """Truly known part of the explorable area [m2]."""
+        return float(self._num_seen * self.area.walls.resolution**2)
+
+    @property
+    def explored_fraction(self) -> float:
+        """Truly known part of the explorable area, from 0 to 1."""
+        return float(self._num_seen / self._num_explorable)
+
+
+def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:
+    """Compare the occupied cells of a map with the walls that can be seen in truth.
+
+    Intersection over union: visible wall cells with an occupied map cell within `tolerance`, over those plus the
+    visible wall cells without one plus the occupied map cells without a wall within `tolerance`.
+
+    Args:
+        grid: the map, in the map frame.
+        area: the truth.
+        start: pose of the map frame's origin in the world frame.
+        tolerance: distance up to which cells count as the same [m].
+    """
+    walls = area.walls
+    wall = walls.data > 0
+    visible_wall = wall & ndimage.binary_dilation(area.explorable, np.ones((3, 3), dtype=bool))
+    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= 65))))
+    inside = walls.contains(cells)
+    believed = np.zeros_like(wall)
+    believed[tuple(cells[inside].T)] = True
+    reach = tolerance / walls.resolution
+    near_wall = ndimage.distance_transform_edt(~wall) <= reach
+    near_believed = ndimage.distance_transform_edt(~believed) <= reach if believed.any() else np.zeros_like(wall)
+    hits = np.count_nonzero(visible_wall & near_believed)
+    misses = np.count_nonzero(visible_wall) - hits
+    false = np.count_nonzero(believed & ~near_wall) + np.count_nonzero(~inside)
+    return hits / max(hits + misses + false, 1)
