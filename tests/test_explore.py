@@ -1,0 +1,245 @@
+import itertools
+import json
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+import envs
+from envs.explore import ExploreEnv, RewardWeights
+
+IDS = sorted(id for id in gymnasium.registry if id.startswith("lidarnaut/Explore"))
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
+INFO_KEYS = {
+    "explored_fraction",
+    "explored_area",
+    "pose_error",
+    "path_length",
+    "collisions",
+    "time",
+    "rewards",
+    "is_success",
+}
+
+
+def rollout(env, seed, steps):
+    """Drive with fixed pseudo-random actions; return everything that comes out."""
+    rng = np.random.default_rng(seed)
+    out = [env.reset(seed=seed)]
+    for _ in range(steps):
+        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
+        if out[-1][2] or out[-1][3]:
+            break
+    return out
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_every_id_passes_gymnasiums_checker_without_a_warning(id):
+    env = gymnasium.make(id, physics="kinematic", time_limit=30.0, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=id != "lidarnaut/Explore-v0")
+    env.close()
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_stable_baselines3_checker_has_no_warning(physics):
+    from stable_baselines3.common.env_checker import check_env as check_sb3
+
+    env = ExploreEnv(physics=physics, time_limit=5.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_sb3(env, warn=True)
+    env.close()
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_same_seed_same_bytes(physics):
+    env = ExploreEnv(physics=physics, time_limit=10.0)
+    first = rollout(env, 7, 40)
+    rollout(env, 8, 15)
+    assert same(first, rollout(env, 7, 40))
+    other = ExploreEnv(physics=physics, time_limit=10.0)
+    assert same(first, rollout(other, 7, 40))
+    assert not same(first, rollout(other, 9, 40))
+    env.close()
+    other.close()
+
+
+def test_observations_share_no_memory_and_none_stays_constant():
+    env = ExploreEnv(**QUICK)
+    out = rollout(env, 1, 150)
+    observations = [step[0] for step in out]
+    for before, after in itertools.pairwise(observations):
+        assert not any(np.shares_memory(before[key], after[key]) for key in before)
+    for key in ("scan", "map_near", "map_far"):
+        stacked = np.stack([observation[key] for observation in observations])
+        assert (stacked != stacked[0]).any()
+    motion = np.stack([observation["motion"] for observation in observations])
+    assert (np.delete(motion, 4, axis=1).std(axis=0) > 0).all()
+    starts = np.stack([env.reset(seed=seed)[0]["scan"] for seed in range(3)])
+    assert (starts.std(axis=0) > 0).any()
+
+
+def test_info_has_every_key_and_rewards_sum_up():
+    env = ExploreEnv(**QUICK, time_limit=4.0)
+    out = rollout(env, 2, 100)
+    assert set(out[0][1]) == INFO_KEYS
+    for _, reward, _, _, info in out[1:]:
+        assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
+        assert reward == pytest.approx(sum(info["rewards"].values()))
+        assert set(info["rewards"]) == {"explored", "time", "collision", "completed"}
+    assert out[-1][3] is True
+    assert out[-1][4]["end_reason"] == "time_limit"
+    assert 0.0 < out[-1][4]["map_iou"] <= 1.0
+    # Truncated at the first step that reaches the limit: 4 s at 5 Hz are 20 steps.
+    assert len(out) == 21
+
+
+def test_explored_area_grows_by_what_was_rewarded():
+    env = ExploreEnv(**QUICK, reward={"explored": 2.0})
+    out = rollout(env, 3, 60)
+    rewarded = sum(step[4]["rewards"]["explored"] for step in out[1:])
+    assert rewarded == pytest.approx(2.0 * (out[-1][4]["explored_area"] - out[0][1]["explored_area"]))
+    assert rewarded > 0
+
+
+def test_reaching_the_target_terminates():
+    env = ExploreEnv(**QUICK, target_coverage=0.05)
+    env.reset(seed=0)
+    _, _, terminated, truncated, info = env.step(np.zeros(2, dtype=np.float32))
+    assert terminated is True
+    assert truncated is False
+    assert info["is_success"]
+    assert info["end_reason"] == "covered"
+    assert info["rewards"]["completed"] == RewardWeights().completed
+
+
+def test_driving_into_a_wall_is_counted_and_does_not_end_the_episode():
+    env = ExploreEnv(**QUICK, slam="truth")
+    env.reset(seed=0)
+    ahead = np.array([1.0, 0.0], dtype=np.float32)
+    infos = [env.step(ahead)[4] for _ in range(150)]
+    assert infos[-1]["collisions"] >= 1
+    assert min(info["rewards"]["collision"] for info in infos) < 0
+
+
+def test_truth_has_no_pose_error_and_odometry_has_some():
+    errors = {}
+    for slam in ("truth", "odometry", "tinyslam"):
+        env = ExploreEnv(**QUICK, slam=slam)
+        errors[slam] = rollout(env, 5, 200)[-1][4]["pose_error"]
+    assert errors["truth"].max() < 1e-9
+    assert errors["odometry"][0] > 1e-4
+    assert errors["tinyslam"][0] < 0.05
+
+
+def test_start_can_be_chosen():
+    spawn = ExploreEnv(physics="kinematic", start="spawn")
+    spawn.reset(seed=0)
+    assert tuple(spawn.start) == (-2.0, -0.5, 0.0)
+    chosen = ExploreEnv(physics="kinematic", start=(-2.0, 0.5, 1.0))
+    chosen.reset(seed=0)
+    assert tuple(chosen.start) == (-2.0, 0.5, 1.0)
+    with pytest.raises(ValueError, match="can stand"):
+        ExploreEnv(physics="kinematic", start=(0.0, 0.0, 0.0)).reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "culprit"),
+    [
+        ({"world": "atlantis"}, "atlantis"),
+        ({"robot": "r2d2"}, "r2d2"),
+        ({"physics": "mujoco"}, "mujoco"),
+        ({"slam": "cartographer"}, "cartographer"),
+        ({"reward": {"explred": 1.0}}, "explred"),
+        ({"control_hz": 0}, "control_hz"),
+        ({"time_limit": -1.0}, "time_limit"),
+        ({"target_coverage": 1.5}, "target_coverage"),
+        ({"start": "home"}, "start"),
+        ({"render_mode": "ascii"}, "render_mode"),
+        ({"split": "validation"}, "split"),
+    ],
+)
+def test_bad_arguments_are_named(kwargs, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        ExploreEnv(**{"physics": "kinematic", **kwargs})
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [np.inf, 0.0], [0.0], [[0.0, 0.0]]])
+def test_bad_actions_are_refused(action):
+    env = ExploreEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(np.array(action))
+
+
+def test_pickling_and_spec_json():
+    env = gymnasium.make("lidarnaut/ExploreRooms-v0", physics="kinematic", world_size=(6.0, 6.0))
+    spec = gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json())
+    assert json.loads(env.spec.to_json())["id"] == "lidarnaut/ExploreRooms-v0"
+    twins = [gymnasium.make(spec), pickle.loads(pickle.dumps(env))]
+    expected = rollout(env, 4, 10)
+    for twin in twins:
+        assert same(expected, rollout(twin, 4, 10))
+
+
+def test_import_registers_and_stays_light():
+    code = (
+        "import gymnasium, sys; env = gymnasium.make('envs:lidarnaut/Explore-v0', physics='kinematic');"
+        "heavy = {'torch', 'stable_baselines3', 'pygame', 'matplotlib', 'pybullet'} & set(sys.modules); print(heavy)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "set()"
+
+
+def test_works_without_pybullet(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    rollout(ExploreEnv(**QUICK), 0, 3)
+    with pytest.raises(ImportError, match="kinematic"):
+        ExploreEnv(physics="bullet").reset(seed=0)
+
+
+def make_quick():
+    return gymnasium.make("lidarnaut/Explore-v0", **QUICK)
+
+
+def test_vector_environments_agree_with_single_ones():
+    actions = np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)).astype(np.float32)
+    singles = [make_quick() for _ in range(2)]
+    for lane, env in enumerate(singles):
+        env.reset(seed=10 + lane)
+    expected = [[env.step(action[lane])[1] for lane, env in enumerate(singles)] for action in actions]
+    vectors = [
+        gymnasium.vector.SyncVectorEnv([make_quick] * 2),
+        gymnasium.vector.AsyncVectorEnv([make_quick] * 2, context="spawn"),
+        gymnasium.vector.AsyncVectorEnv([make_quick] * 2, context="forkserver"),
+    ]
+    for vector in vectors:
+        vector.reset(seed=10)
+        rewards = [vector.step(action)[1] for action in actions]
+        np.testing.assert_allclose(rewards, expected)
+        vector.close()
+
+
+def test_works_in_subproc_vec_env():
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    vector = SubprocVecEnv([make_quick] * 2, start_method="forkserver")
+    vector.seed(10)
+    observation = vector.reset()
+    assert observation["scan"].shape == (2, 360)
+    vector.step(np.zeros((2, 2), dtype=np.float32))
+    vector.close()
+
+
+def test_every_public_space_is_documented():
+    env = ExploreEnv(**QUICK)
+    assert all(f"`{key}`" in ExploreEnv.__doc__ for key in env.observation_space.spaces)
+    assert all(id in envs._TABLE for id in IDS)
