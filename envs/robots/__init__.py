@@ -1,5 +1,7 @@
 """Robots: their numbers as data, one YAML file each in `library/`, and wheel odometry."""
 
+from .loader import ROBOT_NAMES, load_robot
+from .odometry import WheelOdometry
 from .params import (
     BodyParams,
     Caster,
@@ -12,6 +14,7 @@ from .params import (
 )
 
 __all__ = [
+    "ROBOT_NAMES",
     "BodyParams",
     "Caster",
     "DriveParams",
@@ -20,4 +23,6 @@ __all__ = [
     "Mount",
     "OdometryParams",
     "RobotParams",
+    "WheelOdometry",
+    "load_robot",
 ]

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict
+
+_STRICT_KEYS = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 def _require(condition: bool, what: str, value: Any) -> None:
@@ -15,6 +18,8 @@ def _require(condition: bool, what: str, value: Any) -> None:
 @dataclass(frozen=True, slots=True)
 class Mount:
     """Where a sensor sits, in the frame of the robot's base (midpoint of the wheel axle, on the ground)."""
+
+    __pydantic_config__ = _STRICT_KEYS
 
     x: float = 0.0
     """Forward of the base [m]."""
@@ -29,6 +34,8 @@ class Mount:
 @dataclass(frozen=True, slots=True)
 class LidarParams:
     """A 2D lidar."""
+
+    __pydantic_config__ = _STRICT_KEYS
 
     num_beams: int
     """Beams per scan."""
@@ -76,6 +83,8 @@ class LidarParams:
 class DriveParams:
     """Two driven wheels on one axle, as they really are."""
 
+    __pydantic_config__ = _STRICT_KEYS
+
     wheel_radius: float
     """Radius of the driven wheels [m]."""
     track: float
@@ -84,18 +93,25 @@ class DriveParams:
     """Width of a wheel [m]."""
     wheel_mass: float = 0.1
     """Mass of one wheel [kg]."""
+    friction: float = 1.0
+    """Coulomb friction between a wheel and the ground."""
+    max_torque: float = 1.0
+    """Greatest torque that a motor exerts on its wheel [N m]."""
     slip_std: float = 0.0
-    """Standard deviation of a wheel's slip, as a fraction of the distance that it rolls over 1 m."""
+    """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; it grows with the distance's root."""
 
     def __post_init__(self) -> None:
-        for field in ("wheel_radius", "track", "wheel_width", "wheel_mass"):
+        for field in ("wheel_radius", "track", "wheel_width", "wheel_mass", "friction", "max_torque"):
             _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
         _require(self.slip_std >= 0, "slip_std must not be negative", self.slip_std)
+        _require(self.wheel_width < self.track, "wheel_width must be smaller than track", self.wheel_width)
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryParams:
     """What the robot's own controller takes its wheels for. Where it errs, odometry is biased."""
+
+    __pydantic_config__ = _STRICT_KEYS
 
     wheel_radius: float
     """Wheel radius that the controller assumes [m]."""
@@ -113,7 +129,9 @@ class OdometryParams:
 
 @dataclass(frozen=True, slots=True)
 class Caster:
-    """A ball that slides under the body, touching the ground."""
+    """A ball that slides under the body, or hangs just above the ground."""
+
+    __pydantic_config__ = _STRICT_KEYS
 
     x: float
     """Forward of the base [m]."""
@@ -121,19 +139,26 @@ class Caster:
     """Left of the base [m]."""
     radius: float
     """Radius of the ball [m]."""
+    clearance: float = 0.0
+    """Gap between the ball and the ground while the robot stands level [m]."""
 
     def __post_init__(self) -> None:
         _require(self.radius > 0, "radius must be positive", self.radius)
+        _require(self.clearance >= 0, "clearance must not be negative", self.clearance)
 
 
 @dataclass(frozen=True, slots=True)
 class BodyParams:
     """The rigid body that carries everything, as a box or, where `radius` is given, an upright cylinder."""
 
+    __pydantic_config__ = _STRICT_KEYS
+
     mass: float
     """Mass without the wheels [kg]."""
     center: tuple[float, float, float]
     """Centre of the shape in the base frame, z above the ground [m]."""
+    center_of_mass: tuple[float, float, float] | None = None
+    """Centre of mass in the base frame, z above the ground [m]; None for the centre of the shape."""
     size: tuple[float, float, float] | None = None
     """Length, width and height of the box [m]."""
     radius: float | None = None
@@ -153,6 +178,8 @@ class BodyParams:
 class ImuParams:
     """Gyroscope and compass."""
 
+    __pydantic_config__ = _STRICT_KEYS
+
     gyro_std: float = 0.0
     """Standard deviation of the yaw rate [rad/s]."""
     has_compass: bool = False
@@ -170,6 +197,8 @@ class ImuParams:
 @dataclass(frozen=True, slots=True)
 class RobotParams:
     """A differential-drive robot."""
+
+    __pydantic_config__ = _STRICT_KEYS
 
     name: str
     """What users call it."""

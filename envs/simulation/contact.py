@@ -1,0 +1,106 @@
+"""Contact of a circular footprint with segments and circles."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D
+
+_MAX_PUSHES = 12
+"""How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
+_TOLERANCE = 1e-6
+"""Overlap that counts as touching [m]."""
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _segment_offset(x, y, segments, i):
+    """Return the vector from the nearest point of segment i to (x, y) [m]."""
+    x0, y0 = segments[i, 0], segments[i, 1]
+    ex, ey = segments[i, 2] - x0, segments[i, 3] - y0
+    px, py = x - x0, y - y0
+    t = min(max((px * ex + py * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
+    return px - t * ex, py - t * ey
+
+
+@njit(cache=True, error_model="numpy")
+def clearance(x, y, segments, circles):
+    """Return the distance from (x, y) to the nearest segment or circle [m]; negative inside a circle, inf without any.
+
+    Args:
+        x: position [m].
+        y: position [m].
+        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
+        circles: shape (m, 3), float64, (x, y, radius) [m].
+    """
+    nearest2 = np.inf
+    for i in range(segments.shape[0]):
+        dx, dy = _segment_offset(x, y, segments, i)
+        nearest2 = min(nearest2, dx * dx + dy * dy)
+    nearest = math.sqrt(nearest2)
+    for i in range(circles.shape[0]):
+        nearest = min(nearest, math.hypot(x - circles[i, 0], y - circles[i, 1]) - circles[i, 2])
+    return nearest
+
+
+@njit(cache=True, error_model="numpy")
+def select_near(x, y, reach, segments, near):
+    """Write the indices of the segments within `reach` [m] of (x, y) to `near` and return how many there are."""
+    count = 0
+    for i in range(segments.shape[0]):
+        dx, dy = _segment_offset(x, y, segments, i)
+        near[count] = i
+        count += dx * dx + dy * dy < reach * reach
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def push_out(x, y, radius, segments, near, num_near, circles):
+    """Push a circle out of what it overlaps, the deepest overlap first.
+
+    Args:
+        x: centre [m].
+        y: centre [m].
+        radius: of the circle that is pushed [m].
+        segments: shape (n, 4), float64 [m].
+        near: shape (>= num_near,), int64: the segments to consider.
+        num_near: how many of them.
+        circles: shape (m, 3), float64 [m].
+
+    Returns:
+        The centre (x, y), whether anything was touched, and whether the circle is free now.
+    """
+    touched = False
+    for _ in range(_MAX_PUSHES):
+        deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0
+        for j in range(num_near):
+            dx, dy = _segment_offset(x, y, segments, near[j])
+            distance = math.sqrt(dx * dx + dy * dy)
+            if radius - distance > deepest and distance > 0.0:
+                deepest, push_x, push_y = radius - distance, dx / distance, dy / distance
+        for i in range(circles.shape[0]):
+            dx, dy = x - circles[i, 0], y - circles[i, 1]
+            distance = math.sqrt(dx * dx + dy * dy)
+            if radius + circles[i, 2] - distance > deepest and distance > 0.0:
+                deepest, push_x, push_y = radius + circles[i, 2] - distance, dx / distance, dy / distance
+        if deepest == _TOLERANCE:
+            return x, y, touched, True
+        touched = True
+        x, y = x + deepest * push_x, y + deepest * push_y
+    return x, y, touched, False
+
+
+def check_start(pose: Pose2D, radius: float, segments: np.ndarray, circles: np.ndarray, world: str) -> None:
+    """Refuse a start where the robot does not fit.
+
+    Raises:
+        ValueError: the pose is not finite, or the footprint of `radius` [m] overlaps a segment or circle there.
+    """
+    if not np.all(np.isfinite(pose)):
+        raise ValueError(f"start pose must be finite, got {pose}")
+    free = clearance(pose.x, pose.y, segments, circles)
+    if free < radius - _TOLERANCE:
+        raise ValueError(
+            f"the robot does not fit at x = {pose.x:.3f}, y = {pose.y:.3f} in world {world!r}: "
+            f"its footprint has a radius of {radius:.3f} m, and the nearest obstacle is {max(free, 0.0):.3f} m away"
+        )

@@ -1,0 +1,163 @@
+"""A robot as a motion model: wheels that roll and slip, and a circular footprint that slides along obstacles."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D, wrap_angle
+from envs.robots import RobotParams
+from envs.worlds import World
+
+from .contact import check_start, push_out, select_near
+from .drive import Drive, check_command, count_substeps, ramp, slip, wheel_rates
+from .sensors import Sensors
+from .simulator import Reading, TrueState, Twist
+
+X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W = range(9)
+"""Entries of the state: pose in the world frame [m, m, rad], the controller's twist after its ramp [m/s, rad/s], how
+far the wheels have turned since the reset [rad], and the true twist of the base [m/s, rad/s]."""
+STATE_SIZE = 9
+"""Number of entries of the state."""
+
+
+@njit(cache=True, error_model="numpy")
+def advance(state, command_v, command_w, normal_left, normal_right, period, substeps, drive, segments, before, after):
+    """Move the robot for one control period.
+
+    The command is clipped, ramped and turned into wheel rates as the controller takes the wheels to be; the wheels
+    roll as they are, and slip. The base follows the arc of each substep. What the footprint then overlaps pushes it
+    out along the normal, so that it slides along walls; where that leaves it wedged, it stays where it was.
+    Wheels keep turning while the robot is held.
+
+    Args:
+        state: shape (9,), float64, changed in place; see `X` and its neighbours.
+        command_v: commanded forward speed [m/s].
+        command_w: commanded yaw rate [rad/s].
+        normal_left: standard normal draw for the left wheel's slip.
+        normal_right: the same for the right wheel.
+        period: control period [s].
+        substeps: into how many equal parts the period is cut.
+        drive: the robot.
+        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
+        before: shape (m, 3), float64, circles at the start of the period, (x, y, radius) [m].
+        after: shape (m, 3), float64, the same circles at its end; movers move evenly in between [m].
+
+    Returns:
+        Whether the footprint touched anything.
+    """
+    dt = period / substeps
+    fastest = drive.max_v * drive.wheel_radius / drive.assumed_wheel_radius
+    near = np.empty(segments.shape[0] + 1, dtype=np.int64)
+    num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * period), segments, near)
+    circles = before.copy()
+    touched = False
+    for step in range(substeps):
+        v = ramp(state[COMMANDED_V], command_v, drive.max_v, drive.max_acc_v * dt)
+        w = ramp(state[COMMANDED_W], command_w, drive.max_w, drive.max_acc_w * dt)
+        rate_left, rate_right = wheel_rates(v, w, drive)
+        left, right = rate_left * dt * drive.wheel_radius, rate_right * dt * drive.wheel_radius
+        left += slip(left, normal_left, substeps, drive)
+        right += slip(right, normal_right, substeps, drive)
+        turn = (right - left) / drive.track
+        forward = 0.5 * (left + right)
+        x, y, middle = state[X], state[Y], state[THETA] + 0.5 * turn
+        part = (step + 1) / substeps
+        for i in range(circles.shape[0]):
+            circles[i, 0] = before[i, 0] + part * (after[i, 0] - before[i, 0])
+            circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
+        c, s = math.cos(middle), math.sin(middle)
+        new_x, new_y, contact, free = push_out(
+            x + forward * c, y + forward * s, drive.radius, segments, near, num_near, circles
+        )
+        touched |= contact
+        if not free:
+            new_x, new_y = x, y
+        state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(state[THETA] + turn)
+        state[COMMANDED_V], state[COMMANDED_W] = v, w
+        state[LEFT_ANGLE] += rate_left * dt
+        state[RIGHT_ANGLE] += rate_right * dt
+        state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
+    return touched
+
+
+class KinematicSimulator:
+    """A robot in a world, moved by `advance`. Needs no PyBullet."""
+
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        self._robot = robot
+        self._drive = Drive.of(robot)
+        self._period = float(control_period)
+        self._substeps = count_substeps(self._drive, self._period)
+        self._sensors = Sensors(robot)
+        self._state = np.zeros(STATE_SIZE)
+        self._steps = 0
+        self._world: World | None = None
+        self._rng = np.random.default_rng(0)
+        self._circles = np.empty((0, 3))
+
+    @property
+    def state(self) -> TrueState:
+        """The truth after the last `reset` or `step`."""
+        x, y, theta, _, _, _, _, v, w = self._state.tolist()
+        return TrueState(Pose2D(x, y, theta), Twist(v, w))
+
+    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
+        """Put the robot at rest at `pose` (world frame) and return its first reading.
+
+        Raises:
+            ValueError: the robot does not fit there.
+        """
+        circles = world.circles_at(0.0)
+        check_start(pose, self._robot.radius, world.segments, circles, world.name)
+        self._world, self._rng, self._circles, self._steps = world, rng, circles, 0
+        self._state[:] = 0.0
+        self._state[X], self._state[Y], self._state[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+        return self._read(self._sensors.draw(rng), bumper=False)
+
+    def step(self, command: Twist) -> Reading:
+        """Drive with the commanded twist for one control period and return what the sensors say at its end.
+
+        Raises:
+            ValueError: the command holds NaN or infinity.
+            RuntimeError: there was no reset.
+        """
+        if self._world is None:
+            raise RuntimeError("call reset before step")
+        v, w = check_command(command)
+        noise = self._sensors.draw(self._rng)
+        self._steps += 1
+        before = self._circles
+        if self._world.movers:
+            self._circles = self._world.circles_at(self._steps * self._period)
+        touched = advance(
+            self._state,
+            v,
+            w,
+            noise[0][0],
+            noise[0][1],
+            self._period,
+            self._substeps,
+            self._drive,
+            self._world.segments,
+            before,
+            self._circles,
+        )
+        return self._read(noise, touched)
+
+    def close(self) -> None:
+        """Release what the simulator holds: nothing."""
+
+    def _read(self, noise: tuple[np.ndarray, np.ndarray], bumper: bool) -> Reading:
+        assert self._world is not None
+        x, y, theta, _, _, left, right, _, w = self._state.tolist()
+        return self._sensors.read(
+            noise,
+            self._steps * self._period,
+            Pose2D(x, y, theta),
+            (left, right),
+            w,
+            bumper,
+            self._world.segments,
+            self._circles,
+        )
