@@ -1,5 +1,50 @@
 """Simultaneous localisation and mapping."""
 
-from .slam import Belief, Slam
+import dataclasses
 
-__all__ = ["Belief", "Slam"]
+from envs.robots import LidarParams
+
+from .given_pose import GivenPoseSlam
+from .observers import MatcherObserver
+from .params import PRESET_NAMES, TinySlamParams, load_params
+from .slam import Belief, Slam
+from .tinyslam import TinySlam
+
+_CLASSES: dict[str, type[TinySlam] | type[GivenPoseSlam]] = {
+    "tinyslam": TinySlam,
+    "odometry": GivenPoseSlam,
+    "truth": GivenPoseSlam,
+}
+SLAM_NAMES = tuple(_CLASSES)
+"""What `make_slam` can make. "odometry" and "truth" map at the pose that the motions lead to."""
+
+
+def make_slam(name: str, lidar: LidarParams, resolution: float = 0.05, preset: str = "default") -> Slam:
+    """Build a SLAM.
+
+    Args:
+        name: one of `SLAM_NAMES`.
+        lidar: geometry of the scans.
+        resolution: side of a map cell [m].
+        preset: name or YAML file of the params; `resolution` replaces theirs.
+
+    Raises:
+        ValueError: if the name, the preset or the resolution makes no sense.
+    """
+    if name not in _CLASSES:
+        raise ValueError(f"unknown SLAM {name!r}; choose one of {', '.join(SLAM_NAMES)}")
+    return _CLASSES[name](lidar, dataclasses.replace(load_params(preset), resolution=resolution))
+
+
+__all__ = [
+    "PRESET_NAMES",
+    "SLAM_NAMES",
+    "Belief",
+    "GivenPoseSlam",
+    "MatcherObserver",
+    "Slam",
+    "TinySlam",
+    "TinySlamParams",
+    "load_params",
+    "make_slam",
+]

@@ -1,0 +1,127 @@
+"""The map that TinySLAM draws its scans into."""
+
+import math
+
+import numpy as np
+
+from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.robots import LidarParams
+
+from .cells import unvisited_word
+from .map_update import AVG, BASE, REPORT, beam_ends, draw_scan
+from .params import TinySlamParams
+
+MAX_CELLS = 1 << 27
+"""Size at which a map refuses to grow: an estimate that has run away must not take all memory."""
+
+
+class GridMap:
+    """Cells that remember what beams said of them, and the occupancy grid that follows from it.
+
+    The map grows by powers of two towards whatever leaves it. `grid` stays the same object; the array in it and its
+    origin are replaced when the map grows.
+    """
+
+    def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
+        """Make an unknown map with the map frame's origin in its middle."""
+        self._params = params
+        self._lidar = lidar
+        angles = lidar.angles + lidar.mount.yaw
+        self.directions = np.vstack([np.cos(angles), np.sin(angles)])
+        """Shape (2, num_beams), cosine and sine of the beams in the base frame."""
+        self.unvisited = unvisited_word(params.unvisited)
+        self._kind = {"avg": AVG, "base": BASE, "report": REPORT}[params.cell]
+        width, height = (math.ceil(size / params.resolution) for size in (params.map_width, params.map_height))
+        self._corner = (-(width // 2), -(height // 2))
+        self.words = np.full((height, width), self.unvisited, dtype=np.int32)
+        """Shape (height, width), int32: the cells."""
+        self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
+        """The same as an occupancy grid, always up to date."""
+        reach = math.ceil(lidar.range_max / params.resolution) + 2
+        self._ends = np.empty((lidar.num_beams, 2))
+        self._new_cells = np.empty((lidar.num_beams * reach, 2), dtype=np.int32)
+
+    @property
+    def _origin(self) -> tuple[float, float]:
+        return self._corner[0] * self._params.resolution, self._corner[1] * self._params.resolution
+
+    def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
+        """Draw a scan taken with the base at `pose`.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m].
+            pose: of the base in the map frame.
+            quality: weight of the scan, from 0 to 1.
+
+        Returns:
+            Shape (k, 2), int32, (row, column) of the cells that became known; overwritten by the next scan.
+        """
+        params, mount = self._params, self._lidar.mount
+        c, s = math.cos(pose.theta), math.sin(pose.theta)
+        sensor = (pose.x + c * mount.x - s * mount.y, pose.y + s * mount.x + c * mount.y)
+        scan = (ranges, self.directions, self._lidar.range_max, params.skip_exceeding)
+        x, y = self.to_cells(*sensor)
+        touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        if self._grow_to_hold(*touched):
+            x, y = self.to_cells(*sensor)
+            beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        count = draw_scan(
+            self.words,
+            self.grid.data,
+            ranges,
+            self._lidar.range_max,
+            self._ends,
+            x,
+            y,
+            self._kind,
+            params.estimator == "area",
+            params.occupied_prob,
+            params.empty_prob,
+            quality,
+            params.hole_width / params.resolution,
+            params.blur == "add",
+            self._new_cells,
+        )
+        return self._new_cells[:count]
+
+    def to_cells(self, x: float, y: float) -> tuple[float, float]:
+        """Return a position in the map frame [m] as distances from the map's corner [cells]."""
+        return x / self._params.resolution - self._corner[0], y / self._params.resolution - self._corner[1]
+
+    def to_metres(self, x: float, y: float) -> tuple[float, float]:
+        """Undo `to_cells`."""
+        return (x + self._corner[0]) * self._params.resolution, (y + self._corner[1]) * self._params.resolution
+
+    def _grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
+        """Enlarge the map such that it has the given columns and rows; return whether it had to be."""
+        height, width = self.words.shape
+        left, right = _growth(width, col_min, col_max)
+        low, high = _growth(height, row_min, row_max)
+        if not (left or right or low or high):
+            return False
+        if (height + low + high) * (width + left + right) > MAX_CELLS:
+            raise MemoryError(
+                f"the map would need {width + left + right} x {height + low + high} cells of "
+                f"{self._params.resolution} m to hold the last scan; the pose estimate has run away, or the resolution "
+                "is too fine for the place"
+            )
+        margins = ((low, high), (left, right))
+        self.words = np.pad(self.words, margins, constant_values=self.unvisited)
+        self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
+        self._corner = (self._corner[0] - left, self._corner[1] - low)
+        self.grid.origin = self._origin
+        return True
+
+
+def _growth(size: int, first: int, last: int) -> tuple[int, int]:
+    """Return how many cells to add before and after `size` cells to hold the cells from `first` to `last`.
+
+    Each side in turn multiplies the size by the least sufficient power of two.
+    """
+    before = after = 0
+    while -first > before:
+        before = 2 * before + size
+    size += before
+    while last + before >= size + after:
+        after = 2 * after + size
+    return before, after

@@ -1,0 +1,160 @@
+"""The Monte Carlo scan matcher."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .cells import COUNT_BITS, ONE
+
+
+@njit(cache=True, error_model="numpy")
+def project_hits(ranges, range_max, directions, mount_x, mount_y, resolution, points):
+    """Find where the beams of a scan end, seen from the robot's base.
+
+    Args:
+        ranges: shape (num_beams,), float32 [m]; hits are those between 0 and `range_max`.
+        range_max: the lidar's range [m].
+        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
+        mount_x: where the lidar sits in the base frame [m].
+        mount_y: where the lidar sits in the base frame [m].
+        resolution: side of a cell [m].
+        points: shape (2, num_beams), float32, written: x and y of the hits [cells].
+
+    Returns:
+        Number of hits, and the distance of the farthest from the base [cells].
+    """
+    count = 0
+    farthest = 0.0
+    for k in range(ranges.shape[0]):
+        r = ranges[k]
+        if r > 0.0 and r < range_max:
+            x = (mount_x + r * directions[0, k]) / resolution
+            y = (mount_y + r * directions[1, k]) / resolution
+            points[0, count] = x
+            points[1, count] = y
+            farthest = max(farthest, x * x + y * y)
+            count += 1
+    return count, math.sqrt(farthest)
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_inside(words, points, num_points, x, y, c, s):
+    """Sum the occupancies under the points, all of which lie in the map."""
+    flat = words.ravel()
+    width = np.float32(words.shape[1])
+    total = 0
+    for k in range(num_points):
+        col = np.int32(c * points[0, k] - s * points[1, k] + x)
+        row = np.int32(s * points[0, k] + c * points[1, k] + y)
+        total += flat[np.uint32(np.float32(row) * width + np.float32(col))] >> COUNT_BITS
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_checked(words, points, num_points, x, y, c, s, unvisited):
+    """Sum the occupancies under the points; outside the map nothing was ever observed."""
+    height, width = words.shape
+    total = 0
+    for k in range(num_points):
+        col = math.floor(c * points[0, k] - s * points[1, k] + x)
+        row = math.floor(s * points[0, k] + c * points[1, k] + y)
+        inside = row >= 0 and col >= 0 and row < height and col < width
+        total += (words[row, col] if inside else unvisited) >> COUNT_BITS
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def score(words, points, num_points, farthest, unvisited, x, y, theta):
+    """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
+
+    The original's cost is the number of hits minus this sum; the best pose is the same.
+
+    Args:
+        words: shape (height, width), int32, the map.
+        points: shape (2, >= num_points), float32, the hits in the base frame [cells].
+        num_points: number of hits.
+        farthest: greatest distance of a hit from the base [cells].
+        unvisited: word of a cell never observed.
+        x: position of the base from the map's corner [cells].
+        y: position of the base from the map's corner [cells].
+        theta: heading of the base [rad].
+    """
+    height, width = words.shape
+    x32, y32 = np.float32(x), np.float32(y)
+    c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
+    reach = farthest + 1.0
+    small = height * width < 1 << 24  # so that float32 holds every index
+    if small and reach <= x < width - reach and reach <= y < height - reach:
+        return _sum_inside(words, points, num_points, x32, y32, c, s)
+    return _sum_checked(words, points, num_points, x32, y32, c, s, unvisited)
+
+
+@njit(cache=True, error_model="numpy")
+def match(
+    words,
+    points,
+    num_points,
+    farthest,
+    unvisited,
+    x,
+    y,
+    theta,
+    sigma_xy,
+    sigma_theta,
+    max_failed,
+    max_tries,
+    noise,
+    record,
+):
+    """Search the pose at which a scan fits the map best.
+
+    Candidates are drawn around the best pose so far. An improvement that comes after more than a third of the allowed
+    failures halves the spread and forgives the failures. Poses are (x, y) in cells from the map's corner, theta.
+
+    Args:
+        words: shape (height, width), int32, the map.
+        points: shape (2, >= num_points), float32, the hits in the base frame [cells].
+        num_points: number of hits.
+        farthest: greatest distance of a hit from the base [cells].
+        unvisited: word of a cell never observed.
+        x: predicted position [cells].
+        y: predicted position [cells].
+        theta: predicted heading [rad].
+        sigma_xy: spread of positions [cells].
+        sigma_theta: spread of headings [rad].
+        max_failed: failures that end the search.
+        max_tries: candidates that end the search.
+        noise: shape (max_tries, 3), float64, standard normal.
+        record: shape (0, 5), or (max_tries + 1, 5), float64, written: x, y, theta, cost and whether accepted of every
+            pose tested, the predicted one first.
+
+    Returns:
+        x, y, theta of the best pose, its cost (number of hits minus the sum of occupancies), candidates accepted,
+        candidates tried.
+    """
+    best = score(words, points, num_points, farthest, unvisited, x, y, theta)
+    if record.shape[0] > 0:
+        record[0] = (x, y, theta, num_points - best / ONE, 1.0)
+    failed = 0
+    tries = 0
+    accepted = 0
+    while failed < max_failed and tries < max_tries:
+        new_x = x + sigma_xy * noise[tries, 0]
+        new_y = y + sigma_xy * noise[tries, 1]
+        new_theta = theta + sigma_theta * noise[tries, 2]
+        value = score(words, points, num_points, farthest, unvisited, new_x, new_y, new_theta)
+        tries += 1
+        improved = value > best
+        if record.shape[0] > 0:
+            record[tries] = (new_x, new_y, new_theta, num_points - value / ONE, 1.0 if improved else 0.0)
+        if not improved:
+            failed += 1
+            continue
+        best, x, y, theta = value, new_x, new_y, new_theta
+        accepted += 1
+        if failed > max_failed // 3:
+            sigma_xy *= 0.5
+            sigma_theta *= 0.5
+            failed = 0
+    return x, y, theta, num_points - best / ONE, accepted, tries

@@ -1,0 +1,114 @@
+"""Parameters of TinySLAM, and the presets that come with it."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+PRESETS = Path(__file__).parent / "presets"
+"""Folder of the presets."""
+PRESET_NAMES = tuple(sorted(path.stem for path in PRESETS.glob("*.yaml")))
+"""Presets that `load_params` knows by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TinySlamParams:
+    """Everything that TinySLAM can be told.
+
+    Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/slam.md` compares them with the
+    original's launch file, with the report that seed 1 is, and with what the environments use.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    sigma_xy: float = 0.2
+    """Standard deviation of a candidate's position around the best pose so far, per axis, at the start of a scan [m]."""
+    sigma_theta: float = 0.1
+    """Standard deviation of a candidate's heading around the best pose so far, at the start of a scan [rad]."""
+    max_failed: int = 20
+    """Candidates that may fail to improve before the search ends."""
+    max_tries: int = 100
+    """Candidates that may be tried for one scan."""
+    cell: Literal["avg", "base", "report"] = "avg"
+    """How cells take in observations: as their mean (`avg`), by exponential forgetting (`base`), or by the formula in
+    the text of seed 1 (`report`)."""
+    estimator: Literal["const", "area"] = "const"
+    """What a beam says of a cell: always the same (`const`), or what follows from where it cuts the cell (`area`)."""
+    occupied_prob: float = 0.95
+    """Occupancy that a beam reports of the cell it ends in."""
+    empty_prob: float = 0.01
+    """Occupancy that a beam reports of the cells it passes."""
+    quality: float = 0.9
+    """Weight of a scan whose pose the matcher has corrected, from 0 to 1; not used by `report` cells."""
+    raw_quality: float = 0.6
+    """Weight of a scan mapped at the predicted pose, from 0 to 1; not used by `report` cells."""
+    unvisited: float = -1.0
+    """Occupancy that the matcher assumes of cells never observed, from -1 to 1."""
+    hole_width: float = 1.5
+    """Depth of the ramp in front of a hit over which occupancy rises [m]. 0 for none."""
+    blur: Literal["add", "assign"] = "add"
+    """Whether the ramp is added to the occupancy of a passed cell (the original) or takes its place (its successor)."""
+    skip_exceeding: bool = False
+    """Whether beams without a return are left out of the map; else they clear it up to the lidar's range."""
+    odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
+    """Whether motion is applied along the believed heading, or added as odometry's own frame sees it, as the originals
+    do, which is wrong as soon as the two frames are turned against each other."""
+    map_width: float = 20.0
+    """Extent of a new map along x [m]; it grows when needed."""
+    map_height: float = 20.0
+    """Extent of a new map along y [m]; it grows when needed."""
+    resolution: float = 0.1
+    """Side of a cell [m]."""
+
+    def __post_init__(self) -> None:
+        for field in ("sigma_xy", "sigma_theta", "hole_width"):
+            self._require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
+        for field in ("map_width", "map_height", "resolution"):
+            self._require(0 < getattr(self, field) < math.inf, field, "must be positive")
+        for field in ("occupied_prob", "empty_prob", "quality", "raw_quality"):
+            self._require(0 <= getattr(self, field) <= 1, field, "must lie in [0, 1]")
+        self._require(-1 <= self.unvisited <= 1, "unvisited", "must lie in [-1, 1]")
+        for field in ("max_failed", "max_tries"):
+            self._require(getattr(self, field) >= 1, field, "must be at least 1")
+
+    def _require(self, condition: bool, field: str, what: str) -> None:
+        if not condition:
+            raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
+
+
+def load_params(preset: str | Path | TinySlamParams) -> TinySlamParams:
+    """Return params by the name of a preset, by the path of a YAML file, or as they are.
+
+    Raises:
+        ValueError: the name is unknown, or the file has an unknown key or a value that makes no sense; the message
+            names file and key.
+        FileNotFoundError: there is no file at the path.
+    """
+    if isinstance(preset, TinySlamParams):
+        return preset
+    path = PRESETS / f"{preset}.yaml" if str(preset) in PRESET_NAMES else Path(preset)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ValueError(
+            f"unknown preset {str(preset)!r}; choose one of {', '.join(PRESET_NAMES)}, or give a YAML file"
+        )
+    if not path.is_file():
+        raise FileNotFoundError(f"no preset at {path}; there are {', '.join(PRESET_NAMES)}")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        # Text that reads as a number is taken for it: YAML 1.1 has 3e-4 for text.
+        return TypeAdapter(TinySlamParams).validate_python(content)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a YAML file: {error}") from error
+    except ValidationError as error:
+        faults = [_complaint(fault) for fault in error.errors()]
+        raise ValueError(f"{path}: " + "; ".join(faults)) from error
+
+
+def _complaint(fault: ErrorDetails) -> str:
+    key = ".".join(str(part) for part in fault["loc"])
+    what = "unknown key" if fault["type"] == "unexpected_keyword_argument" else fault["msg"]
+    return f"{key}: {what}" if key else what
