@@ -49,6 +49,8 @@ class World:
     """Where the geometry comes from."""
     licence: str = ""
     """Licence of the source, as its authors state it."""
+    notes: str = ""
+    """What was chosen, closed or left out when the source became this world."""
 
     def circles_at(self, time: float) -> np.ndarray:
         """Return the static circles followed by the movers at `time` [s]: shape (m + movers, 3), float64 [m]."""

@@ -1,0 +1,166 @@
+"""Worlds as rasters: which cells are touched, what can be reached, and whether the outside can."""
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from envs.geometry import FREE, OCCUPIED, OccupancyGrid
+
+from .world import World
+
+CHECK_RESOLUTION = 0.05
+"""Side of the cells in which worlds are checked for leaks [m]."""
+_SNAP = 1e-3
+"""Coordinates this close below a cell border count as on it [cells], so that rounding errors decide nothing."""
+
+
+@njit(cache=True, error_model="numpy")
+def _set(data, row, col):
+    if 0 <= row < data.shape[0] and 0 <= col < data.shape[1]:
+        data[row, col] = OCCUPIED
+
+
+@njit(cache=True, error_model="numpy")
+def _draw_segment(data, x0, y0, x1, y1):
+    """Set every cell that the segment (in units of cells) passes through, without diagonal gaps.
+
+    The walk from cell border to cell border of Amanatides and Woo, "A fast voxel traversal algorithm" (1987). Where the
+    segment passes through a corner, both cells beside the corner are set too.
+    """
+    col, row = int(np.floor(x0)), int(np.floor(y0))
+    cols_left, rows_left = abs(int(np.floor(x1)) - col), abs(int(np.floor(y1)) - row)
+    dx, dy = x1 - x0, y1 - y0
+    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    # Fraction of the segment at which it crosses the next border, and between two borders.
+    per_col = 1.0 / abs(dx) if dx != 0 else np.inf
+    per_row = 1.0 / abs(dy) if dy != 0 else np.inf
+    next_col = ((col + 1 - x0) if dx > 0 else (x0 - col)) * per_col if cols_left > 0 else np.inf
+    next_row = ((row + 1 - y0) if dy > 0 else (y0 - row)) * per_row if rows_left > 0 else np.inf
+    _set(data, row, col)
+    while cols_left > 0 or rows_left > 0:
+        if abs(next_col - next_row) < 1e-12:
+            _set(data, row, col + step_col)
+            _set(data, row + step_row, col)
+        if next_col <= next_row:
+            col += step_col
+            cols_left -= 1
+            next_col = next_col + per_col if cols_left > 0 else np.inf
+        else:
+            row += step_row
+            rows_left -= 1
+            next_row = next_row + per_row if rows_left > 0 else np.inf
+        _set(data, row, col)
+
+
+@njit(cache=True, error_model="numpy")
+def _draw_disc(data, x, y, radius):
+    """Set every cell that has a point within `radius` of (x, y), all in units of cells."""
+    for row in range(int(np.floor(y - radius)), int(np.floor(y + radius)) + 1):
+        for col in range(int(np.floor(x - radius)), int(np.floor(x + radius)) + 1):
+            dx = max(col - x, 0.0, x - (col + 1))
+            dy = max(row - y, 0.0, y - (row + 1))
+            if dx * dx + dy * dy <= radius * radius:
+                _set(data, row, col)
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(data, segments, circles):
+    """Set all cells touched by segments (n, 4) and circles (m, 3), in units of cells."""
+    for i in range(segments.shape[0]):
+        _draw_segment(data, segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3])
+    for i in range(circles.shape[0]):
+        _draw_disc(data, circles[i, 0], circles[i, 1], circles[i, 2])
+
+
+def rasterize(world: World, resolution: float) -> OccupancyGrid:
+    """Mark the cells that a world's static segments and circles touch.
+
+    A cell owns its lower and left border, circles are filled, the inside of other bodies is not. Movers are left out.
+
+    Args:
+        world: the world.
+        resolution: side of a cell [m].
+
+    Returns:
+        0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
+    """
+    if not resolution > 0:
+        raise ValueError(f"resolution must be positive, got {resolution!r}")
+    x_min, y_min, x_max, y_max = world.bounds
+    origin = np.array([x_min - resolution, y_min - resolution])
+    width = int((x_max - x_min) / resolution + _SNAP) + 3
+    height = int((y_max - y_min) / resolution + _SNAP) + 3
+    data = np.full((height, width), FREE, dtype=np.int8)
+    segments = (world.segments - np.tile(origin, 2)) / resolution + _SNAP
+    circles = np.column_stack([world.circles[:, :2] - origin, world.circles[:, 2]]) / resolution
+    _draw(data, segments, circles)
+    return OccupancyGrid(data, resolution, (float(origin[0]), float(origin[1])))
+
+
+def reachable(
+    world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
+) -> tuple[OccupancyGrid, np.ndarray]:
+    """Find where the centre of a round robot can get from the first spawn.
+
+    Args:
+        world: the world.
+        resolution: side of a cell [m].
+        radius: radius of the robot [m]; 0 asks for what is connected at all.
+
+    Returns:
+        The raster of the world, and a mask of its shape: cells farther than `radius` from every touched cell and
+        connected to the first spawn through the sides of such cells. Empty where the robot does not fit at the spawn.
+    """
+    grid = rasterize(world, resolution)
+    free = grid.data == FREE
+    if radius > 0:
+        free = ndimage.distance_transform_edt(free) * resolution > radius
+    labels, _ = ndimage.label(free)
+    row, col = grid.cells(np.array(world.spawns[0][:2]))
+    inside = grid.contains(np.array([row, col])) and labels[row, col] > 0
+    return grid, labels == labels[row, col] if inside else np.zeros_like(free)
+
+
+def free_area(world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0) -> float:
+    """Return the size of the area that the centre of a robot of `radius` can reach from the first spawn [m2]."""
+    grid, mask = reachable(world, resolution, radius)
+    return float(np.count_nonzero(mask)) * grid.resolution**2
+
+
+def leaks(mask: np.ndarray) -> bool:
+    """Tell whether an area (a mask from `reachable`) comes to the edge of the raster, that is out of the world."""
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
+
+
+def check_world(world: World) -> World:
+    """Return a world after making sure that robots can be let loose in it.
+
+    Raises:
+        ValueError: if there is no spawn, a spawn lies on something solid or out of bounds, spawns are not connected, or
+            the outside can be reached from them.
+    """
+    if not world.spawns:
+        raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
+    grid = rasterize(world, CHECK_RESOLUTION)
+    labels, _ = ndimage.label(grid.data == FREE)
+    spots = []
+    for spawn in world.spawns:
+        cell = grid.cells(np.array([spawn.x, spawn.y]))
+        if not grid.contains(cell):
+            raise ValueError(f"world {world.name!r}: spawn {tuple(spawn)} lies outside its bounds {world.bounds}")
+        if labels[tuple(cell)] == 0:
+            raise ValueError(
+                f"world {world.name!r}: spawn {tuple(spawn)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
+            )
+        spots.append(labels[tuple(cell)])
+    if leaks(labels == spots[0]):
+        raise ValueError(
+            f"world {world.name!r} leaks: the outside of its bounds {world.bounds} can be reached from "
+            f"{tuple(world.spawns[0])}; close the gap with a segment under `closures`"
+        )
+    for spawn, spot in zip(world.spawns, spots):
+        if spot != spots[0]:
+            raise ValueError(
+                f"world {world.name!r}: spawn {tuple(spawn)} cannot be reached from {tuple(world.spawns[0])}"
+            )
+    return world

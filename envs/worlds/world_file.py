@@ -1,0 +1,204 @@
+"""World files: a place as YAML, one row per body."""
+
+import difflib
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError
+
+from envs.geometry import Pose2D
+
+from .raster import check_world
+from .world import Mover, World
+
+
+Rows = list[list[FiniteFloat]]
+Loops = list[list[list[FiniteFloat]]]
+
+
+def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) -> AfterValidator:
+    """Hold rows to the named columns; the last `optional` ones may be missing."""
+    names = columns.split(", ")
+
+    def check(rows: Rows) -> Rows:
+        for i, row in enumerate(rows):
+            if not len(names) - optional <= len(row) <= len(names):
+                may = f" ({', '.join(names[-optional:])} may be left out)" if optional else ""
+                raise ValueError(f"row {i} must be [{columns}]{may}, got {row}")
+            for k in positive:
+                if k < len(row) and row[k] <= 0:
+                    raise ValueError(f"row {i}: {names[k]} must be positive, got {row[k]} in {row}")
+        return rows
+
+    return AfterValidator(check)
+
+
+def _points(minimum: int) -> AfterValidator:
+    """Hold lists of points to pairs of numbers, of which at least `minimum` differ."""
+
+    def check(loops: Loops) -> Loops:
+        for i, loop in enumerate(loops):
+            if any(len(point) != 2 for point in loop) or len({tuple(point) for point in loop}) < minimum:
+                raise ValueError(f"item {i} must be a list of at least {minimum} different points [x, y], got {loop}")
+        return loops
+
+    return AfterValidator(check)
+
+
+class MoverFile(BaseModel):
+    """A moving cylinder as it stands in a world file."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    radius: PositiveFloat = Field(allow_inf_nan=False)
+    speed: PositiveFloat = Field(allow_inf_nan=False)
+    waypoints: Annotated[Rows, _columns("x, y"), Field(min_length=2)]
+
+
+class WorldFile(BaseModel):
+    """A world file as it stands on disk; lengths in metres, angles in radians."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    source: str
+    """Where the geometry comes from."""
+    licence: str
+    """Licence of the source, as its authors state it."""
+    notes: str = ""
+    """What was chosen, closed or left out."""
+    height: PositiveFloat = Field(default=1.0, allow_inf_nan=False)
+    """Height of walls and bodies in the physics engine."""
+    spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
+    """Poses where a robot can start; the first is the usual one."""
+    boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
+    """Solid rectangles: centre, size, rotation."""
+    polygons: Annotated[Loops, _points(3)] = []
+    """Solid bodies by their corners; the last joins the first."""
+    polylines: Annotated[Loops, _points(2)] = []
+    """Thin walls from point to point, such as the outline of a room; repeat the first point to close one."""
+    segments: Annotated[Rows, _columns("x0, y0, x1, y1, thickness", positive=(4,), optional=1)] = []
+    """Straight walls: thin, or solid rectangles where a thickness is given."""
+    cylinders: Annotated[Rows, _columns("x, y, radius", positive=(2,))] = []
+    """Upright cylinders."""
+    movers: list[MoverFile] = []
+    """Cylinders that walk around closed polylines at constant speed."""
+    closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
+    """Thin walls that the source does not have, added so that nothing leaks out."""
+
+
+def _box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
+    """Return the corners of a rectangle, counter-clockwise, shape (4, 2)."""
+    corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
+    return Pose2D(x, y, yaw).transform(corners)
+
+
+def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
+    """Return the corners of a straight wall, half its thickness longer at both ends so that corners close."""
+    length = math.hypot(x1 - x0, y1 - y0) + thickness
+    return _box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
+
+
+def _edges(points: np.ndarray, closed: bool) -> np.ndarray:
+    """Return the segments along a list of points, shape (n, 4)."""
+    following = np.roll(points, -1, axis=0) if closed else points[1:]
+    return np.hstack([points[: len(following)], following])
+
+
+def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
+    """Tell whether a point lies inside a polygon (even-odd rule)."""
+    x0, y0, x1, y1 = _edges(polygon, closed=True).T
+    crosses = (y0 > y) != (y1 > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        right = x < x0 + (y - y0) * (x1 - x0) / (y1 - y0)
+    return bool(np.count_nonzero(crosses & right) % 2)
+
+
+def build_world(name: str, file: WorldFile) -> World:
+    """Turn the content of a world file into a world.
+
+    Raises:
+        ValueError: if a spawn lies in or on something solid, or the outside can be reached.
+    """
+    solids = [_box(*row) for row in file.boxes]
+    solids += [np.array(loop) for loop in file.polygons]
+    solids += [_thick_wall(*row) for row in file.segments if len(row) == 5]
+    thin = [row for row in file.segments if len(row) == 4] + file.closures
+    edges = [_edges(solid, closed=True) for solid in solids]
+    edges += [_edges(np.array(line), closed=False) for line in file.polylines]
+    edges += [np.array(thin)] if thin else []
+    segments = np.concatenate(edges) if edges else np.empty((0, 4))
+    circles = np.array(file.cylinders, dtype=np.float64).reshape(-1, 3)
+    if len(segments) + len(circles) == 0:
+        raise ValueError("the world is empty; give boxes, polygons, polylines, segments or cylinders")
+    for x, y, _ in file.spawns:
+        if any(_contains(solid, x, y) for solid in solids) or any(
+            np.hypot(*(circles[:, :2] - (x, y)).T) <= circles[:, 2]
+        ):
+            raise ValueError(f"spawn ({x}, {y}) lies inside a solid body")
+    low = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] - circles[:, 2:]]).min(axis=0)
+    high = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] + circles[:, 2:]]).max(axis=0)
+    world = World(
+        name=name,
+        segments=np.ascontiguousarray(segments, dtype=np.float64),
+        circles=circles,
+        spawns=tuple(Pose2D(*row) for row in file.spawns),
+        bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+        movers=tuple(Mover(mover.radius, np.array(mover.waypoints), mover.speed) for mover in file.movers),
+        height=file.height,
+        source=file.source,
+        licence=file.licence,
+        notes=file.notes,
+    )
+    return check_world(world)
+
+
+def parse_world_file(path: Path) -> WorldFile:
+    """Read a world file without building the world.
+
+    Raises:
+        ValueError: for broken YAML and for keys or values that do not belong there; names the file and the key.
+    """
+    content = load_yaml(path)
+    try:
+        return WorldFile.model_validate(content)
+    except ValidationError as error:
+        raise ValueError("; ".join(_explain(problem) for problem in error.errors())) from None
+
+
+def read_world_file(path: Path) -> World:
+    """Read and check a world file; the world is named after the file."""
+    try:
+        return build_world(path.stem, parse_world_file(path))
+    except ValueError as error:
+        raise ValueError(f"world file {path}: {error}") from error
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file that holds a mapping."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), loader)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"not readable as YAML: {error}") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"must hold keys and values, got {type(content).__name__}")
+    return content
+
+
+def _explain(problem: Any) -> str:
+    """Put a problem that pydantic found into words that name the key and what is allowed."""
+    where = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        model = MoverFile if len(problem["loc"]) > 1 else WorldFile
+        key = str(problem["loc"][-1])
+        close = difflib.get_close_matches(key, model.model_fields, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        return f"unknown key {where!r}{hint}; allowed are {', '.join(model.model_fields)}"
+    if problem["type"] == "missing":
+        return f"key {where!r} is missing"
+    if problem["type"] == "value_error":
+        return f"{where}: {problem['ctx']['error']}"
+    return f"{where}: {problem['msg'].lower()}, got {problem['input']!r}"
