@@ -98,7 +98,7 @@ class DriveParams:
     max_torque: float = 1.0
     """Greatest torque that a motor exerts on its wheel [N m]."""
     slip_std: float = 0.0
-    """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; it grows with the distance's root."""
+    """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; grows with the distance's root."""
 
     def __post_init__(self) -> None:
         for field in ("wheel_radius", "track", "wheel_width", "wheel_mass", "friction", "max_torque"):

@@ -82,34 +82,42 @@ def check_command(command: Twist) -> Twist:
 
 
 @njit(cache=True, error_model="numpy")
-def ramp(current, target, limit, max_change):
-    """Return `current` moved towards `target` clipped to +-`limit`, by at most `max_change`."""
-    target = min(max(target, -limit), limit)
-    return current + min(max(target - current, -max_change), max_change)
+def plan_wheels(v, w, command_v, command_w, normal_left, normal_right, period, drive, rates, slips):
+    """Plan what the wheels do during one control period.
 
-
-@njit(cache=True, error_model="numpy")
-def wheel_rates(v, w, drive):
-    """Return the rates (left, right) [rad/s] at which the controller turns the wheels for a twist, by its own idea
-    of their size.
-    """  # noqa: D205
-    return (
-        (v - 0.5 * w * drive.assumed_track) / drive.assumed_wheel_radius,
-        (v + 0.5 * w * drive.assumed_track) / drive.assumed_wheel_radius,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def slip(distance, normal, substeps, drive):
-    """Return how far a wheel slips in one of `substeps` equal parts of a control period [m].
-
-    Its variance grows with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
-    equation 5.8). One normal draw serves the whole control period.
+    The command is clipped to the limits, approached at no more than the greatest accelerations, and turned into wheel
+    rates by the controller's own idea of the wheels. Each wheel also slips: the variance of the slipped distance
+    grows with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8).
 
     Args:
-        distance: what the wheel rolls in this part [m].
-        normal: standard normal draw of the control period.
-        substeps: parts of the control period.
+        v: forward speed that the controller has reached [m/s].
+        w: yaw rate that the controller has reached [rad/s].
+        command_v: commanded forward speed [m/s].
+        command_w: commanded yaw rate [rad/s].
+        normal_left: standard normal draw for the slip of the left wheel.
+        normal_right: the same for the right wheel.
+        period: control period [s].
         drive: the robot.
+        rates: shape (substeps, 2), float64, receives the rates of the left and the right wheel [rad/s].
+        slips: shape (substeps, 2), float64, receives the rates that slip adds to the wheel's motion over the ground
+            and that encoders do not see [rad/s].
+
+    Returns:
+        The twist (v, w) that the controller has reached at the end [m/s, rad/s].
     """
-    return drive.slip_std * math.sqrt(abs(distance) / substeps) * normal
+    substeps = rates.shape[0]
+    dt = period / substeps
+    target_v = min(max(command_v, -drive.max_v), drive.max_v)
+    target_w = min(max(command_w, -drive.max_w), drive.max_w)
+    change_v, change_w = drive.max_acc_v * dt, drive.max_acc_w * dt
+    for i in range(substeps):
+        v += min(max(target_v - v, -change_v), change_v)
+        w += min(max(target_w - w, -change_w), change_w)
+        rates[i, 0] = (v - 0.5 * w * drive.assumed_track) / drive.assumed_wheel_radius
+        rates[i, 1] = (v + 0.5 * w * drive.assumed_track) / drive.assumed_wheel_radius
+        for wheel in range(2):
+            normal = normal_left if wheel == 0 else normal_right
+            rolled = abs(rates[i, wheel]) * dt * drive.wheel_radius
+            slipped = drive.slip_std * math.sqrt(rolled / substeps) * normal
+            slips[i, wheel] = slipped / (drive.wheel_radius * dt)
+    return v, w

@@ -10,7 +10,7 @@ from envs.robots import RobotParams
 from envs.worlds import World
 
 from .contact import check_start, push_out, select_near
-from .drive import Drive, check_command, count_substeps, ramp, slip, wheel_rates
+from .drive import Drive, check_command, count_substeps, plan_wheels
 from .sensors import Sensors
 from .simulator import Reading, TrueState, Twist
 
@@ -51,14 +51,23 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * period), segments, near)
     circles = before.copy()
+    rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
+    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(
+        state[COMMANDED_V],
+        state[COMMANDED_W],
+        command_v,
+        command_w,
+        normal_left,
+        normal_right,
+        period,
+        drive,
+        rates,
+        slips,
+    )
     touched = False
     for step in range(substeps):
-        v = ramp(state[COMMANDED_V], command_v, drive.max_v, drive.max_acc_v * dt)
-        w = ramp(state[COMMANDED_W], command_w, drive.max_w, drive.max_acc_w * dt)
-        rate_left, rate_right = wheel_rates(v, w, drive)
-        left, right = rate_left * dt * drive.wheel_radius, rate_right * dt * drive.wheel_radius
-        left += slip(left, normal_left, substeps, drive)
-        right += slip(right, normal_right, substeps, drive)
+        left = (rates[step, 0] + slips[step, 0]) * drive.wheel_radius * dt
+        right = (rates[step, 1] + slips[step, 1]) * drive.wheel_radius * dt
         turn = (right - left) / drive.track
         forward = 0.5 * (left + right)
         x, y, middle = state[X], state[Y], state[THETA] + 0.5 * turn
@@ -74,9 +83,8 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
         if not free:
             new_x, new_y = x, y
         state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(state[THETA] + turn)
-        state[COMMANDED_V], state[COMMANDED_W] = v, w
-        state[LEFT_ANGLE] += rate_left * dt
-        state[RIGHT_ANGLE] += rate_right * dt
+        state[LEFT_ANGLE] += rates[step, 0] * dt
+        state[RIGHT_ANGLE] += rates[step, 1] * dt
         state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
     return touched
 

@@ -1,0 +1,198 @@
+"""A robot as a rigid body in PyBullet, driven by the motors of its two wheels."""
+
+import math
+import weakref
+
+import numpy as np
+
+from envs.geometry import Pose2D, wrap_angle
+from envs.robots import RobotParams
+from envs.worlds import World
+
+from .bullet_bodies import CHASSIS_LINK, WHEEL_LINKS, build_robot, build_world, import_pybullet
+from .contact import check_start
+from .drive import Drive, check_command, count_substeps, plan_wheels
+from .sensors import Sensors
+from .simulator import Reading, TrueState, Twist
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s2]."""
+SOLVER_ITERATIONS = 15
+"""Iterations of the constraint solver in a substep."""
+CONTACT_BREAKING = 1e-3
+"""Distance beyond which a point of contact is forgotten [m]; by default a robot of this size drags old ones along."""
+
+
+class BulletSimulator:
+    """A robot in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
+
+    The controller turns the command into wheel rates as it does under the kinematic physics; motors of limited
+    torque turn the wheels, and friction moves the robot. Wheel slip beyond what the contact itself yields is a
+    disturbance of the wheel's rate that the encoder does not see.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        import_pybullet()
+        self._robot = robot
+        self._drive = Drive.of(robot)
+        self._period = float(control_period)
+        self._substeps = count_substeps(self._drive, self._period)
+        self._sensors = Sensors(robot)
+        self._rates, self._slips = np.empty((self._substeps, 2)), np.empty((self._substeps, 2))
+        self._client: int | None = None
+        self._world: World | None = None
+        self._steps = 0
+
+    @property
+    def state(self) -> TrueState:
+        """The truth after the last `reset` or `step`."""
+        self._require_reset()
+        return self._state
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """Roll and pitch of the body [rad]."""
+        self._require_reset()
+        _, orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
+        roll, pitch, _ = self._bullet.getEulerFromQuaternion(orientation)
+        return roll, pitch
+
+    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
+        """Put the robot at rest at `pose` (world frame) and return its first reading.
+
+        Raises:
+            ValueError: the robot does not fit there.
+        """
+        circles = world.circles_at(0.0)
+        check_start(pose, self._robot.radius, world.segments, circles, world.name)
+        self._connect()
+        if world is not self._world:
+            self._build(world)
+        self._rng, self._circles, self._steps = rng, circles, 0
+        self._commanded = (0.0, 0.0)
+        self._rolled, self._slipped = np.zeros(2), np.zeros(2)
+        self._place_movers(circles)
+        self._place_robot(pose)
+        self._observe()
+        return self._read(self._sensors.draw(rng), bumper=False)
+
+    def step(self, command: Twist) -> Reading:
+        """Drive with the commanded twist for one control period and return what the sensors say at its end.
+
+        Raises:
+            ValueError: the command holds NaN or infinity.
+            RuntimeError: there was no reset.
+        """
+        self._require_reset()
+        v, w = check_command(command)
+        noise = self._sensors.draw(self._rng)
+        self._steps += 1
+        before = self._circles
+        if self._world.movers:
+            self._circles = self._world.circles_at(self._steps * self._period)
+        normals, rates, slips = noise[0], self._rates, self._slips
+        self._commanded = plan_wheels(
+            *self._commanded, v, w, normals[0], normals[1], self._period, self._drive, rates, slips
+        )
+        self._rolled += rates.sum(axis=0) * (self._period / self._substeps)
+        self._slipped += slips.sum(axis=0) * (self._period / self._substeps)
+        touched = False
+        for substep, targets in enumerate((rates + slips).tolist()):
+            if self._world.movers:
+                part = (substep + 1) / self._substeps
+                self._place_movers(before + part * (self._circles - before))
+            self._turn_wheels(targets)
+            self._bullet.stepSimulation(physicsClientId=self._client)
+            touched = touched or self._touches()
+        self._observe()
+        return self._read(noise, touched)
+
+    def close(self) -> None:
+        """Disconnect from PyBullet. The next reset connects again."""
+        if self._client is not None:
+            self._disconnect()
+            self._client = self._world = None
+
+    def _require_reset(self) -> None:
+        if self._world is None:
+            raise RuntimeError("call reset first")
+
+    def _connect(self) -> None:
+        if self._client is not None:
+            return
+        self._bullet = import_pybullet()
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._disconnect = weakref.finalize(self, self._bullet.disconnect, self._client)
+
+    def _build(self, world: World) -> None:
+        bullet, client = self._bullet, self._client
+        bullet.resetSimulation(physicsClientId=client)
+        bullet.setPhysicsEngineParameter(
+            fixedTimeStep=self._period / self._substeps,
+            numSubSteps=0,
+            numSolverIterations=SOLVER_ITERATIONS,
+            contactBreakingThreshold=CONTACT_BREAKING,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
+        _, self._movers = build_world(bullet, client, world)
+        self._body = build_robot(bullet, client, self._robot)
+        self._world = world
+
+    def _place_robot(self, pose: Pose2D) -> None:
+        bullet, client = self._bullet, self._client
+        position = [pose.x, pose.y, self._robot.drive.wheel_radius]
+        orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
+        bullet.resetBasePositionAndOrientation(self._body, position, orientation, physicsClientId=client)
+        bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
+        for wheel in WHEEL_LINKS:
+            bullet.resetJointState(self._body, wheel, 0.0, 0.0, physicsClientId=client)
+
+    def _place_movers(self, circles: np.ndarray) -> None:
+        height = 0.5 * self._world.height
+        for mover, (x, y, _) in zip(self._movers, circles[len(circles) - len(self._movers) :].tolist(), strict=True):
+            self._bullet.resetBasePositionAndOrientation(
+                mover, [x, y, height], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
+            )
+
+    def _turn_wheels(self, rates: list[float]) -> None:
+        self._bullet.setJointMotorControlArray(
+            self._body,
+            WHEEL_LINKS,
+            self._bullet.VELOCITY_CONTROL,
+            targetVelocities=rates,
+            velocityGains=[1.0, 1.0],
+            forces=[self._robot.drive.max_torque] * 2,
+            physicsClientId=self._client,
+        )
+
+    def _touches(self) -> bool:
+        contacts = self._bullet.getContactPoints(bodyA=self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)
+        return len(contacts) > 0
+
+    def _observe(self) -> None:
+        (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
+        linear, angular = self._bullet.getBaseVelocity(self._body, physicsClientId=self._client)
+        rotation = self._bullet.getMatrixFromQuaternion(orientation)
+        theta = math.atan2(rotation[3], rotation[0])
+        speed = linear[0] * math.cos(theta) + linear[1] * math.sin(theta)
+        self._state = TrueState(Pose2D(x, y, float(wrap_angle(theta))), Twist(speed, angular[2]))
+
+    def _read(self, noise: tuple[np.ndarray, np.ndarray], bumper: bool) -> Reading:
+        return self._sensors.read(
+            noise,
+            self._steps * self._period,
+            self._state.pose,
+            self._encoder_angles(),
+            self._state.twist.w,
+            bumper,
+            self._world.segments,
+            self._circles,
+        )
+
+    def _encoder_angles(self) -> tuple[float, float]:
+        if self._robot.odometry.open_loop:
+            return float(self._rolled[0]), float(self._rolled[1])
+        left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS, physicsClientId=self._client)
+        return left[0] - self._slipped[0], right[0] - self._slipped[1]
