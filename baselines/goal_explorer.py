@@ -1,0 +1,128 @@
+"""What the frontier explorers share: commit to a goal, drive there, look, choose the next."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from baselines.navigator import Navigator, Status, Survey
+from envs.robots import RobotParams
+from envs.slam import Belief
+
+DECISION_PERIOD = 1.0
+"""Time between two looks at the map [s]."""
+LOOK_RADIUS = 0.75
+"""Frontier cells that remain this near to where the robot has stood to look at them are given up [m]."""
+GOAL_RADIUS = 0.4
+"""A goal is worth its way as long as there is a frontier this near to the one that it was chosen for [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """Where to go, and what to see from there."""
+
+    cell: tuple[int, int]
+    """Where to stand: (row, column) in the survey's grid, reachable."""
+    frontier: tuple[float, float]
+    """The frontier to look at (x, y), map frame [m]."""
+
+
+class GoalExplorer(ABC):
+    """An explorer that drives from frontier to frontier; subclasses choose which."""
+
+    def __init__(self) -> None:
+        """Make an explorer; `reset` prepares it for an episode."""
+        self._end_reason: str | None = None
+        self._navigator: Navigator | None = None
+
+    @property
+    def end_reason(self) -> str | None:
+        """`"no_reachable_frontier"` once there is none left; None before."""
+        return self._end_reason
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        return None if self._navigator is None else self._navigator.plan
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for a new episode; see `Explorer`."""
+        self._robot = robot
+        self._navigator = Navigator(robot, control_period, rng)
+        self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
+        self._countdown = 0
+        self._goal: Goal | None = None
+        self._end_reason = None
+        self._given_up = np.empty((0, 2))
+
+    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
+        """Return the action; see `Explorer`."""
+        navigator = self._navigator
+        if navigator is None:
+            raise RuntimeError("call reset before act")
+        if self._end_reason is not None:
+            return np.zeros(2, dtype=np.float32)
+        self._countdown -= 1
+        if navigator.status is not Status.DRIVING or self._countdown <= 0:
+            self._countdown = self._decision_steps
+            self._consider(navigator, belief)
+        return navigator.act(observation, belief)
+
+    def _consider(self, navigator: Navigator, belief: Belief) -> None:
+        """Keep the goal if it is worth it, otherwise choose another one."""
+        survey = navigator.survey(belief)
+        self._forget_given_up(survey)
+        if self._goal is not None:
+            remaining = self._frontier_near(survey, self._goal.frontier, GOAL_RADIUS)
+            if navigator.status is Status.REACHED:
+                self._give_up_near(survey)
+            elif navigator.status is Status.FAILED:
+                self._failed(self._goal)
+            elif len(remaining) and navigator.replan(survey):
+                return
+            elif len(remaining):
+                self._failed(self._goal)
+        self._goal = self._choose(survey)
+        if self._goal is None:
+            self._end_reason = "no_reachable_frontier"
+            return
+        assert survey.field is not None
+        path = survey.field.path(*self._goal.cell)
+        assert path is not None
+        navigator.drive_to(tuple(survey.grid.centers(np.array(self._goal.cell))), path)
+
+    @abstractmethod
+    def _choose(self, survey: Survey) -> Goal | None:
+        """Return the next goal; None if nothing that is left can be reached."""
+
+    @abstractmethod
+    def _failed(self, goal: Goal) -> None:
+        """Take note that the robot did not get to a goal."""
+
+    def _frontier_near(self, survey: Survey, point: tuple[float, float], radius: float) -> np.ndarray:
+        """Return the frontier cells within `radius` [m] of a point: shape (k, 2), (row, column)."""
+        row, col = (int(k) for k in survey.grid.cells(np.array(point)))
+        reach = math.ceil(radius / survey.grid.resolution)
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        window = survey.frontier[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)]
+        cells = np.argwhere(window) + (top, left)
+        distances = np.hypot(*(survey.grid.centers(cells) - point).T)
+        return cells[distances <= radius]
+
+    def _give_up_near(self, survey: Survey) -> None:
+        """Remember the frontier cells that remain though the robot stands where it wanted to see them from."""
+        assert self._goal is not None
+        gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
+        cells = self._frontier_near(survey, survey.pose[:2], max(LOOK_RADIUS, gap + 0.25))
+        self._given_up = np.concatenate([self._given_up, survey.grid.centers(cells)])
+        self._forget_given_up(survey)
+
+    def _forget_given_up(self, survey: Survey) -> None:
+        """Clear what has been looked at in vain, and the cells around it, from the survey's frontier."""
+        cells = survey.grid.cells(self._given_up)
+        for d_row in (-1, 0, 1):
+            for d_col in (-1, 0, 1):
+                shifted = cells + (d_row, d_col)
+                shifted = shifted[survey.grid.contains(shifted)]
+                survey.frontier[shifted[:, 0], shifted[:, 1]] = False

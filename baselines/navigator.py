@@ -1,0 +1,229 @@
+"""Drives to goals over the belief: a costmap, A*, the path follower, and ways out when stuck."""
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from baselines.obstacles import ObstacleFinder, free_distance
+from baselines.path_follower import PathFollower
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import (
+    Costmap,
+    CostmapParams,
+    TravelField,
+    crop_to_known,
+    frontier_mask,
+    make_costmap,
+    plan_path,
+    travel_field,
+)
+from envs.robots import RobotParams
+from envs.simulation import Twist
+from envs.slam import Belief
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorParams:
+    """How to drive to a goal."""
+
+    padding: float = 0.03
+    """Added to the robot's radius in plans [m]: half a map cell and the pose's jitter."""
+    inflation: float = 0.45
+    """How far beyond that nearness to obstacles costs [m]."""
+    cost_scaling_factor: float = 4.0
+    """Rate at which that cost decays with the distance [1/m]."""
+    goal_tolerance: float = 0.2
+    """Distance at which a goal counts as reached [m]."""
+    stall_time: float = 3.0
+    """Time without moving or turning after which the robot tries to free itself [s]."""
+    max_recoveries: int = 3
+    """Attempts to free itself after which the robot gives the goal up."""
+    stuck_distance: float = 0.5
+    """A robot that stays within this distance... [m]."""
+    stuck_time: float = 30.0
+    """...for this long gives the goal up [s] (seed 3, section 3.4.3)."""
+
+
+class Status(enum.Enum):
+    """Where the robot stands with its goal."""
+
+    IDLE = enum.auto()
+    """There is none."""
+    DRIVING = enum.auto()
+    """It is on its way."""
+    REACHED = enum.auto()
+    """It is there."""
+    FAILED = enum.auto()
+    """It has given up."""
+
+
+class Survey:
+    """What the map says about travel from where the robot believes to be. Parts are computed when first asked for."""
+
+    def __init__(self, belief: Belief, params: CostmapParams) -> None:
+        """Look at a belief; nothing of it is kept alive but the array behind the map."""
+        self.pose: Pose2D = belief.pose
+        self.grid: OccupancyGrid = crop_to_known(belief.grid)
+        self._params = params
+
+    @cached_property
+    def costmap(self) -> Costmap:
+        """Costs of the observed part of the map."""
+        return make_costmap(self.grid, self._params)
+
+    @cached_property
+    def frontier(self) -> np.ndarray:
+        """Frontier cells, shape of the grid, bool."""
+        return frontier_mask(self.grid)
+
+    @cached_property
+    def field(self) -> TravelField | None:
+        """Ways from the robot to everywhere through known space."""
+        return travel_field(self.costmap, self.pose[:2])
+
+
+class Navigator:
+    """Drives a robot to one goal at a time."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        rng: np.random.Generator,
+        params: NavigatorParams = NavigatorParams(),
+    ) -> None:
+        """Prepare for an episode.
+
+        Args:
+            robot: the robot.
+            control_period: time between two calls of `act` [s].
+            rng: decides which way to turn when nothing else does.
+            params: how to drive.
+        """
+        self._robot = robot
+        self._period = control_period
+        self._rng = rng
+        self._params = params
+        radius = robot.radius + params.padding
+        self._costmap_params = CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor)
+        self._finder = ObstacleFinder(robot.lidar, memory=2.0 * robot.radius + 0.3)
+        self._follower = PathFollower(robot, control_period)
+        self._maneuvers: deque[tuple[Twist, int]] = deque()
+        self._recoveries = 0
+        self._set_goal(None)
+
+    def _set_goal(self, goal: tuple[float, float] | None) -> None:
+        self.goal = goal
+        """Where the robot is going (x, y), map frame [m]."""
+        self.status = Status.IDLE if goal is None else Status.DRIVING
+        """Where it stands with that."""
+        self._recoveries = 0
+        self._stall_anchor: Pose2D | None = None
+        self._stall_steps = 0
+        self._stuck_anchor: Pose2D | None = None
+        self._stuck_steps = 0
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        return self._follower.remaining if self.status is Status.DRIVING else None
+
+    def survey(self, belief: Belief) -> Survey:
+        """Look at the map with this robot's footprint."""
+        return Survey(belief, self._costmap_params)
+
+    def drive_to(self, goal: tuple[float, float], path: np.ndarray) -> None:
+        """Take a new goal (x, y), map frame [m], and the way there: shape (n, 2), n > 0, map frame [m]."""
+        self._set_goal(goal)
+        self._follower.set_path(path)
+
+    def replan(self, survey: Survey) -> bool:
+        """Plan the way to the goal anew; False if there is none any more."""
+        assert self.goal is not None
+        path = plan_path(survey.costmap, survey.pose[:2], self.goal, tolerance=self._params.goal_tolerance)
+        if path is None:
+            return False
+        self._follower.set_path(path)
+        return True
+
+    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
+        """Return the action, shape (2,), float32, that brings the robot nearer to its goal; updates `status`."""
+        robot, pose = self._robot, belief.pose
+        obstacles = self._finder.points(observation["scan"], pose, belief.grid)
+        motion = observation["motion"]
+        if motion[4] > 0.5 and not self._maneuvers:
+            self._back_off(obstacles, backwards=motion[2] >= 0.0)
+        if self._maneuvers:
+            return self._action(self._maneuver(obstacles))
+        if self.status is not Status.DRIVING:
+            return self._action(Twist(0.0, 0.0))
+        assert self.goal is not None
+        if math.hypot(pose.x - self.goal[0], pose.y - self.goal[1]) <= self._params.goal_tolerance:
+            self.status = Status.REACHED
+            return self._action(Twist(0.0, 0.0))
+        if self._is_stuck(pose):
+            self.status = Status.FAILED
+            return self._action(Twist(0.0, 0.0))
+        if self._has_stalled(pose):
+            self._recoveries += 1
+            if self._recoveries > self._params.max_recoveries:
+                self.status = Status.FAILED
+            self._back_off(obstacles, backwards=True)
+            return self._action(self._maneuver(obstacles))
+        return self._action(self._follower.command(pose, float(motion[0]) * robot.max_v, obstacles))
+
+    def _action(self, twist: Twist) -> np.ndarray:
+        action = np.array([twist.v / self._robot.max_v, twist.w / self._robot.max_w], dtype=np.float32)
+        return np.clip(action, -1.0, 1.0)
+
+    def _has_stalled(self, pose: Pose2D) -> bool:
+        """Tell whether the robot has neither moved nor turned for too long."""
+        anchor = self._stall_anchor
+        if anchor is not None:
+            away = anchor.between(pose)
+            if math.hypot(away.x, away.y) < 0.25 * self._robot.radius + 0.02 and abs(away.theta) < 0.3:
+                self._stall_steps += 1
+                return self._stall_steps * self._period > self._params.stall_time
+        self._stall_anchor, self._stall_steps = pose, 0
+        return False
+
+    def _is_stuck(self, pose: Pose2D) -> bool:
+        """Tell whether the robot has stayed about the same place for too long, whatever it did there."""
+        anchor = self._stuck_anchor
+        if anchor is not None and math.hypot(pose.x - anchor.x, pose.y - anchor.y) < self._params.stuck_distance:
+            self._stuck_steps += 1
+            return self._stuck_steps * self._period > self._params.stuck_time
+        self._stuck_anchor, self._stuck_steps = pose, 0
+        return False
+
+    def _back_off(self, obstacles: np.ndarray, backwards: bool) -> None:
+        """Plan to leave the place straight on, to the side where there is more room if one is blocked, and to turn."""
+        robot = self._robot
+        reach = 0.5 * robot.radius + 0.1
+        room = {sign: free_distance(obstacles, 0.0, robot.radius, sign * reach) for sign in (-1.0, 1.0)}
+        sign = -1.0 if backwards else 1.0
+        if room[sign] < 0.5 * reach and room[-sign] > room[sign]:
+            sign = -sign
+        speed = 0.4 * robot.max_v
+        turn = self._rng.uniform(0.5, 1.2) * (1.0 if self._rng.random() < 0.5 else -1.0)
+        rate = min(robot.max_w, 1.0)
+        self._maneuvers.append((Twist(sign * speed, 0.0), max(1, round(reach / speed / self._period))))
+        self._maneuvers.append((Twist(0.0, math.copysign(rate, turn)), max(1, round(abs(turn) / rate / self._period))))
+        self._stall_anchor = None
+
+    def _maneuver(self, obstacles: np.ndarray) -> Twist:
+        """Return the next twist of what `_back_off` has planned; skips straight parts that have become blocked."""
+        twist, steps = self._maneuvers[0]
+        look = twist.v * self._period * 2.0
+        if twist.v != 0.0 and free_distance(obstacles, 0.0, self._robot.radius, look) < 0.5 * abs(look):
+            self._maneuvers.popleft()
+            return Twist(0.0, 0.0)
+        if steps <= 1:
+            self._maneuvers.popleft()
+        else:
+            self._maneuvers[0] = (twist, steps - 1)
+        return twist

@@ -1,0 +1,223 @@
+"""Paths over a costmap, from the searches of `astar`."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from envs.navigation.astar import COST_WEIGHT, NO_STEP, SCALE, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, COST_UNKNOWN, Costmap
+
+SHORTCUT = 4.0
+"""Longest stretch of a path that one straight line replaces [m]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _walk_back(came_by, row, col):
+    """Return the cells from the start to (row, col), shape (n, 2), int64, in the frame of the unpadded raster."""
+    length = 1
+    r, c = row + 1, col + 1
+    while came_by[r, c] != NO_STEP:
+        d_row, d_col = STEPS[came_by[r, c]]
+        r, c = r - d_row, c - d_col
+        length += 1
+    cells = np.empty((length, 2), dtype=np.int64)
+    r, c = row + 1, col + 1
+    for k in range(length - 1, -1, -1):
+        cells[k] = r - 1, c - 1
+        if k:
+            d_row, d_col = STEPS[came_by[r, c]]
+            r, c = r - d_row, c - d_col
+    return cells
+
+
+@njit(cache=True, error_model="numpy")
+def _line_cost(costs, weights, row0, col0, row1, col1):
+    """Integrate the weights along the line between two cells' centres, in the units of `search`; -1 if blocked."""
+    d_row, d_col = row1 - row0, col1 - col0
+    length = math.hypot(d_row, d_col)
+    # Four samples per cell do not step over more than the tip of a corner.
+    num_samples = max(1, math.ceil(4.0 * length))
+    total = 0.0
+    for k in range(num_samples):
+        t = (k + 0.5) / num_samples
+        cost = costs[math.floor(row0 + t * d_row + 0.5), math.floor(col0 + t * d_col + 0.5)]
+        if weights[cost] == 0 or cost == COST_INSCRIBED:
+            return -1.0
+        total += weights[cost]
+    return STRAIGHT * length * total / num_samples
+
+
+@njit(cache=True, error_model="numpy")
+def shorten(costs, weights, travel, cells, reach):
+    """Replace stretches of a path by straight lines where those are no dearer.
+
+    Args:
+        costs: shape (height, width), uint8.
+        weights: shape (256,), int32, see `step_weights`.
+        travel: shape (height + 2, width + 2), int32, from the `search` that found the path.
+        cells: shape (n, 2), int64, the path's cells.
+        reach: greatest number of cells that one line replaces.
+
+    Returns:
+        Shape (m, 2), int64: the corners of the shorter path, with both of its ends.
+    """
+    kept = np.empty_like(cells)
+    kept[0] = cells[0]
+    num_kept = 1
+    i = 0
+    while i < len(cells) - 1:
+        j = min(i + reach, len(cells) - 1)
+        while j > i + 1:
+            line = _line_cost(costs, weights, cells[i, 0], cells[i, 1], cells[j, 0], cells[j, 1])
+            walk = travel[cells[j, 0] + 1, cells[j, 1] + 1] - travel[cells[i, 0] + 1, cells[i, 1] + 1]
+            if 0.0 <= line <= walk:
+                break
+            j -= 1
+        kept[num_kept] = cells[j]
+        num_kept += 1
+        i = j
+    return kept[:num_kept]
+
+
+@njit(cache=True, error_model="numpy")
+def nearest_cell(costs, weights, row, col, reach, dearest):
+    """Find the cell nearest to (row, col) where the robot may stand, within `reach` cells.
+
+    Cells dearer than `dearest` do not count; unknown ones do where `weights` lets them. Returns (-1, -1) if there is
+    none.
+    """
+    height, width = costs.shape
+    best_row, best_col, best = -1, -1, reach * reach + 1
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+            squared = (r - row) ** 2 + (c - col) ** 2
+            cost = costs[r, c]
+            if squared < best and weights[cost] > 0 and (cost <= dearest or cost == COST_UNKNOWN):
+                best_row, best_col, best = r, c, squared
+    return best_row, best_col
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TravelField:
+    """What it costs to get from one place to every cell, and how."""
+
+    costmap: Costmap
+    """Where it was computed."""
+    weights: np.ndarray
+    """Shape (256,), int32, see `step_weights`."""
+    travel: np.ndarray
+    """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no way."""
+    came_by: np.ndarray
+    """Same shape, uint8: index into `STEPS` of the last step."""
+
+    def cost(self, cells: np.ndarray) -> np.ndarray:
+        """Return travel costs of cells: the length of the way [m], each step weighted by its costs.
+
+        Args:
+            cells: shape (..., 2), int, (row, column) inside the raster.
+
+        Returns:
+            Shape (...), float64; inf where no way leads.
+        """
+        travel = self.travel[cells[..., 0] + 1, cells[..., 1] + 1]
+        metres = self.costmap.grid.resolution / (STRAIGHT * SCALE)
+        return np.where(travel == UNREACHED, np.inf, travel * metres)
+
+    def path(self, row: int, col: int, *, short: bool = True) -> np.ndarray | None:
+        """Return the way to a cell as points a cell apart.
+
+        Args:
+            row: row of the cell.
+            col: column of the cell.
+            short: replace staircases by straight lines that are no dearer.
+
+        Returns:
+            Shape (n, 2), float64, cell centres and points between them, from start to goal [m]; None without a way.
+        """
+        if self.travel[row + 1, col + 1] == UNREACHED:
+            return None
+        cells = _walk_back(self.came_by, row, col)
+        grid = self.costmap.grid
+        if short:
+            reach = max(2, round(SHORTCUT / grid.resolution))
+            cells = shorten(self.costmap.costs, self.weights, self.travel, cells, reach)
+        return densify(grid.centers(cells), grid.resolution)
+
+
+def densify(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Put points at most `spacing` [m] apart on a polyline: shape (n, 2) to shape (m, 2), float64 [m]."""
+    if len(points) < 2:
+        return points
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    samples = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / spacing) + 1))
+    return np.column_stack([np.interp(samples, along, points[:, k]) for k in (0, 1)])
+
+
+def _standing_cell(
+    costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, dearest: int
+) -> tuple[int, int] | None:
+    """Return the cell at or nearest to a point where the robot may be."""
+    row, col = (int(k) for k in costmap.grid.cells(np.array(point)))
+    reach = math.floor(tolerance / costmap.grid.resolution + 1e-9)
+    row, col = nearest_cell(costmap.costs, weights, row, col, reach, dearest)
+    return None if row < 0 else (row, col)
+
+
+def travel_field(
+    costmap: Costmap,
+    start: tuple[float, float],
+    *,
+    goal: tuple[int, int] | None = None,
+    allow_unknown: bool = False,
+    cost_weight: float = COST_WEIGHT,
+) -> TravelField | None:
+    """Search from a start: everywhere (Dijkstra), or until one goal is reached (A*).
+
+    Args:
+        costmap: where to travel.
+        start: position of the robot (x, y), map frame [m]. Where the map says it cannot be, the nearest cell within the
+            robot's radius is taken.
+        goal: (row, column); only the way to this cell is final then.
+        allow_unknown: whether the robot may cross unknown cells, at the price of the dearest free ones.
+        cost_weight: see `COST_WEIGHT`.
+
+    Returns:
+        The field; None if the robot's place is walled in by the map.
+    """
+    weights = step_weights(cost_weight, allow_unknown)
+    cell = _standing_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
+    if cell is None:
+        return None
+    return TravelField(costmap, weights, *search(costmap.costs, weights, *cell, *(goal or (-1, -1))))
+
+
+def plan_path(
+    costmap: Costmap,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    *,
+    tolerance: float = 0.0,
+    allow_unknown: bool = False,
+    cost_weight: float = COST_WEIGHT,
+) -> np.ndarray | None:
+    """Find the cheapest way to a goal with A*.
+
+    Args:
+        costmap: where to travel.
+        start: position of the robot (x, y), map frame [m].
+        goal: where to go (x, y), map frame [m].
+        tolerance: how far beside the goal the way may end where the robot cannot stand on it [m].
+        allow_unknown: whether the robot may cross unknown cells, at the price of the dearest free ones.
+        cost_weight: see `COST_WEIGHT`.
+
+    Returns:
+        Shape (n, 2), float64, points a cell apart from start to goal [m]; None if there is no way.
+    """
+    cell = _standing_cell(costmap, step_weights(cost_weight, allow_unknown), goal, tolerance, COST_MAX_FREE)
+    if cell is None:
+        return None
+    field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown, cost_weight=cost_weight)
+    return None if field is None else field.path(*cell)
