@@ -1,0 +1,119 @@
+"""What happens beside the learning: evaluations, checkpoints, and the progress bar."""
+
+from pathlib import Path
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import safe_mean
+from tqdm import tqdm
+
+from agents.checkpoint import save_checkpoint
+from agents.config import TrainingConfig
+from agents.evaluation import Episode, Evaluator, summarise
+from agents.ppo import capture
+from agents.run_folder import write_evaluations
+
+
+class Bookkeeper(BaseCallback):
+    """Evaluates and saves between updates, whenever it is time to."""
+
+    model: PPO
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        run: Path,
+        evaluator: Evaluator,
+        evaluations: list[dict[str, float | str]],
+        saved_steps: int | None,
+    ) -> None:
+        """Go on from earlier evaluations.
+
+        Args:
+            config: the experiment.
+            run: its folder.
+            evaluator: measures.
+            evaluations: rows so far; new ones are appended.
+            saved_steps: steps at the checkpoint that the training goes on from; None at the start.
+        """
+        super().__init__()
+        self.evaluations = evaluations
+        self._config = config
+        self._run = run
+        self._evaluator = evaluator
+        self._saved_steps = saved_steps
+
+    def finish(self) -> None:
+        """Evaluate and save the final state."""
+        self._evaluate()
+        self._save()
+
+    def _on_training_start(self) -> None:
+        if self._saved_steps is None:
+            self._save()  # Shows right away whether the run folder can be written, before any work could be lost.
+
+    def _on_rollout_start(self) -> None:
+        every = self._config.evaluation.every
+        past = [int(row["steps"]) for row in self.evaluations if row["policy"] == "ppo"]
+        if not past or self.num_timesteps // every > past[-1] // every:
+            self._evaluate()
+        # One update more would make the way back to the last checkpoint longer than promised.
+        assert self._saved_steps is not None
+        if self.num_timesteps + self._config.rollout_steps - self._saved_steps > self._config.checkpoints.every:
+            self._save()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes = self.model.ep_info_buffer or ()
+        for name in ("explored_fraction", "collisions"):
+            self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
+
+    def _evaluate(self) -> None:
+        if not self.evaluations:
+            for name in self._config.evaluation.references:
+                self._append(name, self._evaluator.explorer(name))
+        row = self._append("ppo", self._evaluator.policy(self.model.policy))
+        for name, value in row.items():
+            if isinstance(value, float):
+                self.logger.record(f"evaluation/{name}", value)
+        write_evaluations(self._run, self.evaluations)
+
+    def _append(self, policy: str, episodes: list[Episode]) -> dict[str, float | str]:
+        row: dict[str, float | str] = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
+        self.evaluations.append(row)
+        return row
+
+    def _save(self) -> None:
+        checkpoint = capture(self.model, self._config, self.evaluations)
+        save_checkpoint(checkpoint, self._run, self._config.checkpoints.keep)
+        self._saved_steps = self.num_timesteps
+
+
+class ProgressBar(BaseCallback):
+    """Shows steps, their rate, and how much of the place recent training episodes explored."""
+
+    def __init__(self, total_steps: int, evaluations: list[dict[str, float | str]]) -> None:
+        """Show the way to `total_steps`, and the last of `evaluations`."""
+        super().__init__()
+        self._total_steps = total_steps
+        self._evaluations = evaluations
+
+    def _on_training_start(self) -> None:
+        self._bar = tqdm(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
+
+    def _on_step(self) -> bool:
+        self._bar.update(self.training_env.num_envs)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        shown = {}
+        if self.model.ep_info_buffer:
+            shown["explored"] = f"{safe_mean([info['explored_fraction'] for info in self.model.ep_info_buffer]):.0%}"
+        if self._evaluations:
+            shown["evaluated"] = f"{self._evaluations[-1]['explored_fraction']:.0%}"
+        self._bar.set_postfix(shown, refresh=False)
+
+    def _on_training_end(self) -> None:
+        self._bar.close()

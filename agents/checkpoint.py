@@ -1,0 +1,172 @@
+"""The state of a training on disk: tensors as safetensors, the rest as JSON, nothing that runs code when read."""
+
+import errno
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import safetensors.torch
+from gymnasium import spaces
+from pydantic import BaseModel, ConfigDict, ValidationError
+from safetensors import SafetensorError
+from torch import Tensor
+
+from agents.config import TrainingConfig
+from agents.config_files import explain
+from agents.files import write_folder
+from agents.run_folder import CheckpointError, list_checkpoints
+
+POLICY_FILE = "policy.safetensors"
+"""The network's weights."""
+TRAINING_FILE = "training.safetensors"
+"""The optimizer's moments and the random generators' states."""
+RECORD_FILE = "checkpoint.json"
+"""Everything that is not a tensor."""
+
+
+class BoxRecord(BaseModel):
+    """A `gymnasium.spaces.Box` with the same bounds for every element."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    shape: tuple[int, ...]
+    dtype: str
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, box: spaces.Space) -> "BoxRecord":
+        """Describe a space."""
+        assert isinstance(box, spaces.Box), f"only boxes can be saved, got {box}"
+        return cls(shape=box.shape, dtype=str(box.dtype), low=float(box.low.min()), high=float(box.high.max()))
+
+    def space(self) -> spaces.Box:
+        """Return the space described."""
+        return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
+
+    def __str__(self) -> str:
+        return f"Box({self.low:g}, {self.high:g}, {self.shape}, {self.dtype})"
+
+
+class Record(BaseModel):
+    """What `checkpoint.json` holds."""
+
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+
+    format: Literal[1] = 1
+    """Version of this format."""
+    steps: int
+    """Environment steps taken."""
+    updates: int
+    """Passes over the samples made."""
+    config: TrainingConfig
+    """The experiment."""
+    observation: dict[str, BoxRecord]
+    """Observation space."""
+    action: BoxRecord
+    """Action space."""
+    numpy_random: tuple[str, int, int, float]
+    """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
+    evaluations: list[dict[str, float | str]]
+    """Rows of `evaluations.csv` so far."""
+    sha256: dict[str, str] = {}
+    """Checksum of each file of tensors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """The state of a training between two updates."""
+
+    record: Record
+    """Everything that is not a tensor."""
+    policy: dict[str, Tensor]
+    """The network's weights by name."""
+    training: dict[str, Tensor]
+    """`optimizer.<weight>.<moment>`, `random.numpy`, `random.torch`."""
+
+
+def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
+    """Write a checkpoint into a run folder, then remove all but the newest `keep`.
+
+    Raises:
+        CheckpointError: if it cannot be written, a full disk for example; the older ones are untouched.
+    """
+    folder = run / "checkpoints" / f"step_{checkpoint.record.steps:09d}"
+    tensors = {
+        POLICY_FILE: safetensors.torch.save(checkpoint.policy),
+        TRAINING_FILE: safetensors.torch.save(checkpoint.training),
+    }
+    sha256 = {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}
+    record = checkpoint.record.model_copy(update={"sha256": sha256})
+    try:
+        write_folder(folder, {**tensors, RECORD_FILE: record.model_dump_json(indent=1)})
+    except OSError as error:
+        why = "no space is left on the disk" if error.errno == errno.ENOSPC else error.strerror or str(error)
+        older = list_checkpoints(run)
+        way_out = f"The newest complete one is {older[-1]}; go on from it with --resume {run}" if older else ""
+        raise CheckpointError(f"checkpoint {folder} could not be written: {why}. {way_out}".rstrip()) from error
+    for old in list_checkpoints(run)[:-keep]:
+        shutil.rmtree(old)
+    return folder
+
+
+def load_checkpoint(folder: Path) -> Checkpoint:
+    """Read a checkpoint.
+
+    Raises:
+        CheckpointError: if a file is missing, cut short, altered or no JSON; names it and an older checkpoint.
+    """
+    try:
+        return _load(folder)
+    except (OSError, SafetensorError) as error:
+        raise damaged(folder, str(error)) from error
+    except ValidationError as error:
+        raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain(error)[:3])}") from error
+    except ValueError as error:
+        raise damaged(folder, f"{RECORD_FILE}: {error}") from error
+
+
+def damaged(folder: Path, why: str) -> CheckpointError:
+    """Return the error that says that a checkpoint cannot be used, and what can be used in its place."""
+    older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
+    way_out = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
+    return CheckpointError(f"checkpoint {folder} is damaged: {why}; {way_out}")
+
+
+def _load(folder: Path) -> Checkpoint:
+    # Undecodable text and broken JSON are ValueErrors alike.
+    record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
+    tensors = []
+    for name in (POLICY_FILE, TRAINING_FILE):
+        content = (folder / name).read_bytes()
+        if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
+            raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
+        tensors.append(safetensors.torch.load(content))
+    return Checkpoint(record, *tensors)
+
+
+def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:
+    """Hold the tensors of a file against those that the network or the optimizer needs.
+
+    Raises:
+        CheckpointError: if one is missing, unknown, or has another shape or dtype.
+    """
+    for key in sorted(needed.keys() | given.keys()):
+        if key not in given:
+            raise damaged(folder, f"{name} lacks the tensor {key!r}")
+        if key not in needed:
+            raise damaged(folder, f"{name} has an unknown tensor {key!r}")
+        have, want = given[key], needed[key]
+        if have.shape != want.shape or have.dtype != want.dtype:
+            raise damaged(
+                folder,
+                f"{name}: {key!r} is {_describe(have)}, the network of its configuration needs {_describe(want)}",
+            )
+
+
+def _describe(tensor: Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"

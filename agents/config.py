@@ -1,0 +1,179 @@
+"""What an experiment is made of."""
+
+import dataclasses
+import difflib
+import math
+from typing import Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    field_validator,
+    model_validator,
+)
+
+from envs.explore import RewardWeights
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class EnvironmentConfig(_Section):
+    """Where to learn. The names are those of the environment's arguments, which it documents and checks."""
+
+    id: str = "lidarnaut/Explore-v0"
+    """Environment; `module:id` imports the module that registers it first."""
+    world: str = "rooms"
+    """Library world, procedural family, or path."""
+    world_size: tuple[PositiveFloat, PositiveFloat] | None = None
+    """Outer size (x, y) of a procedural world [m]; null leaves it to the family."""
+    robot: str | None = None
+    """Library robot or path; null takes the world's usual robot."""
+    physics: str = "kinematic"
+    """`kinematic` or `bullet`."""
+    slam: str = "tinyslam"
+    """SLAM in the loop."""
+    control_hz: PositiveFloat = 5.0
+    """Decisions per second."""
+    time_limit: PositiveFloat | None = None
+    """Length of an episode [s]; null gives a time that grows with the explorable area."""
+    target_coverage: float = Field(default=0.99, gt=0, le=1)
+    """Explored fraction that ends the episode."""
+    reward: dict[str, float] = Field(default_factory=lambda: dataclasses.asdict(RewardWeights()))
+    """Weights of the reward's terms; those left out keep the environment's own."""
+
+    @field_validator("reward")
+    @classmethod
+    def _complete_reward(cls, reward: dict[str, float]) -> dict[str, float]:
+        terms = dataclasses.asdict(RewardWeights())
+        for name in reward:
+            if name not in terms:
+                raise ValueError(f"unknown term {explain_name(name, list(terms))}")
+        return terms | reward
+
+
+class PPOConfig(_Section):
+    """Proximal policy optimisation, in the terms of stable-baselines3."""
+
+    learning_rate: PositiveFloat = 3e-4
+    """Step size of Adam at the start."""
+    anneal: bool = True
+    """Whether the learning rate falls linearly to zero at `total_steps`."""
+    num_steps: PositiveInt = 128
+    """Steps of each environment between two updates."""
+    batch_size: int = Field(default=512, ge=2)
+    """Samples per gradient step."""
+    num_epochs: PositiveInt = 4
+    """Passes over the samples of an update."""
+    gamma: float = Field(default=0.99, gt=0, le=1)
+    """Discount per step."""
+    gae_lambda: float = Field(default=0.95, ge=0, le=1)
+    """Generalised advantage estimation: 0 trusts the value network, 1 the returns."""
+    clip_range: PositiveFloat = 0.2
+    """How far an update may move the probability of an action, as a ratio."""
+    entropy_coef: float = Field(default=0.0, ge=0)
+    """Weight of the entropy bonus."""
+    value_coef: PositiveFloat = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: PositiveFloat = 0.5
+    """Norm to which gradients are clipped."""
+    target_kl: PositiveFloat | None = None
+    """Divergence at which an update stops early; null never."""
+
+
+class NetworkConfig(_Section):
+    """Size of the network and the first spread of its actions."""
+
+    features: PositiveInt = 128
+    """Width of the features that policy and value share."""
+    channels: tuple[PositiveInt, PositiveInt] = (16, 32)
+    """Channels of the two map convolutions."""
+    hidden: PositiveInt = 64
+    """Width of the hidden layer of the policy and of the value."""
+    log_std: float = -0.5
+    """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
+
+
+class EvaluationConfig(_Section):
+    """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
+
+    every: PositiveInt = 25_000
+    """Training steps between evaluations."""
+    episodes: PositiveInt = 20
+    """Episodes of an evaluation; episode i is seeded with i."""
+    references: tuple[str, ...] = ("random",)
+    """Explorers from `baselines` that are measured on the same episodes, once, before training."""
+
+
+class CheckpointConfig(_Section):
+    """When the state of the training is saved."""
+
+    every: PositiveInt = 20_000
+    """Training steps between checkpoints, at most: what a kill can cost. Not less than an update takes."""
+    keep: int = Field(default=3, ge=2)
+    """Newest checkpoints that are kept."""
+
+
+class TrainingConfig(_Section):
+    """An experiment."""
+
+    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
+    """Name, the first part of the run folder's."""
+    total_steps: PositiveInt
+    """Environment steps to train for, all environments together; rounded up to whole updates."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of everything."""
+    num_envs: PositiveInt = 16
+    """Environments that run side by side."""
+    processes: int = Field(default=0, ge=0)
+    """Processes that the environments are spread over; 0 runs them in this one."""
+    start_method: Literal["forkserver", "spawn"] = "forkserver"
+    """How these processes are started."""
+    torch_threads: PositiveInt = 1
+    """Threads of torch. More than one slows small networks down."""
+    environment: EnvironmentConfig = EnvironmentConfig()
+    """Where to learn."""
+    ppo: PPOConfig = PPOConfig()
+    """How to learn."""
+    network: NetworkConfig = NetworkConfig()
+    """What learns."""
+    evaluation: EvaluationConfig = EvaluationConfig()
+    """How progress is measured."""
+    checkpoints: CheckpointConfig = CheckpointConfig()
+    """When the state is saved."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "TrainingConfig":
+        if self.checkpoints.every < self.rollout_steps:
+            raise ValueError(
+                f"checkpoints.every is {self.checkpoints.every}, but an update takes num_envs * ppo.num_steps = "
+                f"{self.rollout_steps} steps; checkpoints can only lie between updates"
+            )
+        if self.rollout_steps % self.ppo.batch_size:
+            raise ValueError(
+                f"ppo.batch_size {self.ppo.batch_size} does not divide num_envs * ppo.num_steps = {self.rollout_steps}"
+            )
+        if self.processes > self.num_envs:
+            raise ValueError(f"processes {self.processes} exceed num_envs {self.num_envs}")
+        return self
+
+    @property
+    def rollout_steps(self) -> int:
+        """Environment steps between two updates."""
+        return self.num_envs * self.ppo.num_steps
+
+    @property
+    def num_updates(self) -> int:
+        """Updates that `total_steps` take."""
+        return math.ceil(self.total_steps / self.rollout_steps)
+
+
+def explain_name(shown: str, allowed: list[str], name: str | None = None) -> str:
+    """Say that `shown` is not among `allowed`, and which of them was perhaps meant."""
+    close = difflib.get_close_matches(name or shown, allowed, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{shown!r}; {hint}allowed are {', '.join(allowed)}"

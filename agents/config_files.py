@@ -1,0 +1,89 @@
+"""Experiments as YAML files, with errors that name the key and what is allowed."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from agents.config import TrainingConfig, explain_name
+
+
+class ConfigError(ValueError):
+    """An experiment's configuration is wrong; the message says where and what is allowed."""
+
+
+def load_config(path: str | Path) -> TrainingConfig:
+    """Read an experiment from a YAML file.
+
+    Raises:
+        ConfigError: if the file cannot be read, is no YAML, or has a wrong or unknown key.
+    """
+    path = Path(path)
+    try:
+        data = yaml.load(path.read_text(), Loader=_Loader)
+    except FileNotFoundError:
+        there = sorted(str(other) for other in path.parent.glob("*.yaml"))
+        raise ConfigError(f"{path}: no such file" + (f"; there are {', '.join(there)}" if there else "")) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+    return parse_config(data, source=str(path))
+
+
+def parse_config(data: Any, source: str) -> TrainingConfig:
+    """Check an experiment given as nested mappings.
+
+    Raises:
+        ConfigError: naming `source`, each offending key, and what is allowed there.
+    """
+    if not isinstance(data, dict):
+        raise ConfigError(f"{source}: must hold keys and values, got {type(data).__name__}")
+    try:
+        return TrainingConfig.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError("\n".join(f"{source}: {line}" for line in explain(error))) from error
+
+
+def dump_config(config: TrainingConfig) -> str:
+    """Return the YAML that `load_config` reads back as the same experiment."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def explain(error: ValidationError) -> list[str]:
+    """Say in a line per mistake which key is wrong and what is allowed."""
+    lines = []
+    for detail in error.errors():
+        *parents, name = detail["loc"] or ("",)
+        key = ".".join(map(str, detail["loc"]))
+        if detail["type"] == "extra_forbidden":
+            lines.append(f"unknown key {explain_name(key, _allowed(parents), str(name))}")
+        elif detail["type"] == "missing":
+            lines.append(f"{key} is missing")
+        else:
+            what = detail["msg"].removeprefix("Value error, ")
+            lines.append(f"{key}: {what}, got {detail['input']!r}" if key else what)
+    return lines
+
+
+def _allowed(parents: list[int | str]) -> list[str]:
+    section: type[BaseModel] = TrainingConfig
+    for parent in parents:
+        section = section.model_fields[str(parent)].annotation  # type: ignore[assignment]
+    return list(section.model_fields)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which 3e-4 is a number, as in YAML 1.2, and a key cannot stand twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value]
+        for name in names:
+            if names.count(name) > 1:
+                raise yaml.constructor.ConstructorError(None, None, f"key {name!r} stands twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d[\d_]*\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)

@@ -1,0 +1,75 @@
+"""Learning curves as pictures."""
+
+import argparse
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from agents.config_files import load_config
+
+Row = Mapping[str, float | str]
+"""A line of `evaluations.csv`."""
+
+
+def read_evaluations(run: Path) -> list[dict[str, float | str]]:
+    """Read `evaluations.csv` of a run folder; every column but `policy` holds numbers."""
+    with open(run / "evaluations.csv", newline="") as file:
+        return [
+            {key: value if key == "policy" else float(value) for key, value in row.items()}
+            for row in csv.DictReader(file)
+        ]
+
+
+def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Path) -> None:
+    """Draw the explored fraction and the area beyond the first scan over training steps.
+
+    A line is the mean over episodes; the band spans their quartiles. Explorers that do not learn are level lines.
+
+    Args:
+        runs: rows of `evaluations.csv` by the run's label.
+        title: stands above.
+        path: PNG to write.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), dpi=120, layout="constrained")
+    figure.suptitle(title)
+    measures = {
+        "explored_fraction": "explored share of the place",
+        "gained_area": "explored beyond the first scan [m²]",
+    }
+    for axes, (measure, label) in zip(figure.subplots(1, 2), measures.items(), strict=True):
+        for number, (name, rows) in enumerate(runs.items()):
+            learned = [row for row in rows if row["policy"] == "ppo"]
+            steps = [float(row["steps"]) / 1000 for row in learned]
+            axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
+            if measure == "explored_fraction":
+                low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
+                axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+        # All runs of one experiment measure the references on the same episodes.
+        references = {
+            str(row["policy"]): float(row[measure]) for row in next(iter(runs.values())) if row["policy"] != "ppo"
+        }
+        for (name, level), style in zip(references.items(), ("--", ":", "-."), strict=False):
+            axes.axhline(level, color="0.35", linestyle=style, label=name)
+        axes.set_xlabel("environment steps [thousands]")
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0, top=1 if measure == "explored_fraction" else None)
+        axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Draw the curves of several runs of one experiment into one picture."""
+    parser = argparse.ArgumentParser(prog="python -m agents.curves", description=main.__doc__)
+    parser.add_argument("runs", nargs="+", type=Path, help="run folders")
+    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
+    parser.add_argument("--title", default="", help="stands above")
+    arguments = parser.parse_args()
+    rows = {f"PPO, seed {load_config(run / 'config.yaml').seed}": read_evaluations(run) for run in arguments.runs}
+    draw_learning_curve(rows, arguments.title, arguments.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""The network that turns an exploration observation into features."""
+
+import math
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+
+PATCH = 5
+"""Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
+SECTORS = 40
+"""Number of angles into which the scan is pooled; fewer for a lidar with fewer beams."""
+
+
+class ExplorerFeatures(BaseFeaturesExtractor):
+    """Patch convolutions on the two map crops, sector pooling on the scan, a small layer on the motion state.
+
+    A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall stands within
+    a patch matters less than that it does. Images arrive scaled to [0, 1]: stable-baselines3 does that, once, from the
+    uint8 of the observation space.
+    """
+
+    def __init__(
+        self, observation_space: spaces.Dict, features_dim: int = 128, channels: tuple[int, int] = (16, 32)
+    ) -> None:
+        """Build the layers for the shapes of an observation space.
+
+        Args:
+            observation_space: with the keys `scan`, `map_near`, `map_far`, `motion`.
+            features_dim: width of the features.
+            channels: of the first and of the second convolution.
+
+        Raises:
+            ValueError: if a key is missing, or the crops cannot be cut into patches.
+        """
+        super().__init__(observation_space, features_dim)
+        needed = ("scan", "map_near", "map_far", "motion")
+        if missing := [key for key in needed if key not in observation_space.spaces]:
+            raise ValueError(
+                f"the network reads the observations {list(needed)}, but the observation space lacks {missing}; "
+                f"it has {sorted(observation_space.spaces)}"
+            )
+        shapes = {key: tuple(observation_space[key].shape or ()) for key in needed}
+        self.map_near = self._map_layers(shapes["map_near"], channels)
+        self.map_far = self._map_layers(shapes["map_far"], channels)
+        num_beams = shapes["scan"][0]
+        beams_per_sector = math.ceil(num_beams / SECTORS)
+        self.nearest = nn.MaxPool1d(beams_per_sector, ceil_mode=True)
+        self.share = nn.AvgPool1d(beams_per_sector, ceil_mode=True)
+        self.scan = nn.Sequential(nn.Linear(2 * math.ceil(num_beams / beams_per_sector), 64), nn.ReLU())
+        self.motion = nn.Sequential(nn.Linear(shapes["motion"][0], 32), nn.ReLU())
+        with torch.no_grad():
+            sample = {key: torch.zeros(1, *shape) for key, shape in shapes.items()}
+            width = self._encode(sample).shape[1]
+        self.merge = nn.Sequential(nn.Linear(width, features_dim), nn.ReLU())
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        """Return the features, shape (batch, features_dim)."""
+        return self.merge(self._encode(observations))
+
+    @staticmethod
+    def _map_layers(shape: tuple[int, ...], channels: tuple[int, int]) -> nn.Sequential:
+        if len(shape) != 3 or shape[1] % (2 * PATCH) or shape[2] % (2 * PATCH):
+            raise ValueError(f"map crops must have shape (channels, n {2 * PATCH}, m {2 * PATCH}), got {shape}")
+        return nn.Sequential(
+            nn.Conv2d(shape[0], channels[0], PATCH, stride=PATCH),
+            nn.ReLU(),
+            nn.Conv2d(channels[0], channels[1], 2, stride=2),
+            nn.ReLU(),
+            nn.Flatten(),
+        )
+
+    def _encode(self, observations: dict[str, Tensor]) -> Tensor:
+        """Return all parts side by side, shape (batch, width)."""
+        scan = observations["scan"]
+        # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
+        invalid = (scan == 0).float()
+        nearness = (1.0 - scan) * (1.0 - invalid)
+        return torch.cat(
+            [
+                self.map_near(observations["map_near"]),
+                self.map_far(observations["map_far"]),
+                self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)),
+                self.motion(observations["motion"]),
+            ],
+            dim=1,
+        )

@@ -1,0 +1,171 @@
+"""PPO of stable-baselines3 for the exploration environments, and the way between it and a checkpoint."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor, nn
+
+from agents.checkpoint import (
+    POLICY_FILE,
+    TRAINING_FILE,
+    BoxRecord,
+    Checkpoint,
+    Record,
+    check_tensors,
+)
+from agents.config import NetworkConfig, TrainingConfig
+from agents.networks import ExplorerFeatures
+from agents.run_folder import CheckpointError
+
+MOMENTS = ("exp_avg", "exp_avg_sq", "step")
+"""What Adam keeps for each weight."""
+
+
+def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
+    """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from."""
+    ppo = config.ppo
+
+    def learning_rate(progress_remaining: float) -> float:
+        # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.
+        remaining = min(progress_remaining + 1.0 / config.num_updates, 1.0)
+        return ppo.learning_rate * (remaining if ppo.anneal else 1.0)
+
+    return PPO(
+        MultiInputActorCriticPolicy,
+        env,
+        learning_rate=learning_rate,
+        n_steps=ppo.num_steps,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.num_epochs,
+        gamma=ppo.gamma,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_range,
+        ent_coef=ppo.entropy_coef,
+        vf_coef=ppo.value_coef,
+        max_grad_norm=ppo.max_grad_norm,
+        target_kl=ppo.target_kl,
+        policy_kwargs=_policy_arguments(config.network),
+        seed=config.seed,
+        device="cpu",
+    )
+
+
+def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticPolicy:
+    """Make the policy of a checkpoint, for acting only.
+
+    Raises:
+        CheckpointError: if the weights do not fit the network that the checkpoint describes.
+    """
+    record = checkpoint.record
+    observation_space = spaces.Dict({key: box.space() for key, box in record.observation.items()})
+    policy = MultiInputActorCriticPolicy(
+        observation_space, record.action.space(), lambda _: 0.0, **_policy_arguments(record.config.network)
+    )
+    check_tensors(folder, POLICY_FILE, checkpoint.policy, policy.state_dict())
+    policy.load_state_dict(checkpoint.policy)
+    policy.set_training_mode(False)
+    return policy
+
+
+def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, float | str]]) -> Checkpoint:
+    """Take the state of a training between two updates."""
+    assert isinstance(model.observation_space, spaces.Dict)
+    algorithm, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
+    record = Record(
+        steps=model.num_timesteps,
+        updates=model._n_updates,
+        config=config,
+        observation={name: BoxRecord.of(space) for name, space in model.observation_space.spaces.items()},
+        action=BoxRecord.of(model.action_space),
+        numpy_random=(str(algorithm), int(position), int(has_gauss), float(gauss)),
+        evaluations=evaluations,
+    )
+    moments = model.policy.optimizer.state_dict()["state"]
+    training = {
+        f"optimizer.{name}.{moment}": torch.as_tensor(moments[index][moment]).clone()
+        for index, (name, _) in enumerate(model.policy.named_parameters())
+        for moment in MOMENTS
+        if index in moments
+    }
+    training["random.numpy"] = torch.from_numpy(np.asarray(key).astype(np.int64))
+    training["random.torch"] = torch.get_rng_state()
+    weights = {name: weight.detach().clone().contiguous() for name, weight in model.policy.state_dict().items()}
+    return Checkpoint(record, weights, training)
+
+
+def restore(model: PPO, checkpoint: Checkpoint, folder: Path) -> None:
+    """Bring a fresh model, and the global generators, to the state of a checkpoint.
+
+    Raises:
+        CheckpointError: if the checkpoint was made with other spaces or another network, or is damaged.
+    """
+    record = checkpoint.record
+    check_spaces(record, model.observation_space, model.action_space, str(folder))
+    weights = model.policy.state_dict()
+    check_tensors(folder, POLICY_FILE, checkpoint.policy, weights)
+    parameters = dict(model.policy.named_parameters())
+    needed: dict[str, Tensor] = {
+        "random.numpy": torch.zeros(624, dtype=torch.int64),
+        "random.torch": torch.get_rng_state(),
+    }
+    if record.updates:
+        for name, weight in parameters.items():
+            needed |= {f"optimizer.{name}.{moment}": weight for moment in MOMENTS[:2]}
+            needed[f"optimizer.{name}.step"] = torch.tensor(0.0)
+    check_tensors(folder, TRAINING_FILE, checkpoint.training, needed)
+
+    model.policy.load_state_dict(checkpoint.policy)
+    if record.updates:
+        moments = {
+            index: {moment: checkpoint.training[f"optimizer.{name}.{moment}"].clone() for moment in MOMENTS}
+            for index, name in enumerate(parameters)
+        }
+        optimizer = model.policy.optimizer
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
+    model.num_timesteps = record.steps
+    model._n_updates = record.updates
+    algorithm, position, has_gauss, gauss = record.numpy_random
+    key = checkpoint.training["random.numpy"].numpy().astype(np.uint32)
+    np.random.set_state((algorithm, key, position, has_gauss, gauss))  # noqa: NPY002
+    torch.set_rng_state(checkpoint.training["random.torch"])
+
+
+def check_spaces(record: Record, observation_space: spaces.Space, action_space: spaces.Space, name: str) -> None:
+    """Hold the spaces of an environment against those of a checkpoint.
+
+    Args:
+        record: of the checkpoint.
+        observation_space: of the environment.
+        action_space: of the environment.
+        name: of the checkpoint, for the message.
+
+    Raises:
+        CheckpointError: if they differ; says which space is needed and which is there.
+    """
+    offered: dict[str, Any] = {"action": action_space}
+    if isinstance(observation_space, spaces.Dict):
+        offered |= observation_space.spaces
+    needed = {**record.observation, "action": record.action}
+    wrong = [
+        f"{key} {box} (here: {offered.get(key, 'none')})"
+        for key, box in needed.items()
+        if not isinstance(offered.get(key), spaces.Box) or BoxRecord.of(offered[key]) != box
+    ]
+    if wrong or offered.keys() != needed.keys():
+        raise CheckpointError(f"{name} was trained on other spaces; it needs {', '.join(wrong) or list(needed)}")
+
+
+def _policy_arguments(network: NetworkConfig) -> dict[str, Any]:
+    return {
+        "features_extractor_class": ExplorerFeatures,
+        "features_extractor_kwargs": {"features_dim": network.features, "channels": network.channels},
+        "net_arch": {"pi": [network.hidden], "vf": [network.hidden]},
+        "activation_fn": nn.ReLU,
+        "log_std_init": network.log_std,
+    }

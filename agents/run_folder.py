@@ -1,0 +1,104 @@
+"""The folder of a run: what is written when it opens, and its table of evaluations."""
+
+import csv
+import io
+import json
+import platform
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from agents.config import TrainingConfig
+from agents.config_files import ConfigError, dump_config
+from agents.curves import draw_learning_curve
+from agents.files import write_file
+
+LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
+"""Libraries whose versions a run records."""
+
+
+class CheckpointError(RuntimeError):
+    """A checkpoint cannot be written, read or used; the message names it, the reason, and the way out."""
+
+
+def list_checkpoints(run: Path) -> list[Path]:
+    """Return the checkpoint folders of a run, oldest first."""
+    return sorted(path for path in (run / "checkpoints").glob("step_*") if re.fullmatch(r"step_\d+", path.name))
+
+
+def find_checkpoint(path: str | Path) -> Path:
+    """Return the checkpoint that `path` means: a checkpoint folder, or a run folder with checkpoints in it.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    path = Path(path)
+    if re.fullmatch(r"step_\d+", path.name) and path.is_dir():
+        return path
+    if found := list_checkpoints(path):
+        return found[-1]
+    what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is no folder"
+    raise CheckpointError(f"{path} {what}; a run folder has checkpoints/step_<number>/ in it")
+
+
+def new_run(config: TrainingConfig, run: Path | None) -> Path:
+    """Create a run folder with the resolved configuration in it.
+
+    Args:
+        config: the experiment.
+        run: the folder; None makes `runs/<experiment>__<seed>__<time>`.
+
+    Raises:
+        ConfigError: if the folder holds a run already.
+    """
+    run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
+    if list_checkpoints(run):
+        raise ConfigError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+    (run / "checkpoints").mkdir(parents=True, exist_ok=True)
+    _record(run, config)
+    return run
+
+
+def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
+    """Prepare a run to go on from one of its checkpoints; newer ones are set aside as `*.discarded`."""
+    run = checkpoint.parent.parent
+    for newer in list_checkpoints(run):
+        if newer.name > checkpoint.name:
+            aside = newer.with_name(newer.name + ".discarded")
+            shutil.rmtree(aside, ignore_errors=True)
+            newer.rename(aside)
+    for unfinished in (run / "checkpoints").glob(".step_*.tmp"):
+        shutil.rmtree(unfinished)
+    _record(run, config)
+    return run
+
+
+def write_evaluations(run: Path, rows: Sequence[dict[str, float | str]]) -> None:
+    """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`."""
+    table = io.StringIO()
+    writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_file(run / "evaluations.csv", table.getvalue())
+    draw_learning_curve({"PPO": rows}, run.name, run / "learning_curve.png")
+
+
+def _record(run: Path, config: TrainingConfig) -> None:
+    versions = {name: version(name) for name in LIBRARIES}
+    versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": _commit()}
+    write_file(run / "config.yaml", dump_config(config))
+    write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
+
+
+def _commit() -> str:
+    """Return the commit of the checkout that this code lies in, with "+" where it has been changed since."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--dirty=+"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True)
+    except OSError:
+        return "unknown"
+    return done.stdout.strip() or "unknown"

@@ -1,0 +1,89 @@
+"""A training from its first step, or from a checkpoint, to its last."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from torch.utils.tensorboard import SummaryWriter
+
+from agents.callbacks import Bookkeeper, ProgressBar
+from agents.checkpoint import Checkpoint, load_checkpoint
+from agents.config import TrainingConfig
+from agents.evaluation import Evaluator
+from agents.lanes import make_environment
+from agents.ppo import build_model, restore
+from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
+from agents.vector import ParallelVecEnv
+
+
+def train(
+    config: TrainingConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
+) -> Path:
+    """Train an explorer.
+
+    Args:
+        config: the experiment.
+        run: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. Not used with `resume`.
+        resume: run folder or checkpoint folder to go on from; results go to that run.
+        progress: whether to show a progress bar.
+
+    Returns:
+        The run folder.
+
+    Raises:
+        ConfigError: if the run folder is in use.
+        CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
+        ValueError: if the environment refuses its arguments.
+    """
+    torch.set_num_threads(config.torch_threads)
+    source = None if resume is None else find_checkpoint(resume)
+    checkpoint = None if source is None else load_checkpoint(source)
+    evaluator = Evaluator(config)
+    makers = [partial(make_environment, config.environment, "train")] * config.num_envs
+    env = ParallelVecEnv(makers, config.processes, config.start_method)
+    try:
+        model = build_model(config, env)
+        if checkpoint is None or source is None:
+            run = new_run(config, run)
+        else:
+            _check_same_network(config, checkpoint, source)
+            restore(model, checkpoint, source)
+            run = reopen_run(config, source)
+        # Where in their episodes the environments were is not kept: a resumed training starts new ones.
+        env.seed(_environment_seed(config.seed, model.num_timesteps))
+        model.set_logger(Logger(str(run), [_TensorBoard(run, model.num_timesteps)]))
+        evaluations = list(checkpoint.record.evaluations) if checkpoint else []
+        keeper = Bookkeeper(config, run, evaluator, evaluations, checkpoint.record.steps if checkpoint else None)
+        total_steps = config.num_updates * config.rollout_steps
+        if model.num_timesteps < total_steps:
+            bar = [ProgressBar(total_steps, evaluations)] if progress else []
+            model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
+            keeper.finish()
+        model.logger.close()
+    finally:
+        evaluator.close()
+        env.close()
+    return run
+
+
+def _check_same_network(config: TrainingConfig, checkpoint: Checkpoint, source: Path) -> None:
+    saved = checkpoint.record.config.network
+    if config.network != saved:
+        raise CheckpointError(
+            f"{source} holds a network of another size: it needs network: {saved}, and not {config.network}"
+        )
+
+
+def _environment_seed(seed: int, steps: int) -> int:
+    """Return the seed of the first environment for a training that (re)starts at `steps`."""
+    return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1)
+
+
+class _TensorBoard(TensorBoardOutputFormat):
+    """TensorBoard events in which a resumed run hides what the killed one had logged beyond its checkpoint."""
+
+    def __init__(self, run: Path, steps: int) -> None:
+        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps or None)
+        self._is_closed = False

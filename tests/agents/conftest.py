@@ -1,0 +1,32 @@
+import pytest
+
+from agents.config_files import parse_config
+from agents.training import train
+from tests.agents.fake_env import ID
+
+TINY = {
+    "experiment": "tiny",
+    "total_steps": 768,
+    "num_envs": 4,
+    "environment": {"id": ID, "time_limit": 4.0},
+    "ppo": {"num_steps": 32, "batch_size": 64, "num_epochs": 2},
+    "evaluation": {"every": 256, "episodes": 3, "references": []},
+    "checkpoints": {"every": 256, "keep": 2},
+}
+"""An experiment of a second; an update takes 128 steps."""
+
+
+@pytest.fixture(scope="session")
+def tiny_data():
+    return TINY
+
+
+@pytest.fixture(scope="session")
+def tiny_config():
+    return parse_config(TINY, "tiny")
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tiny_config, tmp_path_factory):
+    """The folder of a finished training."""
+    return train(tiny_config, run=tmp_path_factory.mktemp("runs") / "tiny", progress=False)

@@ -1,0 +1,95 @@
+"""A stand-in for the exploration environment: same spaces and info, no simulation, thousands of steps per second.
+
+A point drives through a square of hidden cells and uncovers those around it. Registered when imported.
+"""
+
+import os
+import signal
+from types import SimpleNamespace
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+ID = "tests.agents.fake_env:Fake-v0"
+SIDE = 16
+BEAMS = 36
+
+
+class FakeEnv(gymnasium.Env):
+    metadata = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(self, *, split, world, control_hz, time_limit, render_mode=None, **_ignored):
+        crop = spaces.Box(0, 255, (3, 40, 40), np.uint8)
+        self.observation_space = spaces.Dict(
+            {
+                "scan": spaces.Box(0.0, 1.0, (BEAMS,), np.float32),
+                "map_near": crop,
+                "map_far": crop,
+                "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
+            }
+        )
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        if world == "nowhere":
+            raise ValueError("world 'nowhere' is unknown")
+        self.world = world
+        self.render_mode = render_mode
+        self.control_period = 1.0 / control_hz
+        self.time_limit = time_limit or 4.0
+        self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS))
+        self.belief = None
+        self.steps = 0
+        if split == "test":
+            self.world = "rooms"
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.time = 0.0
+        self.seen = np.zeros((SIDE, SIDE), dtype=bool)
+        self.position = self.np_random.uniform(2, SIDE - 2, 2)
+        self.heading = self.np_random.uniform(-np.pi, np.pi)
+        self._look()
+        return self._observe(np.zeros(2)), self._info(0.0)
+
+    def step(self, action):
+        assert self.action_space.contains(action)
+        self.steps += 1
+        if self.world == "broken" and self.steps > 5:
+            raise RuntimeError("the floor gave way")
+        if self.world == f"deadly_{self.steps}":
+            os.kill(os.getpid(), signal.SIGKILL)
+        self.time += self.control_period
+        self.heading += action[1] * self.control_period
+        ahead = np.array([np.cos(self.heading), np.sin(self.heading)])
+        self.position = np.clip(self.position + 2.0 * action[0] * ahead * self.control_period, 0, SIDE - 1)
+        gained = self._look()
+        terminated = bool(self.seen.all())
+        truncated = not terminated and self.time >= self.time_limit - 1e-6
+        return self._observe(action), gained, terminated, truncated, self._info(gained)
+
+    def _look(self):
+        before = self.seen.sum()
+        rows, cols = np.indices(self.seen.shape)
+        self.seen |= (rows - self.position[0]) ** 2 + (cols - self.position[1]) ** 2 < 6.0
+        return float(self.seen.sum() - before)
+
+    def _observe(self, action):
+        crop = np.zeros((3, 40, 40), dtype=np.uint8)
+        crop[1, :SIDE, :SIDE] = 255 * self.seen
+        motion = np.array([*action, *action, 0.0, min(self.time / self.time_limit, 1.0)], dtype=np.float32)
+        scan = self.np_random.random(BEAMS, dtype=np.float32)
+        return {"scan": scan, "map_near": crop, "map_far": crop.copy(), "motion": motion}
+
+    def _info(self, gained):
+        return {
+            "explored_fraction": float(self.seen.mean()),
+            "explored_area": float(self.seen.sum()),
+            "path_length": 0.0,
+            "collisions": 0,
+            "time": self.time,
+            "rewards": {"explored": gained},
+            "is_success": bool(self.seen.all()),
+        }
+
+
+gymnasium.register(id="Fake-v0", entry_point=FakeEnv)

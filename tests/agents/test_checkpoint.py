@@ -1,0 +1,180 @@
+import errno
+import hashlib
+import json
+import os
+import resource
+import shutil
+from functools import partial
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+
+from agents import files
+from agents.checkpoint import load_checkpoint, save_checkpoint
+from agents.lanes import make_environment
+from agents.ppo import build_model, build_policy, capture, restore
+from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.vector import ParallelVecEnv
+
+
+@pytest.fixture
+def fresh_model(tiny_config):
+    def make(**changes):
+        config = tiny_config.model_copy(update=changes)
+        return build_model(config, ParallelVecEnv([partial(make_environment, config.environment, "train")] * 4))
+
+    return make
+
+
+@pytest.fixture
+def run(tiny_run, tmp_path):
+    """A copy of a finished run, to be damaged."""
+    return shutil.copytree(tiny_run, tmp_path / "run")
+
+
+def equal_tensors(a, b):
+    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
+
+
+def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path):
+    model = fresh_model()
+    model.learn(256)
+    np.random.standard_normal()  # noqa: NPY002  (leaves half a pair behind: the hidden part of the state)
+    saved = capture(model, tiny_config, [{"policy": "ppo", "steps": 256, "explored_fraction": 0.1}])
+    folder = save_checkpoint(saved, tmp_path, keep=2)
+    drawn = np.random.standard_normal(3), np.random.permutation(9), torch.randn(3)  # noqa: NPY002
+
+    other = fresh_model(seed=99)
+    loaded = load_checkpoint(folder)
+    restore(other, loaded, folder)
+    again = np.random.standard_normal(3), np.random.permutation(9), torch.randn(3)  # noqa: NPY002
+    assert all(np.array_equal(a, b) for a, b in zip(drawn, again, strict=True))
+    assert equal_tensors(other.policy.state_dict(), model.policy.state_dict())
+    assert (other.num_timesteps, other._n_updates) == (256, model._n_updates)
+    assert loaded.record.evaluations == saved.record.evaluations
+
+    # The optimizer's state shows in what the next gradient step does.
+    observation = {key: torch.as_tensor(value) for key, value in model.env.reset().items()}
+    for each in (model, other):
+        each.policy.optimizer.param_groups[0]["lr"] = 1e-3  # what the schedule does at each update
+        each.policy.optimizer.zero_grad()
+        each.policy.predict_values(observation).square().sum().backward()
+        each.policy.optimizer.step()
+    assert equal_tensors(other.policy.state_dict(), model.policy.state_dict())
+    assert equal_tensors(build_policy(loaded, folder).state_dict(), saved.policy)
+
+
+def resign(folder, file, change):
+    """Change the tensors of a file and its checksum: what an honest tool could have written."""
+    tensors = safetensors.torch.load_file(folder / file)
+    change(tensors)
+    content = safetensors.torch.save(tensors)
+    (folder / file).write_bytes(content)
+    record = json.loads((folder / "checkpoint.json").read_text())
+    record["sha256"][file] = hashlib.sha256(content).hexdigest()
+    (folder / "checkpoint.json").write_text(json.dumps(record))
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flip_a_bit(path):
+    content = bytearray(path.read_bytes())
+    content[-5] ^= 1
+    path.write_bytes(content)
+
+
+def rename_key(path):
+    path.write_text(path.read_text().replace('"updates"', '"updatse"'))
+
+
+DAMAGES = {
+    "weights cut short": (lambda f: cut(f / "policy.safetensors"), "policy.safetensors is not what was written"),
+    "a bit flipped": (lambda f: flip_a_bit(f / "training.safetensors"), "training.safetensors is not what was written"),
+    "weights gone": (lambda f: (f / "policy.safetensors").unlink(), "No such file.*policy.safetensors"),
+    "record gone": (lambda f: (f / "checkpoint.json").unlink(), "No such file.*checkpoint.json"),
+    "record cut short": (lambda f: cut(f / "checkpoint.json"), "checkpoint.json: .*line"),
+    "record is garbage": (lambda f: (f / "checkpoint.json").write_bytes(b"\xff\x00"), "checkpoint.json"),
+    "record with a wrong key": (lambda f: rename_key(f / "checkpoint.json"), "checkpoint.json: .*updates is missing"),
+    "a tensor missing": (
+        lambda f: resign(f, "policy.safetensors", lambda t: t.pop("log_std")),
+        "policy.safetensors lacks the tensor 'log_std'",
+    ),
+    "a wrong shape": (
+        lambda f: resign(f, "policy.safetensors", lambda t: t.update(log_std=torch.zeros(3))),
+        r"policy.safetensors: 'log_std' is float32 \(3,\), the network of its configuration needs float32 \(2,\)",
+    ),
+    "an optimizer tensor missing": (
+        lambda f: resign(f, "training.safetensors", lambda t: t.pop("optimizer.log_std.exp_avg")),
+        "training.safetensors lacks the tensor 'optimizer.log_std.exp_avg'",
+    ),
+    "an unknown tensor": (
+        lambda f: resign(f, "training.safetensors", lambda t: t.update(extra=torch.zeros(1))),
+        "training.safetensors has an unknown tensor 'extra'",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_checkpoint_is_named_with_the_way_out(damage, run, fresh_model):
+    older, newest = list_checkpoints(run)
+    break_it, message = DAMAGES[damage]
+    break_it(newest)
+    model = fresh_model()
+    with pytest.raises(CheckpointError, match=message) as caught:
+        restore(model, load_checkpoint(newest), newest)
+    assert f"checkpoint {newest} is damaged" in str(caught.value)
+    assert f"use the one before it, {older}" in str(caught.value)
+    restore(model, load_checkpoint(older), older)
+
+
+def test_a_full_disk_costs_nothing_but_the_new_checkpoint(run, monkeypatch):
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    checkpoint = load_checkpoint(find_checkpoint(run))
+    checkpoint.record.steps += 128
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "fsync", full)
+        with pytest.raises(CheckpointError, match=r"step_000000896 could not be written: no space is left") as caught:
+            save_checkpoint(checkpoint, run, keep=2)
+    assert f"--resume {run}" in str(caught.value)
+
+    # A write that really stops half way, at the limit on the size of a file.
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(CheckpointError, match="could not be written: File too large"):
+            save_checkpoint(checkpoint, run, keep=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    assert not list(run.rglob("*.tmp"))
+    save_checkpoint(checkpoint, run, keep=2)
+    assert [path.name for path in list_checkpoints(run)] == ["step_000000768", "step_000000896"]
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "table.csv"
+    files.write_file(path, "old")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            files.write_file(path, "x" * 2000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_text() == "old"
+    assert [other.name for other in tmp_path.iterdir()] == ["table.csv"]
+
+
+def test_places_without_a_checkpoint_are_told(tmp_path):
+    with pytest.raises(CheckpointError, match=r"nowhere is no folder; a run folder has checkpoints/step_<number>/"):
+        find_checkpoint(tmp_path / "nowhere")
+    with pytest.raises(CheckpointError, match="is neither a run folder nor a checkpoint folder"):
+        find_checkpoint(tmp_path)

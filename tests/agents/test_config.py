@@ -1,0 +1,99 @@
+import copy
+from pathlib import Path
+
+import pytest
+
+import train
+from agents.config_files import ConfigError, dump_config, load_config, parse_config
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
+    config = load_config(path)
+    assert config.experiment == path.stem
+    (tmp_path / "again.yaml").write_text(dump_config(config))
+    assert load_config(tmp_path / "again.yaml") == config
+
+
+def test_there_are_configurations():
+    assert {path.stem for path in CONFIGS} >= {"demo", "rooms_small", "rooms"}
+
+
+def test_numbers_in_scientific_notation_are_numbers(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("experiment: a\ntotal_steps: 3e5\nppo: {learning_rate: 3e-4, entropy_coef: 1E-3, gamma: .9e0}\n")
+    config = load_config(path)
+    assert config.total_steps == 300_000
+    assert isinstance(config.total_steps, int)
+    assert (config.ppo.learning_rate, config.ppo.entropy_coef, config.ppo.gamma) == (3e-4, 1e-3, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("ppo", "learnig_rate", 1e-3, r"mem: unknown key 'ppo.learnig_rate'; did you mean 'learning_rate'\? allowed"),
+        (None, "total_stesp", 5, r"unknown key 'total_stesp'; did you mean 'total_steps'\?"),
+        ("environment", "wrold", "rooms", r"unknown key 'environment.wrold'; did you mean 'world'\?"),
+        ("environment", "reward", {"explord": 1.0}, r"environment.reward: unknown term 'explord'; did you mean 'expl"),
+        ("ppo", "gamma", 1.5, r"ppo.gamma: Input should be less than or equal to 1, got 1.5"),
+        ("ppo", "learning_rate", "fast", r"ppo.learning_rate: .*number.*, got 'fast'"),
+        ("environment", "world_size", [8, -1], r"environment.world_size.1: .*greater than 0, got -1"),
+        ("checkpoints", "every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
+        ("ppo", "batch_size", 48, r"ppo.batch_size 48 does not divide .* 128"),
+        (None, "experiment", "../up", r"experiment: .*pattern"),
+        (None, "start_method", "fork", r"start_method: .*'forkserver' or 'spawn', got 'fork'"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named_with_what_is_allowed(tiny_data, section, key, value, message):
+    data = copy.deepcopy(tiny_data)
+    (data[section] if section else data)[key] = value
+    with pytest.raises(ConfigError, match=message):
+        parse_config(data, "mem")
+
+
+def test_a_missing_key_and_an_unreadable_file_are_named(tmp_path):
+    with pytest.raises(ConfigError, match="mem: total_steps is missing"):
+        parse_config({"experiment": "a"}, "mem")
+    path = tmp_path / "a.yaml"
+    for text, message in (
+        ("a: [1", "expected ',' or ']'"),
+        ("- 1", "must hold keys and values, got list"),
+        ("experiment: a\ntotal_steps: 1\nexperiment: b", "key 'experiment' stands twice"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=rf"a\.yaml(.|\n)*{message}"):
+            load_config(path)
+    with pytest.raises(ConfigError, match=r"nothere\.yaml: no such file; there are .*a\.yaml"):
+        load_config(tmp_path / "nothere.yaml")
+
+
+def test_reward_terms_left_out_keep_the_weight_of_the_environment(tiny_data):
+    from envs.explore import RewardWeights
+
+    config = parse_config({**tiny_data, "environment": {"reward": {"time": -1.0}}}, "mem")
+    assert config.environment.reward["time"] == -1.0
+    assert config.environment.reward["explored"] == RewardWeights().explored
+
+
+def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monkeypatch, capsys, tiny_config):
+    seen = {}
+
+    def remember(config, resume):
+        seen["config"] = config
+        return tmp_path
+
+    monkeypatch.setattr("agents.training.train", remember)
+    path = tmp_path / "tiny.yaml"
+    path.write_text(dump_config(tiny_config))
+    arguments = ["--config", str(path), "--seed", "7", "--ppo.learning-rate", "1e-3", "--environment.reward.time", "-2"]
+    assert train.main(arguments) == 0
+    assert (seen["config"].seed, seen["config"].ppo.learning_rate) == (7, 1e-3)
+    assert seen["config"].environment.reward["time"] == -2.0
+    assert seen["config"].ppo.num_steps == tiny_config.ppo.num_steps
+    with pytest.raises(SystemExit):
+        train.main(["--config", str(path), "--ppo.learnin-rate", "1"])
+    assert "--ppo.learning-rate" in capsys.readouterr().err
+    assert train.main(["--config", str(tmp_path / "no.yaml")]) == 2
+    assert "no.yaml: no such file" in capsys.readouterr().err

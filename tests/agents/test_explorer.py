@@ -1,0 +1,90 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from agents.explorer import PPOExplorer
+from agents.lanes import make_environment
+from agents.run_folder import CheckpointError, find_checkpoint
+from tests.agents.fake_env import BEAMS
+
+
+@pytest.fixture
+def env(tiny_config):
+    return make_environment(tiny_config.environment, "test")
+
+
+def ready(explorer, env, seed=0, period=None):
+    explorer.reset(env.unwrapped.robot, period or env.unwrapped.control_period, np.random.default_rng(seed))
+    return explorer
+
+
+def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
+    explorer = ready(PPOExplorer.load(tiny_run), env)
+    observation, _ = env.reset(seed=1)
+    ended = False
+    while not ended:
+        action = explorer.act(observation, belief=None)
+        assert action.dtype == np.float32
+        assert env.action_space.contains(action)
+        observation, _, terminated, truncated, _ = env.step(action)
+        ended = terminated or truncated
+    assert explorer.end_reason is None
+    assert explorer.plan is None
+
+
+def test_run_and_checkpoint_folders_mean_the_same_policy(tiny_run, env):
+    observation, _ = env.reset(seed=1)
+    actions = [
+        ready(PPOExplorer.load(path), env).act(observation, None)
+        for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
+    ]
+    assert all(np.array_equal(action, actions[0]) for action in actions)
+
+
+def test_it_acts_as_the_policy_of_stable_baselines_does(tiny_run, env):
+    explorer = ready(PPOExplorer.load(tiny_run), env)
+    observation, _ = env.reset(seed=2)
+    expected, _ = explorer._policy.predict(observation, deterministic=True)
+    assert np.allclose(explorer.act(observation, None), expected, atol=1e-6)
+
+
+def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
+    explorer = PPOExplorer.load(tiny_run, deterministic=False)
+    observation, _ = env.reset(seed=1)
+
+    def draw(seed):
+        torch.rand(3)
+        ready(explorer, env, seed)
+        return np.array([explorer.act(observation, None) for _ in range(400)])
+
+    first = draw(5)
+    assert np.array_equal(first, draw(5))
+    assert not np.array_equal(first, draw(6))
+    mean = ready(PPOExplorer.load(tiny_run), env).act(observation, None)
+    assert np.allclose(first.mean(axis=0), mean, atol=0.15)
+    assert (first.std(axis=0) > 0.3).all()
+
+
+def test_it_keeps_the_pace_of_its_training(tiny_run, env):
+    explorer = ready(PPOExplorer.load(tiny_run, deterministic=False), env, period=0.1)
+    observation, _ = env.reset(seed=1)
+    actions = [tuple(explorer.act(observation, None)) for _ in range(6)]
+    assert actions[0] == actions[1]
+    assert actions[2] == actions[3]
+    assert len(set(actions)) == 3
+    with pytest.warns(UserWarning, match=r"trained to decide every 0.2 s, and is asked every 0.5 s"):
+        ready(explorer, env, period=0.5)
+
+
+def test_what_does_not_fit_is_told(tiny_run, env):
+    explorer = PPOExplorer.load(tiny_run)
+    robot = SimpleNamespace(name="other", lidar=SimpleNamespace(num_beams=360))
+    with pytest.raises(CheckpointError, match=f"needs scans of {BEAMS} beams, but the lidar of robot 'other' has 360"):
+        explorer.reset(robot, 0.2, np.random.default_rng(0))
+    ready(explorer, env)
+    observation, _ = env.reset(seed=1)
+    del observation["map_far"]
+    with pytest.raises(CheckpointError, match=r"needs observations .*map_far Box\(0, 255, \(3, 40, 40\), uint8\)"):
+        explorer.act(observation, None)

@@ -1,0 +1,157 @@
+import copy
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from agents.checkpoint import load_checkpoint
+from agents.config_files import ConfigError, dump_config, load_config, parse_config
+from agents.evaluation import run_episodes
+from agents.lanes import EnvironmentProcessError, make_environment
+from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.training import train
+
+ROOT = Path(__file__).parents[2]
+
+
+def weights(run):
+    return load_checkpoint(find_checkpoint(run)).policy
+
+
+def changed(data, **changes):
+    return parse_config({**copy.deepcopy(data), **changes}, "tiny")
+
+
+def evaluated_steps(run):
+    with open(run / "evaluations.csv", newline="") as file:
+        return [int(row["steps"]) for row in csv.DictReader(file)]
+
+
+def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
+    assert {path.name for path in tiny_run.iterdir()} == {
+        "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
+    }  # fmt: skip
+    assert load_config(tiny_run / "config.yaml") == tiny_config
+    assert [path.name for path in list_checkpoints(tiny_run)] == ["step_000000512", "step_000000768"]
+    assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
+    events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
+    assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128 * 2, 128 * 3]
+    assert {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/explored_fraction"} <= set(
+        events.Tags()["scalars"]
+    )
+    with pytest.raises(ConfigError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
+        train(tiny_config, run=tiny_run, progress=False)
+
+
+def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_two(tiny_run, tiny_data, tmp_path):
+    torch.randn(5)
+    again = train(changed(tiny_data, processes=2), run=tmp_path / "again", progress=False)
+    other = train(changed(tiny_data, seed=1), run=tmp_path / "other", progress=False)
+    first, second, third = weights(tiny_run), weights(again), weights(other)
+    assert all(torch.equal(first[key], second[key]) for key in first)
+    assert not all(torch.equal(first[key], third[key]) for key in first)
+
+
+def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path):
+    """SIGKILL in the middle of everything: an environment kills the process at its 220th step, at 880 steps in all."""
+    config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "deadly_220"}, total_steps=1280)
+    (tmp_path / "deadly.yaml").write_text(dump_config(config))
+    command = [sys.executable, str(ROOT / "train.py")]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    killed = subprocess.run(
+        [*command, "--config", "deadly.yaml"], cwd=tmp_path, env=environment, capture_output=True, timeout=60
+    )
+    assert killed.returncode == -9, killed.stderr.decode()
+    (run,) = (tmp_path / "runs").iterdir()
+    assert run.name.startswith("tiny__0__")
+    source = find_checkpoint(run)
+    steps = load_checkpoint(source).record.steps
+    assert 880 - config.checkpoints.every <= steps <= 880
+    evaluated = evaluated_steps(run)
+    # What a kill within a save leaves behind.
+    (run / "checkpoints" / ".step_000000896.1.tmp").mkdir()
+
+    resumed = subprocess.run(
+        [*command, "--resume", str(run), "--environment.world", "rooms"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert resumed.returncode == 0, resumed.stderr
+    assert str(run) in resumed.stdout
+    final = load_checkpoint(find_checkpoint(run)).record
+    assert final.steps == 1280
+    assert final.updates == 1280 // 128 * config.ppo.num_epochs
+    assert evaluated_steps(run)[: len(evaluated)] == evaluated
+    assert evaluated_steps(run) == [0, 256, 512, 768, 1024, 1280]
+    assert not list((run / "checkpoints").glob(".*"))
+    events = EventAccumulator(str(run / "tensorboard")).Reload().Scalars("train/learning_rate")
+    logged = [event.step for event in events]
+    assert logged == sorted(set(logged))
+    # The rate falls to one update's share of the first, as if nothing had happened.
+    assert events[-1].value == pytest.approx(config.ppo.learning_rate * 2 / config.num_updates)
+
+
+def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(tiny_data, tiny_run, tmp_path):
+    import shutil
+
+    config = changed(tiny_data, total_steps=896)
+    runs = [shutil.copytree(tiny_run, tmp_path / name) for name in ("a", "b")]
+    older = [list_checkpoints(run)[0] for run in runs]
+    for source in older:
+        train(config, resume=source, progress=False)
+    first, second = (weights(run) for run in runs)
+    assert all(torch.equal(first[key], second[key]) for key in first)
+    assert (runs[0] / "checkpoints" / "step_000000768.discarded").is_dir()
+    assert [path.name for path in list_checkpoints(runs[0])] == ["step_000000768", "step_000000896"]
+
+
+def test_a_checkpoint_of_another_network_is_refused(tiny_data, tiny_run):
+    with pytest.raises(CheckpointError, match=r"holds a network of another size: .*hidden=64.*hidden=32"):
+        train(changed(tiny_data, network={"hidden": 32}), resume=tiny_run, progress=False)
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_an_environment_that_fails_is_heard(processes, tiny_data, tmp_path):
+    config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "broken"}, processes=processes)
+    with pytest.raises(EnvironmentProcessError if processes else RuntimeError, match="the floor gave way"):
+        train(config, run=tmp_path / "run", progress=False)
+
+
+def test_an_argument_that_the_environment_refuses_leaves_no_run_behind(tiny_data, tmp_path):
+    config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "nowhere"})
+    with pytest.raises(ValueError, match="world 'nowhere' is unknown"):
+        train(config, run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+def test_policies_learn(tiny_data, tmp_path):
+    """Driving straight ahead uncovers the fake place; from nothing to most of the way in a few thousand steps."""
+    config = changed(
+        tiny_data,
+        total_steps=6144,
+        num_envs=8,
+        ppo={"num_steps": 64, "batch_size": 128, "num_epochs": 4, "learning_rate": 2e-3},
+        evaluation={"every": 100_000, "episodes": 10, "references": []},
+        checkpoints={"every": 100_000},
+    )
+    run = train(config, run=tmp_path / "run", progress=False)
+    rows = load_checkpoint(find_checkpoint(run)).record.evaluations
+    assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
+
+
+def test_evaluation_does_not_depend_on_how_many_run_at_once(tiny_config):
+    def act(observations):
+        turn = observations["scan"].mean(axis=1)
+        return np.stack([np.ones_like(turn), 2 * turn - 1], axis=1)
+
+    envs = [make_environment(tiny_config.environment, "test") for _ in range(4)]
+    together = run_episodes(envs, act, range(6))
+    alone = run_episodes(envs[:1], act, range(6))
+    assert together == alone
+    assert len(set(alone)) > 1
+    assert all(0 < episode.area_under_curve < episode.explored_fraction for episode in alone)

@@ -1,0 +1,50 @@
+"""Train an explorer.
+
+python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--ppo.learning-rate 1e-3] ...
+python train.py --resume runs/rooms_small__1__20250101-120000
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from agents.config import TrainingConfig
+from agents.config_files import ConfigError, load_config
+from agents.run_folder import CheckpointError, find_checkpoint
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Read the command line and train; return the exit status."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--config", type=Path)
+    where.add_argument("--resume", type=Path)
+    given, overrides = parser.parse_known_args(arguments)
+    try:
+        start: TrainingConfig | Any = tyro.MISSING
+        if given.resume:
+            start = load_config(find_checkpoint(given.resume).parent.parent / "config.yaml")
+        elif given.config:
+            start = load_config(given.config)
+        else:
+            overrides = ["--help"]
+        config = tyro.cli(TrainingConfig, default=start, args=overrides, prog="train.py", description=__doc__)
+
+        from agents.training import train  # torch takes seconds to load: mistakes above are told at once
+
+        run = train(config, resume=given.resume)
+    except KeyboardInterrupt:
+        print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
+        return 130
+    except (ConfigError, CheckpointError, ValueError) as error:
+        print(f"train.py: {error}", file=sys.stderr)
+        return 2
+    print(f"results are in {run}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
