@@ -38,7 +38,7 @@ def counts(words: np.ndarray) -> np.ndarray:
     return words & MAX_COUNT
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def integrate(word, target, gain):
     """Return the word of a cell after one more observation: value += (target - value) * gain.
 
@@ -50,14 +50,14 @@ def integrate(word, target, gain):
     count = word & MAX_COUNT
     value = word >> COUNT_BITS
     if gain == AVERAGE:
-        gain = RECIPROCALS[count]
+        gain = RECIPROCALS[np.uint64(count)]
     elif count == 0:
         value = ONE // 2
     value += ((target - value) * gain + GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def percent(word):
     """Return the occupancy of a word in percent, as ROS grids hold it."""
     return ((word >> COUNT_BITS) * 100 + ONE // 2) >> 18

@@ -10,6 +10,8 @@ from .cells import AVERAGE, GAIN_ONE, MAX_COUNT, ONE, integrate, percent
 
 AVG, BASE, REPORT = 0, 1, 2
 """Kinds of cells."""
+SIDE_START = (1 << 31) - 1
+"""Half a cell, less a grain, with 32 fractional bits: a line right between two cells takes the nearer to its start."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,7 +49,7 @@ def beam_ends(ranges, directions, range_max, skip_exceeding, x, y, c, s, resolut
     return math.floor(x_min), math.floor(y_min), math.floor(x_max), math.floor(y_max)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _observation(cell, prob, quality, ramp):
     """Return target and gain by which a cell takes in an observation, fixed-point.
 
@@ -66,18 +68,61 @@ def _observation(cell, prob, quality, ramp):
     return 0, round(GAIN_ONE * prob)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _touch(words, occupancy, index, target, gain, width, new_cells, num_new):
-    """Integrate one observation into one cell and return the number of cells that became known."""
-    word = words[index]
-    if word & MAX_COUNT == 0:
-        new_cells[num_new, 0] = index // width
-        new_cells[num_new, 1] = index % width
-        num_new += 1
-    word = integrate(word, target, gain)
-    words[index] = word
-    occupancy[index] = percent(word)
-    return num_new
+@njit(cache=True, error_model="numpy")
+def _walk(d_row, d_col, width):
+    """Return how to walk a straight line of cells through a flattened map.
+
+    Args:
+        d_row: rows from the first cell to the last.
+        d_col: columns from the first cell to the last.
+        width: cells in a row of the map.
+
+    Returns:
+        Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what
+        one sideways add to the index.
+    """
+    row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
+    d_row, d_col = abs(d_row), abs(d_col)
+    if d_col >= d_row:
+        return d_col, (d_row << 32) // max(d_col, 1), col_step, row_step
+    return d_row, (d_col << 32) // d_row, row_step, col_step
+
+
+@njit(cache=True, error_model="numpy")
+def _near_end(row, col, end_row, end_col, x, y, end_x, end_y, hit, by_area, occupied_prob, empty_prob, hole, add_blur):
+    """Return what a beam reports of a cell that it does more to than just pass.
+
+    Args:
+        row: row of the cell.
+        col: column of the cell.
+        end_row: row of the beam's last cell.
+        end_col: column of the beam's last cell.
+        x: where the beam starts [cells].
+        y: where the beam starts [cells].
+        end_x: where the beam ends [cells].
+        end_y: where the beam ends [cells].
+        hit: whether the beam ends in a hit.
+        by_area: whether the area estimator is used.
+        occupied_prob: occupancy reported of the cell of a hit.
+        empty_prob: occupancy reported of cells that a beam passes.
+        hole: length of the ramp [cells]; 0 for none.
+        add_blur: whether the ramp adds to the occupancy of a passed cell, or takes its place.
+
+    Returns:
+        Occupancy reported; its weight; the part of it that is owed to the hit.
+    """
+    dir_x, dir_y = end_x - x, end_y - y
+    hit_prob = occupied_prob
+    if by_area and hit:
+        hit_prob = max(share_behind_hit(end_row, end_col, end_x, end_y, dir_x, dir_y), empty_prob)
+    square = (row - end_row) ** 2 + (col - end_col) ** 2
+    if hit and square == 0:
+        return hit_prob, 1.0, hit_prob
+    weight = share_cut_off(row, col, x, y, dir_x, dir_y) if by_area else 1.0
+    if not hit or square >= hole * hole:
+        return empty_prob, weight, 0.0
+    ramp = hit_prob * (1.0 - square / (hole * hole))
+    return (min(empty_prob + ramp, 1.0) if add_blur else ramp), weight, ramp
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,55 +169,47 @@ def draw_scan(
         Number of cells that became known.
     """
     width = words.shape[1]
-    flat = words.ravel()
-    flat_occupancy = occupancy.ravel()
+    flat, flat_occupancy = words.ravel(), occupancy.ravel()
     num_new = 0
     row_0, col_0 = math.floor(y), math.floor(x)
-    start = row_0 * width + col_0
     free_target, free_gain = _observation(cell, empty_prob, quality, 0.0)
     for k in range(ranges.shape[0]):
-        if math.isnan(ends[k, 0]):
+        end_x, end_y = ends[k, 0], ends[k, 1]
+        if math.isnan(end_x):
             continue
+        row_1, col_1 = math.floor(end_y), math.floor(end_x)
+        length, slope, step, side_step = _walk(row_1 - row_0, col_1 - col_0, width)
         hit = ranges[k] < range_max
-        row_1, col_1 = math.floor(ends[k, 1]), math.floor(ends[k, 0])
-        d_row, d_col = row_1 - row_0, col_1 - col_0
-        dir_x, dir_y = ends[k, 0] - x, ends[k, 1] - y
-        length = max(abs(d_row), abs(d_col))
-        if abs(d_col) >= abs(d_row):
-            major_step, minor_step = (1 if d_col >= 0 else -1), (width if d_row >= 0 else -width)
-            minor = abs(d_row)
-        else:
-            major_step, minor_step = (width if d_row >= 0 else -width), (1 if d_col >= 0 else -1)
-            minor = abs(d_col)
-        slope = (minor << 32) // max(length, 1)
-        half = (1 << 31) - 1
-
-        end_prob, end_quality = (occupied_prob if hit else empty_prob), quality
-        if by_area and hit:
-            share = share_behind_hit(row_1, col_1, ends[k, 0], ends[k, 1], dir_x, dir_y)
-            end_prob = max(share, empty_prob)
-        elif by_area:
-            end_quality *= share_cut_off(row_1, col_1, x, y, dir_x, dir_y)
-
-        blurred = hit and hole > 0.0 and hole * hole < d_row * d_row + d_col * d_col
-        ramp_start = max(0, length - math.ceil(hole)) if blurred else length
-        plain_end = 0 if by_area else ramp_start
-        for i in range(plain_end):
-            index = start + i * major_step + ((i * slope + half) >> 32) * minor_step
-            num_new = _touch(flat, flat_occupancy, index, free_target, free_gain, width, new_cells, num_new)
-        for i in range(plain_end, length):
-            index = start + i * major_step + ((i * slope + half) >> 32) * minor_step
-            row, col = index // width, index % width
-            prob, weight, ramp = empty_prob, quality, 0.0
-            if by_area:
-                weight *= share_cut_off(row, col, x, y, dir_x, dir_y)
-            square = (row - row_1) ** 2 + (col - col_1) ** 2
-            if blurred and square < hole * hole:
-                ramp = (1.0 - square / (hole * hole)) * end_prob
-                prob = min(prob + ramp, 1.0) if add_blur else ramp
-            target, gain = _observation(cell, prob, weight, ramp)
-            num_new = _touch(flat, flat_occupancy, index, target, gain, width, new_cells, num_new)
-        target, gain = _observation(cell, end_prob, end_quality, end_prob if hit else 0.0)
-        index = row_1 * width + col_1
-        num_new = _touch(flat, flat_occupancy, index, target, gain, width, new_cells, num_new)
+        ramp = hole if hole * hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
+        # Cells before this one are just passed, and all say the same.
+        first_special = 0 if by_area else max(length - math.ceil(ramp), 0) if hit else length + 1
+        base, side = row_0 * width + col_0, SIDE_START
+        for _ in range(first_special):
+            index = np.uint64(base + (side >> 32) * side_step)
+            word = flat[index]
+            if word & MAX_COUNT == 0:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            word = integrate(word, free_target, free_gain)
+            flat[index] = word
+            flat_occupancy[index] = percent(word)
+            base, side = base + step, side + slope
+        for _ in range(first_special, length + 1):
+            index = np.uint64(base + (side >> 32) * side_step)
+            row, col = int(index) // width, int(index) % width
+            prob, weight, strength = _near_end(
+                row, col, row_1, col_1, x, y, end_x, end_y, hit, by_area, occupied_prob, empty_prob, ramp, add_blur
+            )
+            target, gain = _observation(cell, prob, quality * weight, strength)
+            word = flat[index]
+            if word & MAX_COUNT == 0:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            word = integrate(word, target, gain)
+            flat[index] = word
+            flat_occupancy[index] = percent(word)
+            base, side = base + step, side + slope
+    for k in range(num_new):
+        index = new_cells[k, 0]
+        new_cells[k, 0], new_cells[k, 1] = index // width, index % width
     return num_new

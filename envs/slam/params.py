@@ -26,9 +26,9 @@ class TinySlamParams:
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     sigma_xy: float = 0.2
-    """Standard deviation of a candidate's position around the best pose so far, per axis, at the start of a scan [m]."""
+    """Spread of candidates around the best pose so far, per axis, at the start of a scan [m]."""
     sigma_theta: float = 0.1
-    """Standard deviation of a candidate's heading around the best pose so far, at the start of a scan [rad]."""
+    """Spread of candidates' headings around the best so far, at the start of a scan [rad]."""
     max_failed: int = 20
     """Candidates that may fail to improve before the search ends."""
     max_tries: int = 100

@@ -1,0 +1,120 @@
+"""The relation error of a trajectory.
+
+Kümmerle et al., On measuring the accuracy of SLAM algorithms, Autonomous Robots 27 (2009): relative poses that people
+verified by hand are held against the estimated ones. No common frame is needed, and a bend in the trajectory counts
+once rather than for all that follows.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+MAX_TIME_GAP = 0.3
+"""A relation counts where the trajectory has poses this near to both of its times [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelationError:
+    """How far relative poses are off, over all relations."""
+
+    translation: float
+    """Mean [m]."""
+    translation_std: float
+    """Standard deviation [m]."""
+    rotation: float
+    """Mean [deg]."""
+    rotation_std: float
+    """Standard deviation [deg]."""
+    count: int
+    """Number of relations."""
+
+    def __str__(self) -> str:
+        """Give means and standard deviations with their units."""
+        return (
+            f"{self.translation:.3f} +- {self.translation_std:.3f} m, "
+            f"{self.rotation:.2f} +- {self.rotation_std:.2f} deg over {self.count} relations"
+        )
+
+
+def load_relations(path: str | Path) -> np.ndarray:
+    """Read relations, one per line: `t1 t2 x y z roll pitch yaw`.
+
+    Returns:
+        Shape (n, 5), float64: t1, t2 [s], x, y [m], yaw [rad] of the later pose seen from the earlier.
+
+    Raises:
+        ValueError: the file does not hold eight numbers per line.
+    """
+    try:
+        table = np.loadtxt(path, ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{path}: not a list of relations: {error}") from error
+    if table.shape[1] != 8:
+        raise ValueError(
+            f"{path}: relations have 8 numbers per line (t1 t2 x y z roll pitch yaw), got {table.shape[1]}"
+        )
+    return table[:, [0, 1, 2, 3, 7]]
+
+
+def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
+    """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
+
+    Args:
+        odometry: shape (n, 3), poses by odometry [m, rad].
+        scan_rows: shape (m,), rows of `odometry` at which the scans were taken, ascending.
+        scan_poses: shape (m, 3), estimated poses of the base at the scans [m, rad].
+
+    Returns:
+        Shape (n, 3), estimated poses [m, rad]. Those before the first scan lead back from it.
+    """
+    scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
+    return _compose(scan_poses[scan], _between(odometry[scan_rows[scan]], odometry))
+
+
+def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:
+    """Hold a trajectory against relations.
+
+    Args:
+        times: shape (n,) [s].
+        poses: shape (n, 3), x, y, heading [m, rad].
+        relations: shape (k, 5), as from `load_relations`.
+
+    Raises:
+        ValueError: not one relation has both its times in the trajectory.
+    """
+    rows = np.stack([_nearest(times, relations[:, 0]), _nearest(times, relations[:, 1])], axis=1)
+    known = (np.abs(times[rows] - relations[:, :2]) <= MAX_TIME_GAP).all(axis=1)
+    if not known.any():
+        raise ValueError("no relation lies within the time of the trajectory; are they of another log?")
+    given = relations[known, 2:]
+    estimated = _between(poses[rows[known, 0]], poses[rows[known, 1]])
+    translation = np.hypot(*(estimated - given)[:, :2].T)
+    rotation = np.degrees(np.abs(_wrap(estimated[:, 2] - given[:, 2])))
+    return RelationError(
+        float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std()), len(given)
+    )
+
+
+def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    order = np.argsort(times, kind="stable")  # the clocks of real logs jump back now and then
+    times = times[order]
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    return order[np.where(wanted - times[after - 1] <= times[after] - wanted, after - 1, after)]
+
+
+def _wrap(theta: np.ndarray) -> np.ndarray:
+    return (theta + np.pi) % (2 * np.pi) - np.pi
+
+
+def _compose(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
+    x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
+    y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
+    return np.stack([x, y, _wrap(parent[:, 2] + child[:, 2])], axis=1)
+
+
+def _between(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
+    dx, dy = (child - parent)[:, :2].T
+    return np.stack([c * dx + s * dy, -s * dx + c * dy, _wrap(child[:, 2] - parent[:, 2])], axis=1)
