@@ -1,0 +1,92 @@
+"""Robots and paths in pixels. Surfaces here are drawn at twice the size that is shown, which smooths all edges."""
+
+import math
+
+import numpy as np
+import pygame
+
+from envs.geometry import Pose2D
+from envs.robots import RobotParams
+
+from .style import PAPER, RULE, Colour
+from .view import View
+
+MIN_ROBOT_RADIUS = 25.0
+"""Robots are enlarged to at least this size, to be found in large places [px]."""
+
+
+def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int) -> None:
+    """Draw a line through points, shape (n, 2) [px]."""
+    # Long episodes have many points per pixel.
+    moved = np.any(np.diff(np.round(pixels / 2), axis=0), axis=1)
+    pixels = pixels[np.concatenate([[True], moved])] if len(pixels) else pixels
+    if len(pixels) > 1:
+        pygame.draw.lines(surface, colour, False, pixels.tolist(), width)
+
+
+def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int, dash: float = 14.0) -> None:
+    """Draw a dashed line through points, shape (n, 2) [px], with a disc at its end."""
+    if len(pixels) == 0:
+        return
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels, axis=0).T))])
+    ends = np.arange(0.0, travelled[-1], dash / 2)
+    x, y = (np.interp(ends, travelled, pixels[:, axis]) for axis in (0, 1))
+    for i in range(0, len(ends) - 1, 2):
+        pygame.draw.line(surface, colour, (x[i], y[i]), (x[i + 1], y[i + 1]), width)
+    pygame.draw.circle(surface, colour, pixels[-1], 1.5 * width)
+
+
+def _footprint(robot: RobotParams) -> np.ndarray:
+    """Return the outline of a robot's body in its base frame, shape (n, 2) [m]."""
+    body = robot.body
+    if body.size is not None:
+        corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (np.array(body.size[:2]) / 2)
+    else:
+        angles = np.linspace(0.0, 2 * math.pi, 32, endpoint=False)
+        corners = np.column_stack([np.cos(angles), np.sin(angles)]) * float(body.radius or robot.radius)
+    return corners + body.center[:2]
+
+
+def draw_robot(
+    surface: pygame.Surface, view: View, robot: RobotParams, pose: Pose2D, colour: Colour, ghost: bool = False
+) -> None:
+    """Draw a robot seen from above, with an arrow in the direction it faces.
+
+    Args:
+        surface: drawn on.
+        view: places the world on it.
+        robot: gives the footprint.
+        pose: pose of the base, world frame.
+        colour: of the body.
+        ghost: only the outline, and a line ahead.
+    """
+    body = _footprint(robot)
+    centre = body.mean(axis=0)
+    radius = np.hypot(*(body - centre).T).max()
+    enlarged = max(1.0, MIN_ROBOT_RADIUS / (radius * view.scale))
+    arrow = np.array([(0.55, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)]) * radius + centre
+
+    def place(outline: np.ndarray) -> list[list[float]]:
+        return view.pixels(pose.transform(enlarged * outline)).tolist()
+
+    if ghost:
+        pygame.draw.polygon(surface, colour, place(body), 4)
+        pygame.draw.lines(surface, colour, False, place(np.array([centre, centre + (1.7 * radius, 0.0)])), 4)
+        return
+    pygame.draw.polygon(surface, colour, place(body))
+    pygame.draw.polygon(surface, PAPER, place(body), 2)
+    pygame.draw.polygon(surface, PAPER, place(arrow))
+
+
+def draw_mark(surface: pygame.Surface, x: int, y: int, colour: Colour, mark: str) -> None:
+    """Draw the mark of a legend entry, 16 px wide from `x`, its middle at height `y`."""
+    if mark == "line":
+        pygame.draw.line(surface, colour, (x, y), (x + 16, y), 3)
+    elif mark == "dashes":
+        for offset in (0, 6, 12):
+            pygame.draw.line(surface, colour, (x + offset, y), (x + offset + 4, y), 3)
+    elif mark == "box":
+        pygame.draw.rect(surface, colour, (x, y - 6, 16, 12))
+        pygame.draw.rect(surface, RULE, (x, y - 6, 16, 12), 1)
+    else:
+        pygame.draw.aacircle(surface, colour, (x + 8, y), 6, 2 if mark == "ring" else 0)

@@ -1,0 +1,136 @@
+"""The two halves of the picture: what is, and what is believed."""
+
+import math
+
+import numpy as np
+import pygame
+from scipy import ndimage
+
+from envs.geometry import OccupancyGrid
+from envs.navigation.frontiers import frontier_mask
+from envs.worlds import World
+
+from . import style
+from .glyphs import draw_dashes, draw_path, draw_robot
+from .scene import Scene
+from .view import View
+
+SUPERSAMPLING = 2
+"""Panels are drawn this many times as large as they are shown; scaling down smooths every edge."""
+_NO_ALPHA_MASK = (0xFF0000, 0xFF00, 0xFF, 0)
+_VISIBLE_SIDE = 4
+"""Occupied cells are drawn at least this large, so that walls do not fade in large places [px]."""
+_SOLID_MARK = (255, 255, 255)
+
+
+def new_surface(size: tuple[int, int]) -> pygame.Surface:
+    """Return a surface of 32-bit pixels that needs no display."""
+    return pygame.Surface(size, 0, 32, _NO_ALPHA_MASK)
+
+
+class TruthPanel:
+    """Walls and bodies, the robot where it is, its beams, and where it has been."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
+        self._surface = new_surface(size)
+        self._beams = pygame.Surface(size, pygame.SRCALPHA, 32)
+        self._place: tuple[World, pygame.Surface] | None = None
+
+    def draw(self, scene: Scene, view: View) -> pygame.Surface:
+        """Draw the truth of a scene."""
+        if self._place is None or self._place[0] is not scene.world:
+            self._place = scene.world, _draw_place(scene.world, view)
+        self._surface.blit(self._place[1], (0, 0))
+        for mover in scene.world.movers:
+            centre = view.pixels(np.array(mover.position(scene.time)))[0]
+            pygame.draw.circle(self._surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
+        self._draw_beams(scene, view)
+        draw_path(self._surface, view.pixels(scene.trail), style.TRUE, 4)
+        draw_robot(self._surface, view, scene.robot, scene.pose, style.TRUE)
+        return self._surface
+
+    def _draw_beams(self, scene: Scene, view: View) -> None:
+        """Lay the area that the last scan saw over the picture, with a dot where a beam hit."""
+        sensor, ends = beam_ends(scene)
+        hits = np.isfinite(scene.ranges)
+        sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
+        outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
+        self._beams.fill((0, 0, 0, 0))
+        if len(outline) > 2:
+            pygame.draw.polygon(self._beams, (*style.LIDAR, 70), outline.tolist())
+        for end in ends_px[:: max(1, len(ends_px) // 60)]:
+            pygame.draw.line(self._beams, (*style.LIDAR, 130), sensor_px, end, 2)
+        self._surface.blit(self._beams, (0, 0))
+        for end in ends_px[hits].tolist():
+            pygame.draw.circle(self._surface, style.LIDAR, end, 3.5)
+
+
+def beam_ends(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the lidar is, shape (2,), and where its beams end, shape (num_beams, 2), world frame [m].
+
+    Beams without a return end at the greatest range; beams that were lost end in the lidar.
+    """
+    lidar = scene.robot.lidar
+    heading = scene.pose.theta + lidar.mount.yaw + lidar.angles
+    ranges = np.nan_to_num(scene.ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
+    sensor = scene.pose.transform(np.array([(lidar.mount.x, lidar.mount.y)]))[0]
+    return sensor, sensor + ranges[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+
+
+def _draw_place(world: World, view: View) -> pygame.Surface:
+    """Draw what stands still: the floor that can be reached from the spawns, the outside, and solid between them."""
+    lines = new_surface(view.size)
+    for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
+        pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
+    for centre, radius in zip(view.pixels(world.circles[:, :2]).tolist(), world.circles[:, 2] * view.scale):
+        pygame.draw.circle(lines, _SOLID_MARK, centre, max(radius, 3.0))
+    labels, _ = ndimage.label(pygame.surfarray.array3d(lines)[..., 0] == 0)
+    columns, rows = view.pixels(np.array([pose[:2] for pose in world.spawns])).astype(int).T
+    floor = (labels > 0) & np.isin(labels, labels[columns, rows])
+    solid = ~floor & (labels != labels[0, 0])
+    edge = solid & ndimage.binary_dilation(~solid, iterations=4)
+    colours = np.full((*labels.shape, 3), style.OUTSIDE, dtype=np.uint8)
+    colours[floor], colours[solid], colours[edge] = style.FLOOR, style.SOLID, style.WALL
+    place = new_surface(view.size)
+    pygame.surfarray.blit_array(place, colours)
+    return place
+
+
+class BeliefPanel:
+    """The map, its frontiers, where the robot believes to be and wants to go, and where it really is."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
+        self._surface = new_surface(size)
+        colours = style.occupancy_colours()
+        self._palette = np.array([self._surface.map_rgb(tuple(colour)) for colour in colours.tolist()], dtype=np.uint32)
+
+    def draw(self, scene: Scene, view: View) -> pygame.Surface:
+        """Draw the belief of a scene, carried into the world frame."""
+        surface, start, grid = self._surface, scene.start, scene.belief.grid
+        view.paint_grid(grid, start, self._palette, pygame.surfarray.pixels2d(surface).T)
+        side = grid.resolution * view.scale
+        if side < _VISIBLE_SIDE:
+            walls = view.pixels(start.transform(_centres(grid, grid.data >= 65)))
+            _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
+        frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
+        _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
+        draw_path(surface, view.pixels(start.transform(scene.believed_trail)), style.BELIEVED, 4)
+        if scene.plan is not None:
+            draw_dashes(surface, view.pixels(start.transform(scene.plan)), style.PLAN, 5)
+        draw_robot(surface, view, scene.robot, scene.believed_pose, style.BELIEVED)
+        draw_robot(surface, view, scene.robot, scene.pose, style.TRUE, ghost=True)
+        return surface
+
+
+def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
+    """Return the centres of the cells set in `mask`, shape (n, 2) [m]; `argwhere` is slow where few of many are."""
+    return grid.centers(np.column_stack(np.divmod(np.flatnonzero(mask), mask.shape[1])))
+
+
+def _draw_dots(surface: pygame.Surface, pixels: np.ndarray, diameter: int, colour: style.Colour) -> None:
+    """Draw a disc at each of the places, shape (n, 2) [px]."""
+    disc = pygame.Surface((diameter, diameter), pygame.SRCALPHA, 32)
+    pygame.draw.circle(disc, colour, (diameter / 2, diameter / 2), diameter / 2)
+    surface.fblits([(disc, corner) for corner in np.round(pixels - diameter / 2).astype(int).tolist()])

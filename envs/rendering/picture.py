@@ -1,0 +1,132 @@
+"""The whole picture: two panels of the same place at the same scale, numbers above, a legend below."""
+
+import math
+from pathlib import Path
+
+import matplotlib
+import pygame
+
+from . import style
+from .glyphs import draw_mark
+from .panels import SUPERSAMPLING, BeliefPanel, TruthPanel, new_surface
+from .scene import Scene
+from .view import View
+
+GAP = 16
+HEADER = 108
+FOOTER = 40
+TITLES = ("The place as it is", "What the robot believes")
+LEGENDS = (
+    (
+        ("robot and its path", style.TRUE, "line"),
+        ("lidar", style.LIDAR, "box"),
+        ("solid", style.SOLID, "box"),
+        ("moving", style.MOVER, "disc"),
+    ),
+    (
+        ("believed path", style.BELIEVED, "line"),
+        ("true pose", style.TRUE, "ring"),
+        ("plan", style.PLAN, "dashes"),
+        ("frontier", style.FRONTIER, "disc"),
+        ("free", style.FREE, "box"),
+        ("occupied", style.OCCUPIED, "box"),
+        ("unknown", style.UNKNOWN, "box"),
+    ),
+)
+"""For each panel: what is drawn, its colour, and the kind of mark that stands for it."""
+
+
+class Typesetter:
+    """Writes text in the fonts that come with Matplotlib."""
+
+    def __init__(self) -> None:
+        """Load the fonts."""
+        pygame.font.init()
+        folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        self._small = pygame.font.Font(folder / "DejaVuSans.ttf", style.SMALL)
+        self._bold = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.BODY)
+        self._large = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.LARGE)
+
+    def label(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
+        """Write a small muted text; `place` anchors it as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
+        return _blit(surface, self._small.render(text, True, style.MUTED), place)
+
+    def title(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
+        """Write the title of a panel, anchored like a label."""
+        return _blit(surface, self._bold.render(text, True, style.INK), place)
+
+    def number(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
+        """Write something large, anchored like a label."""
+        return _blit(surface, self._large.render(text, True, style.INK), place)
+
+
+def _blit(surface: pygame.Surface, text: pygame.Surface, place: dict[str, tuple[int, int]]) -> pygame.Rect:
+    return surface.blit(text, text.get_rect(**place))
+
+
+class Picture:
+    """Paints scenes. Everything that stays the same from frame to frame is kept."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        """Lay out a picture of `size` (width, height) [px]."""
+        width, height = size
+        panel = ((width - 3 * GAP) // 2, height - HEADER - FOOTER)
+        large = (panel[0] * SUPERSAMPLING, panel[1] * SUPERSAMPLING)
+        self._boxes = [pygame.Rect((GAP + i * (panel[0] + GAP), HEADER), panel) for i in (0, 1)]
+        self._panels: list[TruthPanel | BeliefPanel] = [TruthPanel(large), BeliefPanel(large)]
+        self._text = Typesetter()
+        self._background, self._frame = new_surface(size), new_surface(size)
+        self._draw_background()
+
+    def paint(self, scene: Scene) -> pygame.Surface:
+        """Draw a scene; the surface is used again for the next one."""
+        self._frame.blit(self._background, (0, 0))
+        view = View(scene.world.bounds, (self._boxes[0].width * SUPERSAMPLING, self._boxes[0].height * SUPERSAMPLING))
+        for box, panel in zip(self._boxes, self._panels):
+            pygame.transform.smoothscale(panel.draw(scene, view), box.size, self._frame.subsurface(box))
+            pygame.draw.rect(self._frame, style.RULE, box.inflate(2, 2), 1)
+        self._draw_scale(view.scale / SUPERSAMPLING)
+        self._draw_header(scene)
+        return self._frame
+
+    def _draw_background(self) -> None:
+        self._background.fill(style.PAPER)
+        for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
+            self._text.title(self._background, title, bottomleft=(box.left, box.top - 8))
+            x, y = box.left, box.bottom + FOOTER // 2
+            for text, colour, mark in legend:
+                draw_mark(self._background, x, y, colour, mark)
+                x = self._text.label(self._background, text, midleft=(x + 22, y)).right + 14
+
+    def _draw_header(self, scene: Scene) -> None:
+        frame, text, (left, middle, right) = self._frame, self._text, (GAP, self._boxes[1].left, self._boxes[1].right)
+        text.number(frame, scene.world.name, topleft=(left, 14))
+        text.label(frame, scene.robot.name, topleft=(left, 46))
+
+        share = min(max(scene.explored_fraction, 0.0), 1.0)
+        bar = pygame.Rect(middle - 200, 50, 300, 10)
+        # Rounded down: 100 % is only said when nothing is left.
+        number = text.number(frame, f"{math.floor(1000 * share) / 10:.1f} %", topleft=(bar.left, 14))
+        text.label(frame, "explored", bottomleft=(number.right + 10, number.bottom - 2))
+        pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
+        if share > 0:
+            pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
+
+        position, heading = scene.pose_error
+        for label, value in (
+            ("collisions", f"{scene.collisions}"),
+            ("heading error", f"{math.degrees(heading):.1f}°"),
+            ("position error", f"{100 * position:.1f} cm"),
+            ("time", f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"),
+        ):
+            text.number(frame, value, topright=(right, 14))
+            text.label(frame, label, topright=(right, 46))
+            right -= 124
+
+    def _draw_scale(self, pixels_per_metre: float) -> None:
+        """Draw a bar of a round length below the truth."""
+        lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
+        length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
+        x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2
+        left = self._text.label(self._frame, f"{length:g} m", midright=(x, y)).left - 8
+        pygame.draw.line(self._frame, style.MUTED, (left - round(length * pixels_per_metre), y), (left, y), 3)

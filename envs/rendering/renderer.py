@@ -1,0 +1,102 @@
+"""Pictures into arrays or into a window."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from .scene import Scene
+
+MODES = ("human", "rgb_array")
+"""Render modes."""
+_INVISIBLE_DRIVERS = ("dummy", "offscreen")
+
+
+def open_window(title: str, size: tuple[int, int]) -> Any:
+    """Open a window (`pygame.Window`).
+
+    Args:
+        title: of the window.
+        size: width and height [px].
+
+    Raises:
+        RuntimeError: if there is no display to open it on. SDL would fall back to an invisible window, which is only
+            right for those who ask for it by the environment variable `SDL_VIDEODRIVER`.
+    """
+    import pygame
+
+    problem = ""
+    was_on = pygame.display.get_init()
+    try:
+        pygame.display.init()
+        if pygame.display.get_driver() in _INVISIBLE_DRIVERS and not os.environ.get("SDL_VIDEODRIVER"):
+            problem = "neither an X11 nor a Wayland display was found"
+            if not was_on:
+                pygame.display.quit()
+    except pygame.error as error:
+        problem = str(error)
+    if problem:
+        raise RuntimeError(
+            f"cannot open a window: {problem}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
+            "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for a window that nobody sees"
+        )
+    return pygame.Window(title, size)
+
+
+class Renderer:
+    """Draws scenes, for `human` into a window at a steady pace, for `rgb_array` into arrays without any display."""
+
+    def __init__(self, mode: str, fps: float, size: tuple[int, int] = (1280, 720)) -> None:
+        """Prepare to draw; a window opens with the first scene.
+
+        Args:
+            mode: one of `MODES`.
+            fps: pictures per second that `human` does not exceed.
+            size: width and height of the picture [px].
+
+        Raises:
+            ValueError: if an argument is not allowed.
+        """
+        if mode not in MODES:
+            raise ValueError(f"render mode must be one of {', '.join(MODES)}, got {mode!r}")
+        if not fps > 0:
+            raise ValueError(f"fps must be positive, got {fps!r}")
+        self.mode = mode
+        self.fps = fps
+        self.size = size
+        self._picture: Any = None
+        self._window: Any = None
+        self._clock: Any = None
+
+    def draw(self, scene: Scene) -> np.ndarray | None:
+        """Draw a scene.
+
+        Returns:
+            For `rgb_array` a new array, shape (height, width, 3), uint8; None for `human`.
+
+        Raises:
+            RuntimeError: if `human` finds no display.
+        """
+        import pygame
+
+        from .picture import Picture
+
+        if self._picture is None:
+            self._picture = Picture(self.size)
+        if self.mode == "rgb_array":
+            pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
+            return np.frombuffer(pixels, dtype=np.uint8).reshape(self.size[1], self.size[0], 3).copy()
+        if self._window is None:
+            self._window = open_window("lidarnaut", self.size)
+            self._clock = pygame.Clock()
+        self._window.get_surface().blit(self._picture.paint(scene), (0, 0))
+        self._window.flip()
+        pygame.event.pump()
+        self._clock.tick(self.fps)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one. Closing twice does no harm."""
+        if self._window is not None:
+            self._window.destroy()
+        self._window = self._clock = self._picture = None

@@ -1,0 +1,52 @@
+"""What there is to draw."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.robots import RobotParams
+from envs.slam import Belief
+from envs.worlds import World
+
+
+@dataclass(slots=True)
+class Scene:
+    """One moment of an episode, as it truly is and as the robot believes it to be."""
+
+    world: World
+    """The place."""
+    robot: RobotParams
+    """The robot."""
+    pose: Pose2D
+    """True pose of the robot's base, world frame."""
+    start: Pose2D
+    """World pose of the map frame's origin: `start.compose` carries what is believed into the world frame."""
+    belief: Belief
+    """Believed pose and map, map frame."""
+    ranges: np.ndarray
+    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
+    trail: np.ndarray
+    """True positions so far, shape (n, 2), world frame [m]."""
+    believed_trail: np.ndarray
+    """Believed positions so far, shape (n, 2), map frame [m]."""
+    plan: np.ndarray | None
+    """Planned path, shape (n, 2), map frame [m]; None without one."""
+    explored_fraction: float
+    """Explored share of the explorable area, from 0 to 1."""
+    time: float
+    """Time since the reset [s]."""
+    collisions: int
+    """Contacts so far."""
+
+    @property
+    def believed_pose(self) -> Pose2D:
+        """Where the robot believes to be, world frame."""
+        return self.start.compose(self.belief.pose)
+
+    @property
+    def pose_error(self) -> tuple[float, float]:
+        """Distance [m] and angle [rad] between the believed and the true pose, both at least 0."""
+        error = self.believed_pose.between(self.pose)
+        return math.hypot(error.x, error.y), abs(error.theta)

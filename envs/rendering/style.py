@@ -1,0 +1,41 @@
+"""Colours and type of the pictures.
+
+What is true is blue, what is believed is vermilion, wherever it appears. Lines and robots have colours of Okabe and
+Ito, "Color Universal Design" (2008), which people with colour-blindness can tell apart; places have greys of clearly
+different lightness.
+"""
+
+import numpy as np
+
+Colour = tuple[int, int, int]
+
+PAPER: Colour = (246, 247, 249)
+INK: Colour = (32, 40, 51)
+MUTED: Colour = (103, 114, 129)
+RULE: Colour = (205, 211, 219)
+
+TRUE: Colour = (0, 114, 178)
+BELIEVED: Colour = (213, 94, 0)
+PLAN: Colour = (170, 51, 119)
+FRONTIER: Colour = (0, 158, 115)
+LIDAR: Colour = (86, 180, 233)
+MOVER: Colour = (230, 159, 0)
+
+FLOOR: Colour = (255, 255, 255)
+SOLID: Colour = (122, 133, 147)
+WALL: Colour = (46, 56, 69)
+OUTSIDE: Colour = (226, 230, 235)
+
+FREE: Colour = (255, 255, 255)
+OCCUPIED: Colour = (30, 36, 46)
+UNKNOWN: Colour = (176, 187, 201)
+
+SMALL, BODY, LARGE = 13, 14, 22
+"""Font sizes [px]."""
+
+
+def occupancy_colours() -> np.ndarray:
+    """Return the colour of every occupancy value: shape (102, 3), uint8, row `value + 1` for values from -1 to 100."""
+    shares = np.linspace(0.0, 1.0, 101)[:, None]
+    known = np.array(FREE) * (1 - shares) + np.array(OCCUPIED) * shares
+    return np.vstack([UNKNOWN, known.round()]).astype(np.uint8)

@@ -1,0 +1,238 @@
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from envs.rendering import Renderer, Scene, style
+from envs.rendering.view import View
+from envs.robots import load_robot
+from envs.slam import Belief
+from envs.worlds import Mover, World
+
+WALLS = [(0, 0, 8, 0), (8, 0, 8, 6), (8, 6, 0, 6), (0, 6, 0, 0)]
+WORLD = World(
+    name="a room",
+    segments=np.array(WALLS, dtype=np.float64),
+    circles=np.array([(6.0, 4.5, 0.5)]),
+    spawns=(Pose2D(1.0, 1.0, 0.0),),
+    bounds=(0.0, 0.0, 8.0, 6.0),
+    movers=(Mover(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0),),
+)
+ROBOT = load_robot("turtlebot3_burger")
+ROOT = Path(__file__).parents[2]
+START = Pose2D(2.0, 1.0, 0.5)
+"""The map frame is turned against the world, so that a picture which forgets to turn it is wrong."""
+
+
+TRUE = Pose2D(5.0, 2.0, 1.0)
+BELIEVED = Pose2D(4.2, 2.6, 1.3)
+
+
+def make_scene(pose=TRUE, believed=BELIEVED):
+    """Free and known for x < 6 in the world, occupied beyond x = 6 up to 6.5, unknown elsewhere."""
+    grid = OccupancyGrid(np.full((300, 300), -1, dtype=np.int8), 0.05, (-7.5, -7.5))
+    cells = np.argwhere(grid.data < 0)
+    x = START.transform(grid.centers(cells))[:, 0]
+    grid.data[tuple(cells[(x > 1.0) & (x < 6.0)].T)] = FREE
+    grid.data[tuple(cells[(x >= 6.0) & (x < 6.5)].T)] = OCCUPIED
+    believed = START.between(believed)
+    ranges = np.full(ROBOT.lidar.num_beams, np.inf, dtype=np.float32)
+    ranges[::7], ranges[1::7] = 1.2, np.nan
+    return Scene(
+        world=WORLD,
+        robot=ROBOT,
+        pose=pose,
+        start=START,
+        belief=Belief(believed, grid, np.empty((0, 2), dtype=np.int32)),
+        ranges=ranges,
+        trail=np.array([START[:2], pose[:2]]),
+        believed_trail=np.array([(0.0, 0.0), believed[:2]]),
+        plan=np.array([believed[:2], START.between(Pose2D(2.0, 4.0, 0.0))[:2]]),
+        explored_fraction=0.5,
+        time=75.0,
+        collisions=3,
+    )
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return Renderer("rgb_array", 10)
+
+
+def panels(frame):
+    """Cut the truth and the belief out of a frame of 1280 x 720."""
+    return frame[108:680, 16:632], frame[108:680, 648:1264]
+
+
+def found(panel, colour, tolerance=12):
+    """Return where a colour is in a panel, in the world frame: shape (n, 2) [m]."""
+    close = np.abs(panel.astype(int) - colour).max(axis=2) <= tolerance
+    rows, columns = np.nonzero(close)
+    height, width = panel.shape[:2]
+    view = View(WORLD.bounds, (width, height))
+    corner = view.pixels(np.array([(0.0, 0.0)]))[0]
+    return (np.column_stack([columns, rows]) + 0.5 - corner) / (view.scale, -view.scale)
+
+
+def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
+    first = renderer.draw(make_scene())
+    second = renderer.draw(make_scene())
+    assert first.shape == (720, 1280, 3)
+    assert first.dtype == np.uint8
+    assert first.flags.writeable
+    assert not np.shares_memory(first, second)
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(first, Renderer("rgb_array", 10).draw(make_scene()))
+
+
+def test_the_picture_changes_when_the_robot_moves(renderer):
+    before = renderer.draw(make_scene())
+    after = renderer.draw(make_scene(pose=Pose2D(5.1, 2.0, 1.0)))
+    assert all((a != b).any() for a, b in zip(panels(before), panels(after)))
+    header = slice(0, 100)
+    assert (before[header] != after[header]).any(), "the position error has changed"
+
+
+def test_true_and_believed_robot_are_where_they_should_be(renderer):
+    scene = make_scene()
+    truth, belief = panels(renderer.draw(scene))
+    for panel, colour, pose in (
+        (truth, style.TRUE, scene.pose),
+        (belief, style.TRUE, scene.pose),
+        (belief, style.BELIEVED, scene.believed_pose),
+    ):
+        places = found(panel, colour)
+        near = np.hypot(*(places - pose[:2]).T) < 0.25
+        assert near.sum() > 40
+        assert np.abs(places[near].mean(axis=0) - pose[:2]).max() < 0.08
+    assert len(found(truth, style.BELIEVED)) == 0
+
+
+def test_the_map_is_drawn_in_the_frame_of_the_world(renderer):
+    _, belief = panels(renderer.draw(make_scene()))
+    occupied = found(belief, style.OCCUPIED)
+    assert occupied[:, 0].min() == pytest.approx(6.0, abs=0.1)
+    assert occupied[:, 0].max() == pytest.approx(6.5, abs=0.1)
+    frontier = found(belief, style.FRONTIER)
+    assert len(frontier) > 100
+    assert np.abs(frontier[:, 0] - 1.0).max() < 0.2
+    assert found(belief, style.UNKNOWN)[:, 0].min() < 0.0
+    path_end = found(belief, style.PLAN)
+    assert np.hypot(*(path_end - (2.0, 4.0)).T).min() < 0.05
+
+
+def test_the_truth_shows_floor_bodies_and_outside(renderer):
+    truth, _ = panels(renderer.draw(make_scene()))
+    floor, outside, solid = (found(truth, colour, 2) for colour in (style.FLOOR, style.OUTSIDE, style.SOLID))
+    assert floor.min() > -0.05
+    assert (floor.max(axis=0) < (8.05, 6.05)).all()
+    beyond = (outside < 0).any(axis=1) | (outside > (8.0, 6.0)).any(axis=1)
+    assert beyond.all()
+    assert np.hypot(*(solid - (6.0, 4.5)).T).max() < 0.5
+    mover = found(truth, style.MOVER)
+    assert np.abs(mover.mean(axis=0) - WORLD.movers[0].position(75.0)).max() < 0.05
+
+
+def test_beams_end_where_the_scan_says():
+    from envs.rendering.panels import beam_ends
+
+    scene = make_scene(pose=Pose2D(5.0, 2.0, 0.0))
+    sensor, ends = beam_ends(scene)
+    mount = ROBOT.lidar.mount
+    np.testing.assert_allclose(sensor, (5.0 + mount.x, 2.0 + mount.y))
+    lengths = np.hypot(*(ends - sensor).T)
+    np.testing.assert_allclose(lengths[:3], [1.2, 0.0, ROBOT.lidar.range_max], rtol=1e-6)
+    first = ends[0] - sensor
+    assert math.atan2(first[1], first[0]) == pytest.approx(math.remainder(ROBOT.lidar.angle_min, 2 * math.pi))
+
+
+@pytest.mark.parametrize("robot", ["tugbot", "raspimouse", "turtlebot3_waffle_pi"])
+def test_every_robot_is_visible_in_a_large_place(renderer, robot):
+    large = dataclasses.replace(WORLD, name="a hall", segments=WORLD.segments * 10, bounds=(0.0, 0.0, 80.0, 60.0))
+    robot = load_robot(robot)
+    ranges = np.full(robot.lidar.num_beams, np.nan, dtype=np.float32)
+    scene = dataclasses.replace(make_scene(), world=large, robot=robot, ranges=ranges, trail=np.empty((0, 2)))
+    truth, _ = panels(renderer.draw(scene))
+    assert len(found(truth, style.TRUE)) > 60
+
+
+def test_painted_grid_equals_looking_up_every_pixel():
+    rng = np.random.default_rng(0)
+    grid = OccupancyGrid(rng.integers(-1, 101, (40, 30)).astype(np.int8), 0.1, (-1.0, -2.0))
+    view, image = View((0.0, 0.0, 4.0, 3.0), (64, 48)), np.zeros((48, 64), dtype=np.uint32)
+    palette = rng.permutation(102).astype(np.uint32)
+    view.paint_grid(grid, START, palette, image)
+    expected = np.zeros_like(image)
+    corner = view.pixels(np.array([(0.0, 0.0)]))[0]
+    for i in range(48):
+        for j in range(64):
+            x, y = (j + 0.5 - corner[0]) / view.scale, -(i + 0.5 - corner[1]) / view.scale
+            cell = grid.cells(START.inverse().transform(np.array([(x, y)])))[0]
+            expected[i, j] = palette[grid.data[tuple(cell)] + 1 if grid.contains(cell) else 0]
+    assert len(np.unique(expected)) > 50
+    np.testing.assert_array_equal(image, expected)
+
+
+def test_human_draws_into_a_window_and_keeps_pace():
+    import pygame
+
+    renderer = Renderer("human", 20)
+    assert renderer.draw(make_scene()) is None
+    began = pygame.time.get_ticks()
+    for _ in range(4):
+        renderer.draw(make_scene())
+    assert pygame.time.get_ticks() - began >= 4 * 50 - 10
+    other = Renderer("human", 1000)
+    other.draw(make_scene())
+    renderer.close()
+    renderer.close()
+    assert other.draw(make_scene()) is None, "closing one window leaves the others open"
+    other.close()
+
+
+def test_arrays_can_be_drawn_after_close():
+    renderer = Renderer("rgb_array", 10)
+    expected = renderer.draw(make_scene())
+    renderer.close()
+    renderer.close()
+    np.testing.assert_array_equal(renderer.draw(make_scene()), expected)
+
+
+def run_without_display(code):
+    """Run code in a fresh interpreter that has no display."""
+    hidden = {"SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"}
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT)
+
+
+def test_arrays_need_no_display_and_import_needs_no_pygame():
+    code = """
+import os, sys
+import envs.rendering
+assert "pygame" not in sys.modules
+from tests.rendering.test_rendering import Renderer, make_scene
+assert Renderer("rgb_array", 10).draw(make_scene()).any()
+import pygame
+assert not pygame.display.get_init()
+assert "SDL_VIDEODRIVER" not in os.environ
+try:
+    Renderer("human", 10).draw(make_scene())
+except RuntimeError as error:
+    print(error)
+"""
+    result = run_without_display(code)
+    assert result.returncode == 0, result.stderr
+    assert "cannot open a window" in result.stdout
+    assert "SDL_VIDEODRIVER=dummy" in result.stdout
+
+
+@pytest.mark.parametrize(("arguments", "culprit"), [(("ascii", 10), "ascii"), (("human", 0), "fps")])
+def test_bad_arguments_are_named(arguments, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        Renderer(*arguments)
