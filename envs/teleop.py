@@ -1,0 +1,163 @@
+"""Drive a robot by keyboard and see its map grow: `python -m envs.teleop --world turtlebot3_house`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pygame
+import tyro
+
+from envs.explore import ExploreEnv
+from envs.rendering.picture import GAP, Typesetter
+from envs.rendering.renderer import open_window
+from envs.rendering.style import PAPER
+from envs.worlds import save_map
+
+HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
+TURN_RATE = 1.0
+"""Yaw rate at which keys turn a robot that can turn this fast [rad/s]."""
+STRIP = 32
+"""Height of the line of help below the picture [px]."""
+DIRECTIONS = {
+    pygame.K_UP: (1.0, 0.0),
+    pygame.K_w: (1.0, 0.0),
+    pygame.K_DOWN: (-1.0, 0.0),
+    pygame.K_s: (-1.0, 0.0),
+    pygame.K_LEFT: (0.0, 1.0),
+    pygame.K_a: (0.0, 1.0),
+    pygame.K_RIGHT: (0.0, -1.0),
+    pygame.K_d: (0.0, -1.0),
+}
+"""What each key asks for while it is held: sign of the forward speed, sign of the yaw rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Drive a robot by keyboard through a place it does not know, and see its map grow."""
+
+    world: str = "turtlebot3_world"
+    """Library world, procedural family, or path of a world YAML or map_server YAML."""
+    robot: str | None = None
+    """Library robot or path of a robot YAML; the world's usual robot if not given."""
+    physics: str = "bullet"
+    """bullet or kinematic."""
+    slam: str = "tinyslam"
+    """tinyslam, odometry or truth."""
+    control_hz: float = 10.0
+    """Steps per second."""
+    seed: int | None = None
+    """Seed of place and noise."""
+    map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml")
+    """Where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm."""
+
+
+class Teleop:
+    """A window, a keyboard, and the robot between them. The robot moves while keys are held."""
+
+    def __init__(self, env: ExploreEnv, map_path: Path, seed: int | None = None) -> None:
+        """Open the window and begin an episode.
+
+        Args:
+            env: with `render_mode="rgb_array"`.
+            map_path: where maps are saved.
+            seed: of the first episode.
+
+        Raises:
+            RuntimeError: if there is no display.
+        """
+        self._env = env
+        self._map_path = map_path
+        self._held: set[int] = set()
+        self._message = ""
+        self._window = open_window("lidarnaut", (1280, 720 + STRIP))
+        self._text = Typesetter()
+        env.reset(seed=seed)
+        self._show()
+
+    def tick(self) -> bool:
+        """Answer the keyboard, drive for one control period and show what came of it; False when it is time to quit."""
+        for event in pygame.event.get():
+            if event.type in (pygame.QUIT, pygame.WINDOWCLOSE):
+                return False
+            if event.type == pygame.KEYUP:
+                self._held.discard(event.key)
+            elif event.type == pygame.WINDOWFOCUSLOST:
+                self._held.clear()  # the keys' release will be told to somebody else
+            elif event.type == pygame.KEYDOWN and not self._press(event.key):
+                return False
+        self._env.step(self._action())
+        self._show()
+        return True
+
+    def close(self) -> None:
+        """Close the window and the environment."""
+        self._window.destroy()
+        self._env.close()
+
+    def _press(self, key: int) -> bool:
+        """Do what a key stands for; False for the one that quits."""
+        if key in DIRECTIONS:
+            self._held.add(key)
+        elif key == pygame.K_SPACE:
+            self._held.clear()
+        elif key == pygame.K_r:
+            self._env.reset()
+            self._message = "started again"
+        elif key == pygame.K_m:
+            self._save()
+        return key != pygame.K_q
+
+    def _save(self) -> None:
+        try:
+            self._message = f"saved {save_map(self._env.belief.grid, self._map_path).resolve()}"
+        except OSError as error:
+            self._message = f"not saved: {error}"
+
+    def _action(self) -> np.ndarray:
+        """Add up the held keys; opposite ones cancel."""
+        v, w = np.sign(np.sum([DIRECTIONS[key] for key in self._held], axis=0)) if self._held else (0.0, 0.0)
+        return np.array([v, w * min(1.0, TURN_RATE / self._env.robot.max_w)], dtype=np.float32)
+
+    def _show(self) -> None:
+        frame = self._env.render()
+        assert frame is not None
+        height, width = frame.shape[:2]
+        surface = self._window.get_surface()
+        surface.fill(PAPER)
+        surface.blit(pygame.image.frombuffer(frame.tobytes(), (width, height), "RGB"), (0, 0))
+        self._text.label(surface, HELP, midleft=(GAP, height + STRIP // 2 - 4))
+        self._text.label(surface, self._message, midright=(width - GAP, height + STRIP // 2 - 4))
+        self._window.flip()
+
+
+def main(options: Options) -> None:
+    """Drive until the user quits.
+
+    Raises:
+        SystemExit: with what was wrong with the options, or missing for a window.
+    """
+    try:
+        env = ExploreEnv(
+            world=options.world,
+            robot=options.robot,
+            physics=options.physics,
+            slam=options.slam,
+            control_hz=options.control_hz,
+            time_limit=float("inf"),
+            start="spawn",
+            render_mode="rgb_array",
+        )
+        if not options.map.resolve().parent.is_dir():
+            raise FileNotFoundError(f"there is no folder {options.map.resolve().parent} to save maps in")
+        teleop = Teleop(env, options.map, options.seed)
+    except (ValueError, FileNotFoundError, ImportError, RuntimeError) as error:
+        raise SystemExit(f"teleop: {error}") from error
+    clock = pygame.Clock()
+    while teleop.tick():
+        clock.tick(options.control_hz)
+    teleop.close()
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
