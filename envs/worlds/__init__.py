@@ -1,6 +1,24 @@
 """Worlds: a library of known places, endless procedural ones, and map files."""
 
+from .library import WORLD_NAMES, load_world, world_sampler
+from .map_files import load_map, save_map, world_from_map
+from .procedural import FAMILIES
 from .raster import check_world, free_area, leaks, rasterize, reachable
 from .world import Mover, World
 
-__all__ = ["Mover", "World", "check_world", "free_area", "leaks", "rasterize", "reachable"]
+__all__ = [
+    "FAMILIES",
+    "WORLD_NAMES",
+    "Mover",
+    "World",
+    "check_world",
+    "free_area",
+    "leaks",
+    "load_map",
+    "load_world",
+    "rasterize",
+    "reachable",
+    "save_map",
+    "world_from_map",
+    "world_sampler",
+]

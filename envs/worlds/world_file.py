@@ -14,7 +14,6 @@ from envs.geometry import Pose2D
 from .raster import check_world
 from .world import Mover, World
 
-
 Rows = list[list[FiniteFloat]]
 Loops = list[list[list[FiniteFloat]]]
 

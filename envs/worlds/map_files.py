@@ -1,0 +1,206 @@
+"""Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from PIL import Image, UnidentifiedImageError
+from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat, ValidationError
+from scipy import ndimage
+
+from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+
+from .outline import outline
+from .raster import check_world
+from .world import World
+from .world_file import load_yaml
+
+OCCUPIED_THRESH = 0.65
+"""Occupancy above which a saved cell reads as occupied."""
+FREE_THRESH = 0.196
+"""Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
+
+
+class MapFile(BaseModel):
+    """The YAML part of a map. Keys that map_server does not know are ignored, as map_server does."""
+
+    image: str
+    resolution: PositiveFloat = Field(allow_inf_nan=False)
+    origin: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+    negate: bool
+    occupied_thresh: float = Field(ge=0, le=1)
+    free_thresh: float = Field(ge=0, le=1)
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+
+def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
+    """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided.
+
+    Both files are written under temporary names and then renamed, so that a full disk never leaves half a map.
+
+    Args:
+        grid: the grid.
+        path: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in `NAME.yaml`).
+
+    Returns:
+        Path of the YAML file.
+
+    Raises:
+        ValueError: for another suffix.
+        OSError: if writing fails.
+    """
+    path = Path(path)
+    if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
+        raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
+    image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
+    yaml_path = path if path.suffix in (".yaml", ".yml") else path.with_suffix(".yaml")
+    pixels = np.full(grid.data.shape, 205, dtype=np.uint8)
+    pixels[(grid.data >= 0) & (grid.data < 100 * FREE_THRESH)] = 254
+    pixels[grid.data >= 100 * OCCUPIED_THRESH] = 0
+    image = Image.fromarray(np.ascontiguousarray(pixels[::-1]))
+    content = {
+        "image": image_path.name,
+        "resolution": float(grid.resolution),
+        "origin": [*map(float, grid.origin), 0.0],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+        "mode": "trinary",
+    }
+    file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    _write(image_path, lambda file: image.save(file, format=file_format))
+    _write(yaml_path, lambda file: file.write(text.encode()))
+    return yaml_path
+
+
+def _write(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
+    """Write a file under a temporary name beside its own, then rename it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot save {path}: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_map(path: str | Path) -> OccupancyGrid:
+    """Read a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
+
+    Colours are averaged, transparent pixels are unknown in `scale`. In `raw`, pixel values up to 100 are percentages
+    and all others unknown.
+
+    Raises:
+        ValueError: if the YAML or the image is damaged, or the map is rotated; names the file and the key.
+        FileNotFoundError: if one of the files is missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no map file {path}")
+    try:
+        file = MapFile.model_validate(load_yaml(path))
+    except ValidationError as error:
+        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg'].lower()}" for p in error.errors())
+        raise ValueError(f"map file {path}: {problems}; its keys are {', '.join(MapFile.model_fields)}") from None
+    except ValueError as error:
+        raise ValueError(f"map file {path}: {error}") from error
+    if file.origin[2] != 0:
+        raise ValueError(
+            f"map file {path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image"
+        )
+    if not file.free_thresh < file.occupied_thresh:
+        raise ValueError(f"map file {path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
+    pixels, opaque = _read_image(path.parent / file.image)
+    data = _interpret(pixels, opaque, file)
+    return OccupancyGrid(np.ascontiguousarray(data[::-1]), file.resolution, (file.origin[0], file.origin[1]))
+
+
+def _read_image(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return grey values from 0 to 255 (float64) and which pixels are opaque (bool), both of the image's shape."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no map image {path}")
+    try:
+        with Image.open(path) as image:
+            depth = 257.0 if image.mode.startswith("I") else 1.0
+            alpha = np.asarray(image.convert("RGBA"))[..., 3] if image.has_transparency_data else None
+            array = np.asarray(
+                image if image.mode in ("L", "I", "I;16", "I;16B") else image.convert("RGB"), dtype=np.float64
+            )
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"map image {path} cannot be read: {error}") from error
+    grey = (array.mean(axis=2) if array.ndim == 3 else array) / depth
+    return grey, np.ones(grey.shape, dtype=bool) if alpha is None else alpha == 255
+
+
+def _interpret(pixels: np.ndarray, opaque: np.ndarray, file: MapFile) -> np.ndarray:
+    """Turn grey values into occupancy in percent, int8, -1 for unknown."""
+    data = np.full(pixels.shape, UNKNOWN, dtype=np.int8)
+    if file.mode == "raw":
+        known = pixels <= 100
+        data[known] = np.rint(pixels[known]).astype(np.int8)
+        return data
+    occupancy = pixels / 255 if file.negate else (255 - pixels) / 255
+    if file.mode == "scale":
+        share = (occupancy - file.free_thresh) / (file.occupied_thresh - file.free_thresh)
+        data[:] = np.rint(100 * np.clip(share, 0, 1)).astype(np.int8)
+    data[occupancy > file.occupied_thresh] = OCCUPIED
+    data[occupancy < file.free_thresh] = FREE
+    if file.mode == "scale":
+        data[~opaque] = UNKNOWN
+    return data
+
+
+def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
+    """Turn a map into a world: the outline of one connected area of free cells.
+
+    Everything else is solid: occupied cells and cells nobody has seen, so that the world is closed whatever the map
+    leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved.
+
+    Args:
+        grid: the map.
+        name: name of the world.
+        spawn: where to start; by default in the largest free area, as far from anything solid as it gets.
+        source: where the map comes from.
+
+    Raises:
+        ValueError: if the map has no free cell, or the spawn does not lie on one.
+    """
+    free = (grid.data >= 0) & (grid.data < 100 * FREE_THRESH)
+    labels, count = ndimage.label(free)
+    if count == 0:
+        raise ValueError(f"map {name!r} has no free cell")
+    if spawn is None:
+        label = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    else:
+        cell = grid.cells(np.array([spawn.x, spawn.y]))
+        label = labels[tuple(cell)] if grid.contains(cell) else 0
+        if label == 0:
+            raise ValueError(f"spawn {tuple(spawn)} does not lie on a free cell of map {name!r}")
+    area = np.pad(labels == label, 1)
+    if spawn is None:
+        deepest = np.unravel_index(np.argmax(ndimage.distance_transform_edt(area)), area.shape)
+        x, y = grid.centers(np.array(deepest) - 1)
+        spawn = Pose2D(float(x), float(y), 0.0)
+    height, width = grid.data.shape
+    xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
+    ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
+    segments = outline(~area[1:-1, 1:-1], xs, ys)
+    low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
+    world = World(
+        name=name,
+        segments=segments,
+        circles=np.empty((0, 3)),
+        spawns=(spawn,),
+        bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+        source=source,
+        notes="Outline of the free cells of a map; unknown cells count as solid.",
+    )
+    return check_world(world)

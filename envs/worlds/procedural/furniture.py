@@ -1,0 +1,147 @@
+"""Furniture as it looks to a lidar 0.2 m above the floor: cupboards are solid, tables and chairs are legs."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .plan import Item, Rect, units
+
+_LEG = 0.5
+"""Radius of a table's or a chair's leg [units]."""
+
+Disc = tuple[float, float, float]
+
+
+def block(length: float, depth: float) -> Item:
+    """Return a solid box of the given size [m]."""
+    u, v = units(length), units(depth)
+    return Item(u, v, rects=((0, 0, u, v),))
+
+
+def disc(radius: float) -> Item:
+    """Return a round body, such as a plant pot or a column, of the given radius [m]."""
+    side = units(2 * radius)
+    return Item(side, side, discs=((side / 2, side / 2, side / 2),))
+
+
+def _legs(x0: float, y0: float, x1: float, y1: float) -> tuple[Disc, ...]:
+    """Return four legs within the corners of a rectangle [units]."""
+    return tuple((x, y, _LEG) for x in (x0 + _LEG, x1 - _LEG) for y in (y0 + _LEG, y1 - _LEG))
+
+
+def sofa(rng: np.random.Generator) -> Item:
+    """Return a sofa, sometimes with a low table before it."""
+    length = int(rng.integers(32, 46))
+    rects = [(0, 0, length, 18)]
+    if rng.random() < 0.6:
+        rects.append((length // 2 - 10, 27, length // 2 + 10, 37))
+    return Item(length, rects[-1][3], rects=tuple(rects))
+
+
+def bed(rng: np.random.Generator) -> Item:
+    """Return a bed with its head to the wall and one or two night stands."""
+    width = int(rng.choice([18, 28, 32, 36]))
+    rects: list[Rect] = [(9, 0, 9 + width, 41), (0, 0, 8, 8)]
+    if width > 18:
+        rects.append((width + 10, 0, width + 18, 8))
+    return Item(max(rect[2] for rect in rects), 41, rects=tuple(rects))
+
+
+def desk(rng: np.random.Generator) -> Item:
+    """Return a desk on a side panel and a chest of drawers, and an office chair pushed half under it."""
+    length = int(rng.integers(26, 34))
+    rects = ((0, 0, 1, 15), (length - 8, 1, length, 15))
+    return Item(length, 21, rects=rects, discs=((length / 2 - 4 + rng.random() * 3, 16.0, 5.0),))
+
+
+def table(rng: np.random.Generator) -> Item:
+    """Return a table on four legs with four-legged chairs along its two long sides."""
+    length, depth = int(rng.integers(22, 40)), int(rng.integers(14, 20))
+    legs = list(_legs(1, 6, length - 1, 6 + depth))
+    per_side = length // 13
+    for k in range(per_side):
+        x = (k + 0.5) * length / per_side - 4
+        for y in (0.0, depth + 4.0):
+            if rng.random() < 0.85:
+                pushed = rng.random() * 2  # how far a chair is out of line
+                legs += _legs(x, y + pushed, x + 8, y + pushed + 6)
+    return Item(length, depth + 12, discs=tuple(legs))
+
+
+def conference(rng: np.random.Generator, length: int) -> Item:
+    """Return a long table on a central stand with office chairs around it; `length` in units."""
+    depth = int(rng.integers(20, 25))
+    stand = (7, 10 + depth // 2 - 3, length - 7, 10 + depth // 2 + 3)
+    seats = length // 15
+    places = [((k + 0.5) * length / seats, y) for k in range(seats) for y in (6.0, depth + 14.0)]
+    chairs = tuple((x, y, 5.0) for x, y in places if rng.random() < 0.9)
+    return Item(length, depth + 20, rects=(stand,), discs=chairs)
+
+
+def counter(rng: np.random.Generator, length: int) -> Item:
+    """Return a kitchen counter that ends in a fridge; `length` in units."""
+    return Item(length, 14, rects=((0, 0, length - 14, 12), (length - 13, 0, length, 14)))
+
+
+def cluster(rng: np.random.Generator) -> Item:
+    """Return four desks pushed together around a screen, with a chair at each."""
+    length = int(rng.integers(26, 33))
+    screen = (0, 25, 2 * length, 27)
+    panels = tuple((x, 11, x + 1, 41) for x in (0, length - 1, 2 * length - 1))
+    seats = [(x, y) for x in (length / 2, 1.5 * length) for y in (8.0, 44.0)]
+    chairs = tuple((x + rng.random() * 2 - 1, y, 5.0) for x, y in seats)
+    return Item(2 * length, 52, rects=(screen, *panels), discs=chairs)
+
+
+def cupboard(rng: np.random.Generator) -> Item:
+    """Return a wardrobe or a cupboard."""
+    return block(float(rng.uniform(0.8, 2.0)), float(rng.uniform(0.4, 0.6)))
+
+
+def shelf(rng: np.random.Generator) -> Item:
+    """Return a bookshelf."""
+    return block(float(rng.uniform(0.6, 1.8)), 0.3)
+
+
+def chest(rng: np.random.Generator) -> Item:
+    """Return a chest of drawers, a printer or a washing machine."""
+    return block(float(rng.uniform(0.5, 0.9)), float(rng.uniform(0.4, 0.6)))
+
+
+def plant(rng: np.random.Generator) -> Item:
+    """Return a plant pot or a waste bin."""
+    return disc(float(rng.choice([0.1, 0.15, 0.2])))
+
+
+def bath(rng: np.random.Generator) -> Item:
+    """Return a bath tub or a shower."""
+    return block(1.65, 0.75) if rng.random() < 0.6 else block(0.9, 0.9)
+
+
+def toilet(rng: np.random.Generator) -> Item:
+    """Return a toilet."""
+    return Item(8, 13, rects=((0, 0, 8, 4), (1, 4, 7, 13)))
+
+
+def basin(rng: np.random.Generator) -> Item:
+    """Return a wash stand."""
+    return block(float(rng.uniform(0.5, 0.9)), 0.45)
+
+
+def rack(rng: np.random.Generator) -> Item:
+    """Return a storage rack."""
+    return block(float(rng.uniform(1.2, 2.6)), 0.5)
+
+
+WALL_FURNITURE: dict[str, tuple[Callable[[np.random.Generator], Item], ...]] = {
+    "living": (sofa, shelf, chest, cupboard, plant, sofa, shelf),
+    "bedroom": (bed, cupboard, desk, chest, plant),
+    "kitchen": (chest, shelf, plant),
+    "bath": (bath, toilet, basin, chest),
+    "corridor": (shelf, plant, chest),
+    "study": (desk, shelf, shelf, cupboard, plant),
+    "office": (desk, desk, shelf, cupboard, plant, desk),
+    "meeting": (shelf, plant, chest),
+    "storage": (rack, rack, rack, chest, rack),
+}
+"""What stands along the walls of a kind of room, in the order in which it is put."""

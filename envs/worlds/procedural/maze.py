@@ -1,0 +1,85 @@
+"""Mazes: corridors between walls, with a few loops and chambers."""
+
+import math
+
+import numpy as np
+
+from envs.geometry import Pose2D
+
+from ..outline import outline
+from ..world import World
+from .plan import choose_size, world_within
+
+_WALL = 0.1
+"""Thickness of the walls [m]."""
+
+
+def generate(seed: int, size: tuple[float, float] | None = None) -> World:
+    """Return a maze whose corridors are about 0.9 to 1.6 m wide.
+
+    Args:
+        seed: world seed; the same seed and size give the same bytes.
+        size: outer size (x, y) of at least 3 m each [m]; drawn from 7 x 7 to 13 x 13 m by default.
+    """
+    rng = np.random.default_rng(seed)
+    width, height = choose_size(rng, size, 3.0, (7.0, 7.0), (13.0, 13.0))
+    corridor = float(rng.uniform(0.9, 1.4))
+    cols, rows = (max(2, int((side - _WALL) / (corridor + _WALL))) for side in (width, height))
+    solid = _carve(rng, rows, cols)
+    _open_up(rng, solid, loops=float(rng.uniform(0.0, 0.08)), chambers=int(rng.integers(1 + rows * cols // 40)))
+    xs, ys = _lines(width, cols), _lines(height, rows)
+    segments = outline(solid, xs, ys)
+    col, row = int(rng.integers(cols)), int(rng.integers(rows))
+    x, y = (xs[2 * col + 1] + xs[2 * col + 2]) / 2, (ys[2 * row + 1] + ys[2 * row + 2]) / 2
+    spawn = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    return world_within(f"maze-{seed}", width, height, segments, np.empty((0, 3)), spawn)
+
+
+def _lines(length: float, count: int) -> np.ndarray:
+    """Return where walls begin and end along a side of `count` corridors: shape (2 count + 2,) [m]."""
+    pitch = (length - _WALL) / count
+    starts = pitch * np.arange(count + 1)
+    return np.column_stack([starts, starts + _WALL]).ravel()
+
+
+def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
+    """Walk at random from cell to unvisited cell, and back where there is none.
+
+    Returns:
+        Shape (2 rows + 1, 2 cols + 1), bool: solid; cells at odd positions, walls and posts between them.
+    """
+    solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
+    solid[1::2, 1::2] = False
+    visited = {(0, 0)}
+    trail = [(0, 0)]
+    while trail:
+        row, col = trail[-1]
+        ways = [
+            (r, c)
+            for r, c in ((row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col))
+            if 0 <= r < rows and 0 <= c < cols and (r, c) not in visited
+        ]
+        if not ways:
+            trail.pop()
+            continue
+        r, c = ways[int(rng.integers(len(ways)))]
+        solid[row + r + 1, col + c + 1] = False
+        visited.add((r, c))
+        trail.append((r, c))
+    return solid
+
+
+def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers: int) -> None:
+    """Take out a share of the inner walls, and all of them within a few chambers."""
+    inner = solid[1:-1, 1:-1]
+    gone = rng.random(inner.shape) < loops
+    gone[1::2, 1::2] = False  # posts stay
+    inner[gone] = False
+    rows, cols = solid.shape[0] // 2, solid.shape[1] // 2
+    for _ in range(chambers):
+        if rows > 2 and cols > 2:
+            row, col = int(rng.integers(rows - 1)), int(rng.integers(cols - 1))
+            solid[2 * row + 1 : 2 * row + 4, 2 * col + 1 : 2 * col + 4] = False
+    # A post without walls would be a lone pillar.
+    posts = solid[2:-1:2, 2:-1:2]
+    posts &= solid[1:-2:2, 2:-1:2] | solid[3::2, 2:-1:2] | solid[2:-1:2, 1:-2:2] | solid[2:-1:2, 3::2]

@@ -1,0 +1,189 @@
+"""Flats and offices: rooms by binary space partition, doors, corridors and furniture."""
+
+import numpy as np
+
+from ..world import World
+from . import furniture
+from .plan import REACH, Plan, Rect, choose_size, units
+
+_OUTER, _INNER = 3, 2
+"""Thickness of outer and inner walls [units]."""
+_SHORTEST = 44
+"""Shortest side of a room [units]."""
+_DOOR_ROOM = 16
+"""How far before a door the floor stays empty [units]."""
+
+
+def generate(seed: int, size: tuple[float, float] | None = None) -> World:
+    """Return a flat or an office, furnished.
+
+    Args:
+        seed: world seed; the same seed and size give the same bytes.
+        size: outer size (x, y) of at least 4 m each [m]; drawn from 8 x 7 to 14 x 12 m by default.
+    """
+    rng = np.random.default_rng(seed)
+    size = choose_size(rng, size, 4.0, (8.0, 7.0), (14.0, 12.0))
+    plan = Plan(size, _OUTER)
+    floor = (_OUTER, _OUTER, plan.width - _OUTER, plan.height - _OUTER)
+    is_office = min(size) >= 7.5 and rng.random() < 0.5
+    rooms, corridors = _office(rng, floor) if is_office else (_split(rng, floor, units(3.4)), [])
+    _raise_walls(plan, rooms + corridors)
+    _open_doors(rng, plan, rooms, corridors)
+    plan.settle()
+    kinds = _kinds(rng, rooms, is_office)
+    for room, kind in zip(rooms + corridors, kinds + ["corridor"] * len(corridors)):
+        _furnish(rng, plan, room, kind)
+    return plan.build(f"rooms-{seed}", rng, "An office." if is_office else "A flat.")
+
+
+def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
+    """Halve a room again and again until its parts are about `typical` units wide."""
+    x0, y0, x1, y1 = room
+    width, height = x1 - x0, y1 - y0
+    across = width > height if abs(width - height) > 20 else rng.random() < 0.5
+    longer = width if across else height
+    slack = longer - _INNER - 2 * _SHORTEST
+    large = width * height > (typical * (1.1 + rng.random())) ** 2 or longer > 2.6 * min(width, height)
+    if slack < 0 or not large:
+        return [room]
+    cut = _SHORTEST + int(slack * rng.beta(2, 2))
+    if across:
+        parts = (x0, y0, x0 + cut, y1), (x0 + cut + _INNER, y0, x1, y1)
+    else:
+        parts = (x0, y0, x1, y0 + cut), (x0, y0 + cut + _INNER, x1, y1)
+    return [leaf for part in parts for leaf in _split(rng, part, typical)]
+
+
+def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rect]]:
+    """Return the rooms on both sides of a corridor, and the corridor; wide floors get several."""
+    x0, y0, x1, y1 = floor
+    if x1 - x0 < y1 - y0:
+        rooms, corridors = _office(rng, (y0, x0, y1, x1))
+        return [_mirror(room) for room in rooms], [_mirror(corridor) for corridor in corridors]
+    breadth = int(rng.integers(28, 37))
+    depth = (y1 - y0 - breadth) // 2 - _INNER
+    shift = int(rng.integers(-depth // 5, depth // 5 + 1)) if depth > 1.25 * _SHORTEST else 0
+    low = y0 + depth + _INNER + shift
+    corridor = (x0, low, x1, low + breadth)
+    rooms, corridors = [], [corridor]
+    for side in ((x0, y0, x1, low - _INNER), (x0, low + breadth + _INNER, x1, y1)):
+        if side[3] - side[1] > units(9.0):
+            inner_rooms, inner_corridors = _office(rng, side)
+            rooms += inner_rooms
+            corridors += inner_corridors
+        else:
+            rooms += _row(rng, side)
+    return rooms, corridors
+
+
+def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
+    """Cut a strip along a corridor into rooms side by side."""
+    x0, y0, x1, y1 = strip
+    rooms = []
+    while x1 - x0 > 2 * _SHORTEST + 30:
+        width = min(int(rng.integers(_SHORTEST + 8, 110)), x1 - x0 - _SHORTEST - _INNER)
+        rooms.append((x0, y0, x0 + width, y1))
+        x0 += width + _INNER
+    return [*rooms, (x0, y0, x1, y1)]
+
+
+def _mirror(room: Rect) -> Rect:
+    return room[1], room[0], room[3], room[2]
+
+
+def _raise_walls(plan: Plan, rooms: list[Rect]) -> None:
+    """Make everything solid but the rooms."""
+    plan.solid[:] = True
+    for x0, y0, x1, y1 in rooms:
+        plan.solid[y0:y1, x0:x1] = False
+
+
+def _shared_wall(a: Rect, b: Rect) -> tuple[bool, int, int] | None:
+    """Return how two rooms touch: whether through an upright wall, and from where to where; None if they do not."""
+    for upright in (True, False):
+        p, q = (a, b) if upright else (_mirror(a), _mirror(b))
+        if p[2] + _INNER == q[0] or q[2] + _INNER == p[0]:
+            low, high = max(p[1], q[1]), min(p[3], q[3])
+            if high - low >= 28:
+                return upright, low, high
+    return None
+
+
+def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corridors: list[Rect]) -> None:
+    """Open doors until all rooms hang together, through corridors where there are any, and a few more."""
+    every = rooms + corridors
+    pairs: list[tuple[float, int, int, tuple[bool, int, int]]] = []
+    for j in range(len(every)):
+        for i in range(j):
+            if wall := _shared_wall(every[i], every[j]):
+                to_corridor = j >= len(rooms)
+                pairs.append((float(rng.random()) - to_corridor, i, j, wall))
+    group = list(range(len(every)))
+    for _, i, j, wall in sorted(pairs):
+        if group[i] != group[j]:
+            group = [group[i] if g == group[j] else g for g in group]
+        elif rng.random() > (0.06 if corridors else 0.3):
+            continue  # a way around exists already
+        # Flats have a wide opening between rooms now and then.
+        wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
+        _open_door(
+            rng, plan, every[i], every[j], wall, int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
+        )
+
+
+def _open_door(rng: np.random.Generator, plan: Plan, a: Rect, b: Rect, wall: tuple[bool, int, int], width: int) -> None:
+    """Cut a door of `width` into the wall between two rooms and keep the floor before it empty."""
+    upright, low, high = wall
+    # Most doors are near a corner, as in real houses.
+    slack = high - low - width - 6
+    start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
+    p, q = (a, b) if upright else (_mirror(a), _mirror(b))
+    left = min(p[2], q[2])
+    solid, reserved = (plan.solid, plan.reserved) if upright else (plan.solid.T, plan.reserved.T)
+    solid[start : start + width, left : left + _INNER] = False
+    reserved[start : start + width, left - _DOOR_ROOM : left + _INNER + _DOOR_ROOM] = True
+
+
+def _area(room: Rect) -> int:
+    return (room[2] - room[0]) * (room[3] - room[1])
+
+
+def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list[str]:
+    """Decide what each room is for, by size."""
+    order = sorted(range(len(rooms)), key=lambda i: _area(rooms[i]))
+    if is_office:
+        kinds = ["office"] * len(rooms)
+        kinds[order[0]] = "storage"
+        if len(rooms) > 2:
+            kinds[order[-1]] = "meeting"
+        if len(rooms) > 4:
+            kinds[order[1]] = "kitchen"
+    else:
+        kinds = [str(rng.choice(["bedroom", "bedroom", "study"])) for _ in rooms]
+        kinds[order[0]] = "bath"
+        kinds[order[-1]] = "living"
+        if len(rooms) > 2:
+            kinds[order[len(rooms) // 2]] = "kitchen"
+    return kinds
+
+
+def _furnish(rng: np.random.Generator, plan: Plan, room: Rect, kind: str) -> None:
+    """Put furniture into a room as long as a robot still gets everywhere in it."""
+    area, longer = _area(room), max(room[2] - room[0], room[3] - room[1])
+    if kind == "kitchen":
+        length = min(int(rng.integers(44, 80)), longer - 2 * REACH)
+        plan.put_somewhere(rng, furniture.counter(rng, length), room, attempts=8)
+    elif kind == "meeting":
+        length = min(int(rng.integers(40, 90)), longer - 40)
+        if length >= 32:
+            plan.put_amidst(rng, furniture.conference(rng, length), room, attempts=8)
+    elif kind == "office" and area > units(4.6) ** 2:
+        for _ in range(area // units(4.4) ** 2):
+            plan.put_amidst(rng, furniture.cluster(rng), room)
+    if kind in ("kitchen", "living") and area > units(3.6) ** 2:
+        plan.put_amidst(rng, furniture.table(rng), room)
+    pieces = furniture.WALL_FURNITURE[kind]
+    count = max(1, min(len(pieces), round(area / units(1.6) ** 2)))
+    for make in pieces[:count]:
+        if rng.random() < 0.85:
+            plan.put_somewhere(rng, make(rng), room)
