@@ -83,14 +83,21 @@ class GoalExplorer(ABC):
                 return
             elif len(remaining):
                 self._failed(self._goal)
-        self._goal = self._choose(survey)
-        if self._goal is None:
-            self._end_reason = "no_reachable_frontier"
-            return
+        for tightness in range(navigator.max_tightness + 1):
+            survey = navigator.survey(belief, tightness)
+            self._forget_given_up(survey)
+            self._goal = self._choose(survey)
+            if self._goal is not None:
+                self._set_out(navigator, survey, self._goal, tightness)
+                return
+        self._end_reason = "no_reachable_frontier"
+
+    def _set_out(self, navigator: Navigator, survey: Survey, goal: Goal, tightness: int) -> None:
         assert survey.field is not None
-        path = survey.field.path(*self._goal.cell)
+        path = survey.field.path(*goal.cell)
         assert path is not None
-        navigator.drive_to(tuple(survey.grid.centers(np.array(self._goal.cell))), path)
+        x, y = survey.grid.centers(np.array(goal.cell))
+        navigator.drive_to((float(x), float(y)), path, tightness)
 
     @abstractmethod
     def _choose(self, survey: Survey) -> Goal | None:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from baselines.obstacles import ObstacleFinder, free_distance
+from baselines.obstacles import ObstacleMemory, free_distance
 from baselines.path_follower import PathFollower
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import (
@@ -32,6 +32,9 @@ class NavigatorParams:
 
     padding: float = 0.03
     """Added to the robot's radius in plans [m]: half a map cell and the pose's jitter."""
+    tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
+    """Shares of the robot's radius that plans fall back on, in this order, when nothing can be reached otherwise: walls
+    of a map that has drifted close gaps that are open in truth, and the scan guards the real robot anyway."""
     inflation: float = 0.45
     """How far beyond that nearness to obstacles costs [m]."""
     cost_scaling_factor: float = 4.0
@@ -108,9 +111,12 @@ class Navigator:
         self._period = control_period
         self._rng = rng
         self._params = params
-        radius = robot.radius + params.padding
-        self._costmap_params = CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor)
-        self._finder = ObstacleFinder(robot.lidar, memory=2.0 * robot.radius + 0.3)
+        radii = [robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)]
+        self._costmap_params = [
+            CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor) for radius in radii
+        ]
+        self._tightness = 0
+        self._memory = ObstacleMemory(robot, control_period)
         self._follower = PathFollower(robot, control_period)
         self._maneuvers: deque[tuple[Twist, int]] = deque()
         self._recoveries = 0
@@ -132,13 +138,30 @@ class Navigator:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._follower.remaining if self.status is Status.DRIVING else None
 
-    def survey(self, belief: Belief) -> Survey:
-        """Look at the map with this robot's footprint."""
-        return Survey(belief, self._costmap_params)
+    @property
+    def max_tightness(self) -> int:
+        """How many times plans can be made with a smaller robot than the last time."""
+        return len(self._costmap_params) - 1
 
-    def drive_to(self, goal: tuple[float, float], path: np.ndarray) -> None:
-        """Take a new goal (x, y), map frame [m], and the way there: shape (n, 2), n > 0, map frame [m]."""
+    def survey(self, belief: Belief, tightness: int | None = None) -> Survey:
+        """Look at the map with this robot's footprint.
+
+        Args:
+            belief: what the robot believes.
+            tightness: 0 for the padded footprint, up to `max_tightness` for the smallest; None for the goal's.
+        """
+        return Survey(belief, self._costmap_params[self._tightness if tightness is None else tightness])
+
+    def drive_to(self, goal: tuple[float, float], path: np.ndarray, tightness: int = 0) -> None:
+        """Take a new goal.
+
+        Args:
+            goal: where to go (x, y), map frame [m].
+            path: the way there: shape (n, 2), n > 0, map frame [m].
+            tightness: of the survey that the way was found in.
+        """
         self._set_goal(goal)
+        self._tightness = tightness
         self._follower.set_path(path)
 
     def replan(self, survey: Survey) -> bool:
@@ -153,10 +176,10 @@ class Navigator:
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action, shape (2,), float32, that brings the robot nearer to its goal; updates `status`."""
         robot, pose = self._robot, belief.pose
-        obstacles = self._finder.points(observation["scan"], pose, belief.grid)
         motion = observation["motion"]
+        obstacles = self._memory.update(observation["scan"], motion)
         if motion[4] > 0.5 and not self._maneuvers:
-            self._back_off(obstacles, backwards=motion[2] >= 0.0)
+            self._recover(obstacles, backwards=motion[2] >= 0.0)
         if self._maneuvers:
             return self._action(self._maneuver(obstacles))
         if self.status is not Status.DRIVING:
@@ -169,10 +192,7 @@ class Navigator:
             self.status = Status.FAILED
             return self._action(Twist(0.0, 0.0))
         if self._has_stalled(pose):
-            self._recoveries += 1
-            if self._recoveries > self._params.max_recoveries:
-                self.status = Status.FAILED
-            self._back_off(obstacles, backwards=True)
+            self._recover(obstacles, backwards=True)
             return self._action(self._maneuver(obstacles))
         return self._action(self._follower.command(pose, float(motion[0]) * robot.max_v, obstacles))
 
@@ -200,8 +220,11 @@ class Navigator:
         self._stuck_anchor, self._stuck_steps = pose, 0
         return False
 
-    def _back_off(self, obstacles: np.ndarray, backwards: bool) -> None:
-        """Plan to leave the place straight on, to the side where there is more room if one is blocked, and to turn."""
+    def _recover(self, obstacles: np.ndarray, backwards: bool) -> None:
+        """Count an attempt, and plan to leave straight on (to the other side if there is more room) and to turn."""
+        self._recoveries += 1
+        if self._recoveries > self._params.max_recoveries and self.status is Status.DRIVING:
+            self.status = Status.FAILED
         robot = self._robot
         reach = 0.5 * robot.radius + 0.1
         room = {sign: free_distance(obstacles, 0.0, robot.radius, sign * reach) for sign in (-1.0, 1.0)}
@@ -216,7 +239,7 @@ class Navigator:
         self._stall_anchor = None
 
     def _maneuver(self, obstacles: np.ndarray) -> Twist:
-        """Return the next twist of what `_back_off` has planned; skips straight parts that have become blocked."""
+        """Return the next twist of what `_recover` has planned; skips straight parts that have become blocked."""
         twist, steps = self._maneuvers[0]
         look = twist.v * self._period * 2.0
         if twist.v != 0.0 and free_distance(obstacles, 0.0, self._robot.radius, look) < 0.5 * abs(look):

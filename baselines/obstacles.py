@@ -1,22 +1,35 @@
-"""What stands in the way right now: obstacles as points in the robot's frame."""
+"""What stands in the way right now: obstacles as points in the robot's frame, independent of any map."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import LidarParams
+from envs.robots import RobotParams
 
-OCCUPIED_FROM = 50
-"""Least occupancy that is an obstacle [percent]."""
 SIGHT_STEP = 0.02
 """Spacing of the places along an arc at which the footprint is tested [m]."""
+SAME_PLACE = 0.02
+"""Distance up to which two remembered points count as one [m]."""
+CAPACITY = 1000
+"""Points of scans that are remembered at most."""
+BUMP_POINTS = 5
+"""Points that stand for what the bumper touched."""
 
 
 @njit(cache=True, error_model="numpy")
-def _scan_points(scan, range_max, cos, sin, mount_x, mount_y, points):
-    """Write the ends of the beams that hit something to `points` (base frame [m]) and return how many there are."""
+def scan_points(scan, range_max, cos, sin, mount_x, mount_y, points):
+    """Write the ends of the beams that hit something into `points` and return how many there are.
+
+    Args:
+        scan: shape (num_beams,), float32: ranges over the greatest range; 1 no return, 0 nothing measured.
+        range_max: the lidar's greatest range [m].
+        cos: shape (num_beams,), of the beams' angles in the base frame.
+        sin: the same.
+        mount_x: position of the lidar in the base frame [m].
+        mount_y: the same.
+        points: shape (n, 2), float64, written in the base frame [m].
+    """
     count = 0
     for beam in range(scan.shape[0]):
         if 0.0 < scan[beam] < 1.0:
@@ -27,95 +40,119 @@ def _scan_points(scan, range_max, cos, sin, mount_x, mount_y, points):
 
 
 @njit(cache=True, error_model="numpy")
-def _blind_points(data, x0, y0, resolution, pose, mount, half_fov, range_min, range_far, points, count):
-    """Append the map's occupied cells that the lidar cannot see: nearer than its least range, or beside its view.
+def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov, range_min, range_far):
+    """Carry points along with the robot's motion and keep those that the lidar no longer sees.
 
     Args:
-        data: shape (height, width), int8, occupancy.
-        x0: x of the outer corner of cell (0, 0) [m].
-        y0: y of the same [m].
-        resolution: side of a cell [m].
-        pose: (x, y, theta) of the base in the map.
+        points: shape (n, 2), float64, base frame before the motion [m]; rewritten in the base frame after it.
+        num_remembered: how many of them had been remembered before; the others come from the last scan.
+        num_points: how many there are.
+        dx: motion of the base, in the base frame before it [m].
+        dy: the same [m].
+        dtheta: the same [rad].
         mount: (x, y, yaw) of the lidar in the base frame.
         half_fov: half the lidar's field of view [rad].
         range_min: the lidar's least range [m].
-        range_far: distance from the lidar up to which cells beside its view are taken [m].
-        points: shape (n, 2), float64, written in the base frame [m]; cells that no longer fit are left out.
-        count: how many points are there already.
+        range_far: distance from the lidar up to which points beside its view are kept [m].
 
     Returns:
-        How many points there are now.
+        How many are kept, at the start of `points`; at most `CAPACITY`.
     """
-    height, width = data.shape
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    sensor_x, sensor_y = pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1]
-    row, col = math.floor((sensor_y - y0) / resolution), math.floor((sensor_x - x0) / resolution)
-    reach = math.ceil(max(range_min, range_far) / resolution)
-    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-        for k in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if data[r, k] < OCCUPIED_FROM or count == points.shape[0]:
-                continue
-            dx, dy = x0 + (k + 0.5) * resolution - sensor_x, y0 + (r + 0.5) * resolution - sensor_y
-            distance = math.hypot(dx, dy)
-            bearing = (math.atan2(dy, dx) - pose[2] - mount[2] + math.pi) % (2.0 * math.pi) - math.pi
-            if distance < range_min or (abs(bearing) > half_fov and distance < range_far):
-                points[count, 0] = mount[0] + c * dx + s * dy
-                points[count, 1] = mount[1] - s * dx + c * dy
-                count += 1
-    return count
+    c, s = math.cos(dtheta), math.sin(dtheta)
+    kept = 0
+    for k in range(num_points):
+        u, v = points[k, 0] - dx, points[k, 1] - dy
+        x, y = c * u + s * v, c * v - s * u
+        distance = math.hypot(x - mount[0], y - mount[1])
+        is_hidden = distance < range_min
+        if not is_hidden and distance < range_far:
+            bearing = math.atan2(y - mount[1], x - mount[0]) - mount[2]
+            is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > half_fov
+        if not is_hidden or kept == CAPACITY:
+            continue
+        is_new = True
+        if k >= num_remembered:
+            for other in range(kept):
+                if abs(points[other, 0] - x) < SAME_PLACE and abs(points[other, 1] - y) < SAME_PLACE:
+                    is_new = False
+                    break
+        if is_new:
+            points[kept, 0], points[kept, 1] = x, y
+            kept += 1
+    return kept
 
 
-class ObstacleFinder:
-    """Turns scans into points around the robot, and remembers from the map what the lidar is blind to."""
+class ObstacleMemory:
+    """Obstacles around the robot: the last scan, and what the lidar saw before it came too near or out of view.
 
-    def __init__(self, lidar: LidarParams, memory: float) -> None:
-        """Prepare for a lidar.
+    What it remembers moves along by odometry, so that a map which has drifted cannot make the robot blind. Lidars see
+    nothing nearer than their least range (0.6 m for the Tugbot, whose front lies within it) or beside their field of
+    view.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        """Prepare for a robot, with nothing remembered.
 
         Args:
-            lidar: its geometry.
-            memory: distance up to which the map speaks for directions that the lidar does not cover [m].
+            robot: gives the lidar's geometry and the robot's limits.
+            control_period: time between two calls of `update` [s].
         """
-        self._lidar = lidar
-        self._memory = memory
+        self._robot = robot
+        self._period = control_period
+        lidar = robot.lidar
         angles = lidar.angles + lidar.mount.yaw
         self._cos, self._sin = np.cos(angles), np.sin(angles)
-        self._points = np.empty((lidar.num_beams + 2000, 2))
+        self._points = np.empty((CAPACITY + BUMP_POINTS + lidar.num_beams, 2))
+        self._num_remembered = 0
+        self._num_points = 0
 
-    def points(self, scan: np.ndarray, pose: Pose2D, grid: OccupancyGrid) -> np.ndarray:
-        """Return obstacles in the base frame.
+    def update(self, scan: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """Take in an observation and return the obstacles now.
 
         Args:
-            scan: shape (num_beams,), float32: ranges over the greatest range; 1 no return, 0 nothing measured.
-            pose: believed pose of the base, map frame.
-            grid: the map.
+            scan: `observation["scan"]`, shape (num_beams,), float32.
+            motion: `observation["motion"]`, shape (6,), float32.
 
         Returns:
-            Shape (n, 2), float64 [m]; valid until the next call.
+            Shape (n, 2), float64, base frame [m]; valid until the next call.
         """
-        lidar, mount = self._lidar, self._lidar.mount
-        count = _scan_points(scan, lidar.range_max, self._cos, self._sin, mount.x, mount.y, self._points)
-        # A full turn has no directions beside its view; half a beam's width keeps rounding from making one.
-        half_fov = 0.5 * lidar.fov + lidar.angle_increment
-        count = _blind_points(
-            grid.data,
-            *grid.origin,
-            grid.resolution,
-            tuple(pose),
-            (mount.x, mount.y, mount.yaw),
-            half_fov,
-            lidar.range_min,
-            self._memory,
+        robot, lidar = self._robot, self._robot.lidar
+        distance, dtheta = motion[0] * robot.max_v * self._period, motion[1] * robot.max_w * self._period
+        kept = remember(
             self._points,
-            count,
+            self._num_remembered,
+            self._num_points,
+            distance * math.cos(0.5 * dtheta),
+            distance * math.sin(0.5 * dtheta),
+            dtheta,
+            (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
+            # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
+            0.5 * lidar.fov + lidar.angle_increment,
+            lidar.range_min,
+            2.0 * robot.radius + 0.3,
         )
-        return self._points[:count]
+        if motion[4] > 0.5:
+            kept = self._add_bump(kept, forward=motion[2] >= 0.0)
+        self._num_remembered = kept
+        points = self._points[kept:]
+        kept += scan_points(scan, lidar.range_max, self._cos, self._sin, lidar.mount.x, lidar.mount.y, points)
+        self._num_points = kept
+        return self._points[:kept]
+
+    def _add_bump(self, count: int, forward: bool) -> int:
+        """Remember that the footprint touched something on the side to which it was driving."""
+        bearings = np.linspace(-0.5, 0.5, BUMP_POINTS) + (0.0 if forward else math.pi)
+        ring = 0.98 * self._robot.radius * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        self._points[count : count + BUMP_POINTS] = ring
+        return count + BUMP_POINTS
 
 
 @njit(cache=True, error_model="numpy")
 def free_distance(points, curvature, radius, distance):
     """Tell how far the robot gets along an arc before its footprint touches a point.
 
-    A point that lies within the footprint already (noise, a wall believed too thick) stops only what brings it nearer.
+    A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
+    brings it nearer.
 
     Args:
         points: shape (n, 2), float64, obstacles in the base frame [m].
@@ -127,13 +164,13 @@ def free_distance(points, curvature, radius, distance):
         The free length of the arc [m], at most `abs(distance)`.
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
-    nearest = radius + abs(distance)
+    nearest = np.inf
     for k in range(points.shape[0]):
-        nearest = min(nearest, math.hypot(points[k, 0], points[k, 1]))
-    clear = max(nearest - radius, 0.0)
+        nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
+    # The arc is no shorter than the straight way: up to here the footprint cannot reach the nearest point.
+    clear = math.sqrt(nearest) - radius
     for step in range(1, num_steps + 1):
         along = abs(distance) * step / num_steps
-        # The arc is no shorter than the straight way: up to here the footprint cannot reach the nearest point.
         if along < clear:
             continue
         s = math.copysign(along, distance)

@@ -17,6 +17,9 @@ from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
+BEND_CHORD = 5
+"""Points of the path between which its direction is measured."""
+
 
 @dataclass(frozen=True, slots=True)
 class FollowerParams:
@@ -64,6 +67,24 @@ def _carrot_index(path, x, y, first, lookahead):
         if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
             return k
     return path.shape[0] - 1
+
+
+@njit(cache=True, error_model="numpy")
+def _distance_to_bend(path, first, chord, angle):
+    """Return the length of the path from index `first` to where it bends by more than `angle` [rad], or to its end [m].
+
+    Directions are those of chords of `chord` points, so that the staircase of a raster does not count as bends.
+    """
+    last = path.shape[0] - 1
+    ahead = min(first + chord, last)
+    direction = math.atan2(path[ahead, 1] - path[first, 1], path[ahead, 0] - path[first, 0])
+    length = 0.0
+    for k in range(first, last - chord):
+        turn = math.atan2(path[k + chord, 1] - path[k, 1], path[k + chord, 0] - path[k, 0]) - direction
+        if abs((turn + math.pi) % (2.0 * math.pi) - math.pi) > angle:
+            break
+        length += math.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
+    return length
 
 
 class PathFollower:
@@ -136,12 +157,6 @@ class PathFollower:
         rate = min(math.sqrt(2.0 * params.braking * robot.max_acc_w * abs(angle)), 0.5 * abs(angle) / self._period)
         return Twist(0.0, math.copysign(min(rate, robot.max_w, params.max_rotation), angle))
 
-    def back_up(self, obstacles: np.ndarray) -> Twist:
-        """Return the twist that drives straight back, as far as there is room."""
-        speed = 0.5 * self._robot.max_v
-        free = free_distance(obstacles, 0.0, self._robot.radius, -2.0 * self._braking_distance(speed))
-        return Twist(-min(speed, self._speed_for(free)), 0.0)
-
     def _carrot(self, pose: Pose2D, reach: float, obstacles: np.ndarray) -> tuple[tuple[float, float], float]:
         """Return the point to steer for, base frame [m], and how far its arc is free [m]."""
         c, s = math.cos(pose.theta), math.sin(pose.theta)
@@ -165,8 +180,9 @@ class PathFollower:
             ahead = obstacles[obstacles[:, 0] > 0.0]
             gap = float(np.sqrt((ahead**2).sum(axis=1).min())) - robot.radius if len(ahead) else math.inf
             v = min(v, robot.max_v * max(gap / (params.nearness_time * robot.max_v), params.min_speed))
-        left = self._path[-1] - self._path[self._index]
-        v = min(v, max(2.0 * math.hypot(*left) + 0.05, 0.2 * robot.max_v))
+        # Whoever turns on the spot at a bend, or stops at the end, must have braked before.
+        bend = _distance_to_bend(self._path, self._index, BEND_CHORD, params.rotate_from)
+        v = min(v, max(self._speed_for(bend), params.min_speed * robot.max_v))
         return min(v, self._speed_for(free))
 
     def _braking_distance(self, speed: float) -> float:

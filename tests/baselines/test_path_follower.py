@@ -1,0 +1,74 @@
+"""The path follower on every robot: it stays on the path, reaches its end, and stops before obstacles."""
+
+import math
+
+import numpy as np
+import pytest
+
+from baselines.path_follower import PathFollower
+from envs.geometry import Pose2D
+from envs.navigation.paths import densify
+from envs.robots import ROBOT_NAMES, load_robot
+
+NOTHING = np.empty((0, 2))
+PERIOD = 0.1
+
+
+def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0):
+    """Roll a unicycle with the robot's acceleration limits; returns the poses, the last one standing for the end."""
+    rng = np.random.default_rng(seed)
+    v = w = 0.0
+    poses = [pose]
+    for _ in range(num_steps):
+        believed = Pose2D(
+            pose.x + jitter * rng.normal(), pose.y + jitter * rng.normal(), pose.theta + jitter * rng.normal()
+        )
+        obstacles = pose.inverse().transform(walls) if len(walls) else walls
+        command = follower.command(believed, v, obstacles)
+        assert abs(command.v) <= robot.max_v + 1e-9
+        assert abs(command.w) <= robot.max_w + 1e-9
+        v += float(np.clip(command.v - v, -robot.max_acc_v * PERIOD, robot.max_acc_v * PERIOD))
+        w += float(np.clip(command.w - w, -robot.max_acc_w * PERIOD, robot.max_acc_w * PERIOD))
+        half = 0.5 * w * PERIOD
+        pose = pose.compose(Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), 2 * half))
+        poses.append(pose)
+    return poses
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_stays_on_a_winding_path(name):
+    robot = load_robot(name)
+    corners = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.5], [0.5, 2.5], [0.5, 4.0], [2.5, 4.0]])
+    path = densify(corners, 0.05)
+    follower = PathFollower(robot, PERIOD)
+    follower.set_path(path)
+    length = np.hypot(*np.diff(corners, axis=0).T).sum()
+    # It starts with its back to the path; twice the time at full speed leaves room for five corners.
+    num_steps = round((2.0 * length / robot.max_v + 12.0) / PERIOD)
+    poses = drive(follower, robot, Pose2D(0.0, 0.0, math.pi), num_steps, jitter=0.01)
+    assert math.hypot(poses[-1].x - 2.5, poses[-1].y - 4.0) < 0.1
+    away = max(np.hypot(*(path - pose[:2]).T).min() for pose in poses)
+    assert away < 0.25
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name):
+    robot = load_robot(name)
+    follower = PathFollower(robot, PERIOD)
+    follower.set_path(densify(np.array([[0.0, 0.0], [6.0, 0.0]]), 0.05))
+    wall = np.column_stack([np.full(81, 3.0), np.linspace(-2.0, 2.0, 81)])
+    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), round(10.0 / robot.max_v / PERIOD), walls=wall)
+    gap = min(np.hypot(*(wall - pose[:2]).T).min() for pose in poses) - robot.radius
+    assert 0.0 < gap < 0.15
+    assert poses[-1] == poses[-2]
+    assert follower.blocked
+
+
+def test_it_does_not_cut_a_corner_with_an_obstacle_in_it():
+    robot = load_robot("tugbot")
+    follower = PathFollower(robot, PERIOD)
+    follower.set_path(densify(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 0.05))
+    post = np.array([[1.5, 0.5]])
+    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), 150, walls=post)
+    assert min(np.hypot(*(post - pose[:2]).T).min() for pose in poses) > robot.radius
+    assert math.hypot(poses[-1].x - 2.0, poses[-1].y - 2.0) < 0.1

@@ -1,0 +1,152 @@
+"""The search against SciPy's Dijkstra, and the paths it gives."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from envs.geometry import OccupancyGrid
+from envs.navigation import Costmap, CostmapParams, make_costmap, plan_path, travel_field
+from envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from envs.navigation.paths import densify
+
+
+def reference_travel(costs, weights, start):
+    """Dijkstra over an explicit graph; cells whose footprint touches something lead only to their like and out."""
+    height, width = costs.shape
+
+    def is_open(row, col, escaping):
+        if not (0 <= row < height and 0 <= col < width):
+            return False
+        return weights[costs[row, col]] > 0 and (costs[row, col] != 253 or escaping)
+
+    rows, cols, lengths = [], [], []
+    for row in range(height):
+        for col in range(width):
+            escaping = costs[row, col] in (253, 254)
+            for k, (d_row, d_col) in enumerate(STEPS):
+                corners = [(row + d_row, col + d_col)] + ([(row + d_row, col), (row, col + d_col)] if k >= 4 else [])
+                if all(is_open(*corner, escaping) for corner in corners):
+                    rows.append(row * width + col)
+                    cols.append((row + d_row) * width + col + d_col)
+                    weight = int(weights[costs[row + d_row, col + d_col]])
+                    lengths.append(weight * (STRAIGHT if k < 4 else DIAGONAL))
+    graph = coo_array((lengths, (rows, cols)), shape=(height * width, height * width)).tocsr()
+    return dijkstra(graph, indices=start[0] * width + start[1]).reshape(height, width)
+
+
+def random_costs(rng, height, width):
+    values = np.array([0, 0, 0, 40, 252, 253, 254, 255], dtype=np.uint8)
+    return values[rng.integers(0, len(values), (height, width))]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 12), st.integers(1, 12), st.booleans(), st.integers(0, 2**32 - 1))
+def test_travel_costs_equal_scipys_exactly(height, width, allow_unknown, seed):
+    rng = np.random.default_rng(seed)
+    costs, weights = random_costs(rng, height, width), step_weights(3.0, allow_unknown)
+    start = int(rng.integers(height)), int(rng.integers(width))
+    goal = int(rng.integers(height)), int(rng.integers(width))
+    expected = reference_travel(costs, weights, start)
+    travel = search(costs, weights, *start, -1, -1)[0][1:-1, 1:-1]
+    np.testing.assert_array_equal(np.where(travel == UNREACHED, np.inf, travel), expected)
+    # A* must find the same for its goal, however the heuristic has led it.
+    to_goal = search(costs, weights, *start, *goal)[0][1:-1, 1:-1][goal]
+    assert (np.inf if to_goal == UNREACHED else to_goal) == expected[goal]
+
+
+def test_a_star_opens_fewer_cells_than_dijkstra():
+    costs = np.zeros((200, 200), dtype=np.uint8)
+    travel = search(costs, step_weights(3.0, False), 100, 20, 140, 180)[0]
+    # With ties going to what has come farthest, no more than the cells beside the way.
+    assert np.count_nonzero(travel < UNREACHED) < 1000
+
+
+def two_rooms():
+    """Two rooms of 3 m x 3 m and a door of 0.8 m, with a pillar in front of it; row 0 is the lowest y."""
+    data = np.zeros((60, 120), dtype=np.int8)
+    data[[0, -1]] = data[:, [0, -1]] = 100
+    data[:22, 60] = data[38:, 60] = 100
+    data[28:32, 80:84] = 100
+    return OccupancyGrid(data, 0.05, (-1.0, -2.0))
+
+
+def test_a_path_leads_there_and_keeps_away():
+    grid = two_rooms()
+    costmap = make_costmap(grid, CostmapParams(robot_radius=0.2, inflation_radius=0.6))
+    start, goal = (-0.5, -1.5), (4.5, 0.5)
+    path = plan_path(costmap, start, goal)
+    assert np.abs(path[0] - start).max() <= 0.025 + 1e-9
+    assert np.abs(path[-1] - goal).max() <= 0.025 + 1e-9
+    gaps = np.hypot(*np.diff(path, axis=0).T)
+    assert gaps.max() <= 0.05 + 1e-9
+    walls = grid.centers(np.argwhere(grid.data == 100))
+    assert min(np.hypot(*(walls - point).T).min() for point in path) > 0.2
+    # Straight lines in place of staircases: barely longer than the taut string around the door's posts.
+    door = np.array([grid.centers(np.array([30, 60]))])
+    taut = np.hypot(*(door[0] - start)) + np.hypot(*(door[0] - goal))
+    assert gaps.sum() < 1.1 * taut
+    np.testing.assert_array_equal(path, plan_path(costmap, start, goal))
+
+
+def test_straight_lines_are_no_dearer_than_the_staircase():
+    costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
+    field = travel_field(costmap, (-0.5, -1.5))
+    row, col = costmap.grid.cells(np.array([4.5, 0.5]))
+    short, stairs = field.path(row, col), field.path(row, col, short=False)
+
+    def price(path):
+        middles, lengths = (path[1:] + path[:-1]) / 2, np.hypot(*np.diff(path, axis=0).T)
+        cells = costmap.grid.cells(middles)
+        return (field.weights[costmap.costs[cells[:, 0], cells[:, 1]]] * lengths).sum()
+
+    assert price(short) <= 1.02 * price(stairs)
+    assert np.hypot(*np.diff(short, axis=0).T).sum() < np.hypot(*np.diff(stairs, axis=0).T).sum()
+
+
+def test_unknown_cells_are_crossed_only_where_allowed():
+    data = np.zeros((21, 21), dtype=np.int8)
+    data[:, 10] = -1
+    costmap = make_costmap(OccupancyGrid(data, 0.05, (0.0, 0.0)), CostmapParams(0.05, 0.05))
+    assert plan_path(costmap, (0.1, 0.5), (0.9, 0.5)) is None
+    assert plan_path(costmap, (0.1, 0.5), (0.9, 0.5), allow_unknown=True) is not None
+
+
+def test_a_goal_in_a_wall_is_reached_within_the_tolerance():
+    costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
+    assert plan_path(costmap, (-0.5, -1.5), (4.97, 0.5)) is None
+    path = plan_path(costmap, (-0.5, -1.5), (4.97, 0.5), tolerance=0.3)
+    assert 0.2 < np.hypot(*(path[-1] - (4.97, 0.5))) <= 0.3 + 0.05
+    assert plan_path(costmap, (-0.5, -1.5), (9.0, 0.5), tolerance=0.3) is None
+
+
+def test_a_robot_touching_a_wall_in_its_belief_still_gets_away():
+    costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
+    beside, inside = (-0.87, -1.0), (-0.98, -1.0)
+    assert costmap.cost_at(*beside) == 253
+    assert costmap.cost_at(*inside) == 254
+    for start in (beside, inside):
+        path = plan_path(costmap, start, (0.5, 0.0))
+        costs = [costmap.cost_at(*point) for point in path]
+        # Once out of the wall's reach, the path never comes back into it.
+        out = next(k for k, cost in enumerate(costs) if cost < 253)
+        assert max(costs[out:]) < 253
+
+
+def test_a_robot_walled_in_has_no_ways():
+    costs = np.full((9, 9), 254, dtype=np.uint8)
+    grid = OccupancyGrid(np.full((9, 9), 100, dtype=np.int8), 0.05, (0.0, 0.0))
+    assert travel_field(Costmap(costs, grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
+
+
+def test_densify_spaces_points_along_the_way():
+    dense = densify(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]]), 0.1)
+    np.testing.assert_allclose(np.hypot(*np.diff(dense, axis=0).T), 0.1)
+    np.testing.assert_allclose(dense[10], (1.0, 0.0), atol=1e-12)
+
+
+def test_a_weight_beyond_the_queue_is_refused():
+    with pytest.raises(ValueError, match="cost_weight"):
+        step_weights(50.0, False)
