@@ -85,9 +85,9 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
 
 
 def reference_free_distance(points, curvature, radius, distance):
-    """The same in steps of a tenth of a millimetre, by rolling a pose along the arc."""
+    """The same in steps of half a millimetre, by rolling a pose along the arc."""
     start = np.hypot(*points.T)
-    for along in np.arange(1e-4, abs(distance), 1e-4):
+    for along in np.arange(5e-4, abs(distance), 5e-4):
         s = math.copysign(along, distance)
         pose = Pose2D(s * np.sinc(s * curvature / math.pi), s * math.sin(s * curvature / 2), 0.0)
         if abs(curvature) > 1e-9:
