@@ -58,9 +58,9 @@ class TruthPanel:
         outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
         self._beams.fill((0, 0, 0, 0))
         if len(outline) > 2:
-            pygame.draw.polygon(self._beams, (*style.LIDAR, 70), outline.tolist())
+            pygame.draw.polygon(self._beams, (*style.LIDAR, style.SEEN_ALPHA), outline.tolist())
         for end in ends_px[:: max(1, len(ends_px) // 60)]:
-            pygame.draw.line(self._beams, (*style.LIDAR, 130), sensor_px, end, 2)
+            pygame.draw.line(self._beams, (*style.LIDAR, style.BEAM_ALPHA), sensor_px, end, 2)
         self._surface.blit(self._beams, (0, 0))
         for end in ends_px[hits].tolist():
             pygame.draw.circle(self._surface, style.LIDAR, end, 3.5)

@@ -19,6 +19,8 @@ BELIEVED: Colour = (213, 94, 0)
 PLAN: Colour = (170, 51, 119)
 FRONTIER: Colour = (0, 158, 115)
 LIDAR: Colour = (86, 180, 233)
+SEEN_ALPHA, BEAM_ALPHA = 70, 130
+"""Opacity of the area that the lidar sees and of its beams, up to 255."""
 MOVER: Colour = (230, 159, 0)
 
 FLOOR: Colour = (255, 255, 255)
@@ -36,6 +38,6 @@ SMALL, BODY, LARGE = 13, 14, 22
 
 def occupancy_colours() -> np.ndarray:
     """Return the colour of every occupancy value: shape (102, 3), uint8, row `value + 1` for values from -1 to 100."""
-    shares = np.linspace(0.0, 1.0, 101)[:, None]
+    shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # maps are never quite sure of anything
     known = np.array(FREE) * (1 - shares) + np.array(OCCUPIED) * shares
     return np.vstack([UNKNOWN, known.round()]).astype(np.uint8)

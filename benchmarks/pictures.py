@@ -1,0 +1,136 @@
+"""Pictures of an explorer at work, from a real run: `python -m benchmarks.pictures --world turtlebot3_house`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from PIL import Image
+
+from baselines import make_explorer
+from baselines.episode import run_episode
+from envs.explore import ExploreEnv
+from envs.rendering import style
+
+HOLD = 3.0
+"""Time for which a film stands still on its last picture [s]."""
+
+
+@dataclass(slots=True)
+class Film:
+    """Takes a picture every now and then; pass `shoot` to `run_episode`."""
+
+    env: ExploreEnv
+    """With `render_mode="rgb_array"`."""
+    every: float
+    """Simulated time between two pictures [s]."""
+    frames: list[np.ndarray] = field(default_factory=list)
+    """Shape (height, width, 3), uint8 each."""
+    explored: list[float] = field(default_factory=list)
+    """Explored fraction at each picture."""
+
+    def shoot(self, info: dict[str, Any]) -> None:
+        """Take a picture if it is time for one."""
+        if info["time"] >= len(self.frames) * self.every - 1e-6:
+            self.finish(info)
+
+    def finish(self, info: dict[str, Any]) -> None:
+        """Take a picture in any case, such as the last one."""
+        frame = self.env.render()
+        assert frame is not None
+        self.frames.append(frame)
+        self.explored.append(info["explored_fraction"])
+
+
+def _palette() -> Image.Image:
+    """Return an image whose palette serves all pictures: their colours, and mixtures of lines with what they cross.
+
+    A palette made from the pictures would give large even areas a slightly different colour.
+    """
+    lines = (style.TRUE, style.BELIEVED, style.PLAN, style.FRONTIER, style.INK)
+    seen = _mixture(style.LIDAR, style.FLOOR, style.SEEN_ALPHA / 255)
+    beam = _mixture(style.LIDAR, style.FLOOR, style.BEAM_ALPHA / 255)
+    colours = [style.PAPER, style.MUTED, style.RULE, style.SOLID, style.WALL, style.OCCUPIED, style.MOVER, style.LIDAR]
+    colours += [beam, *lines, style.UNKNOWN, style.OUTSIDE, seen]
+    for ground in (style.FLOOR, style.UNKNOWN, style.OUTSIDE, seen):
+        colours += [_mixture(line, ground, share) for line in lines for share in (1 / 3, 2 / 3)]
+    colours += [_mixture(style.FREE, (0, 0, 0), share) for share in np.linspace(0, 1, 8)]
+    image = Image.new("P", (1, 1))
+    image.putpalette(np.array(colours, dtype=np.uint8).tobytes())
+    return image
+
+
+def _mixture(a: style.Colour, b: style.Colour, share: float) -> style.Colour:
+    """Return `share` of colour `a` in colour `b`."""
+    red, green, blue = (round(share * x + (1 - share) * y) for x, y in zip(a, b))
+    return red, green, blue
+
+
+def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960, fps: float = 10.0) -> None:
+    """Save frames as an endless GIF.
+
+    Args:
+        frames: pictures drawn by `envs.rendering`, shape (height, width, 3), uint8 each.
+        path: of the file.
+        width: of the film [px].
+        fps: pictures per second.
+    """
+    size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
+    palette = _palette()
+    first, *rest = [
+        Image.fromarray(frame)
+        .resize(size, Image.Resampling.LANCZOS)
+        .quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
+    durations = [round(1000 / fps)] * len(rest) + [round(1000 * HOLD)]
+    first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Let an explorer loose in a place; save a film of it and one picture."""
+
+    world: str = "turtlebot3_house"
+    """Library world, procedural family, or path of a world YAML or map_server YAML."""
+    explorer: str = "frontier"
+    """One of the classic explorers."""
+    seed: int = 0
+    """Seed of place, start and noise."""
+    every: float = 6.0
+    """Simulated time between two pictures of the film [s]."""
+    hero: float = 0.6
+    """Explored fraction at which the one picture is taken."""
+    film: Path = Path("docs/images/exploring.gif")
+    """Where the film goes."""
+    picture: Path = Path("docs/images/hero.png")
+    """Where the picture goes."""
+
+
+def main(options: Options) -> None:
+    """Explore once and save what it looked like."""
+    env = ExploreEnv(world=options.world, start="spawn", render_mode="rgb_array")
+    film = Film(env, options.every)
+    last: dict[str, Any] = {}
+
+    def watch(info: dict[str, Any]) -> None:
+        last.update(info)
+        film.shoot(info)
+
+    episode = run_episode(env, make_explorer(options.explorer), options.seed, watch)
+    film.finish(last)
+    env.close()
+    for path in (options.film, options.picture):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    save_gif(film.frames, options.film)
+    chosen = next((i for i, share in enumerate(film.explored) if share >= options.hero), -1)
+    Image.fromarray(film.frames[chosen]).save(options.picture, optimize=True)
+    print(f"{options.world}: {100 * episode.explored_fraction:.1f} % explored in {episode.duration:.0f} s")
+    for path in (options.film, options.picture):
+        print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
