@@ -13,8 +13,8 @@ from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.worlds import World, rasterize
 
-VIEWPOINT_SPACING = 0.25
-"""Distance between the poses from which the explorable area is looked at [m]."""
+NUM_DIRECTIONS = 180
+"""Directions in which a cell is looked at from everywhere the robot can stand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,32 +48,45 @@ class ExplorableArea:
 
 
 @njit(cache=True, error_model="numpy")
-def _mark_visible(free, viewpoints, range_max, visible):
-    """Set in `visible` every free cell on a straight walk of at most `range_max` cells from a viewpoint.
+def _sees(free, goals, row, col, reach):
+    """Tell whether a straight walk of at most `reach` cells over free cells leads from a cell to one of the goals.
 
     Args:
         free: shape (height, width), bool.
-        viewpoints: shape (n, 2), int64, (row, column).
-        range_max: length of the walks [cells].
-        visible: shape (height, width), bool, written.
+        goals: shape (height, width), bool; all of them free.
+        row: where the walks begin.
+        col: where the walks begin.
+        reach: length of the walks [cells].
     """
     height, width = free.shape
-    num_beams = 360
-    for k in range(viewpoints.shape[0]):
-        for beam in range(num_beams):
-            # Viewpoints look in slightly different directions, so that together they leave no gaps far away.
-            angle = 2.0 * math.pi * (beam + 0.618034 * k) / num_beams
-            d_row, d_col = math.sin(angle), math.cos(angle)
-            scale = 1.0 / max(abs(d_row), abs(d_col))
-            d_row, d_col = d_row * scale, d_col * scale
-            row, col = viewpoints[k, 0] + 0.5, viewpoints[k, 1] + 0.5
-            for _ in range(int(range_max / scale)):
-                r, c = int(row), int(col)
-                if r < 0 or c < 0 or r >= height or c >= width or not free[r, c]:
-                    break
-                visible[r, c] = True
-                row += d_row
-                col += d_col
+    for k in range(NUM_DIRECTIONS):
+        # The golden angle: any few directions in sequence look all around.
+        angle = 2.399963229728653 * k
+        d_row, d_col = math.sin(angle), math.cos(angle)
+        scale = max(abs(d_row), abs(d_col))
+        d_row, d_col = d_row / scale, d_col / scale
+        r, c = row + 0.5, col + 0.5
+        for _ in range(int(reach * scale)):
+            r += d_row
+            c += d_col
+            i, j = int(r), int(c)
+            if r < 0.0 or c < 0.0 or i >= height or j >= width or not free[i, j]:
+                break
+            if goals[i, j]:
+                return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _visible_from(free, goals, candidates, reach):
+    """Return the cells among `candidates` that see, or are, one of the goals: shape (height, width), bool."""
+    visible = goals.copy()
+    height, width = free.shape
+    for row in range(height):
+        for col in range(width):
+            if candidates[row, col] and not visible[row, col]:
+                visible[row, col] = _sees(free, goals, row, col, reach)
+    return visible
 
 
 @lru_cache(maxsize=16)
@@ -104,15 +117,11 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     roomy = standable & (clearance > robot.radius + resolution)
     if not roomy.any():
         roomy = standable
-    step = max(1, round(VIEWPOINT_SPACING / resolution))
-    lattice = np.zeros_like(standable)
-    lattice[::step, ::step] = True
-    viewpoints = np.argwhere(standable & lattice)
-    if len(viewpoints) == 0:
-        viewpoints = np.argwhere(standable)
-    visible = np.zeros_like(free)
-    _mark_visible(free, viewpoints, robot.lidar.range_max / resolution, visible)
-    return ExplorableArea(walls, visible | standable, standable, roomy)
+    # Only free cells in one piece with a standable one can see any.
+    pieces, _ = ndimage.label(free, np.ones((3, 3), dtype=bool))
+    candidates = free & np.isin(pieces, np.unique(pieces[standable]))
+    explorable = _visible_from(free, standable, candidates, robot.lidar.range_max / resolution)
+    return ExplorableArea(walls, explorable, standable, roomy)
 
 
 @njit(cache=True, error_model="numpy")
