@@ -12,6 +12,8 @@ CHECK_RESOLUTION = 0.05
 """Side of the cells in which worlds are checked for leaks [m]."""
 _SNAP = 1e-3
 """Coordinates this close below a cell border count as on it [cells], so that rounding errors decide nothing."""
+_ON = 0.01
+"""A spawn this close to a wall or a body lies on it [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -132,6 +134,17 @@ def leaks(mask: np.ndarray) -> bool:
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
+def clearance(world: World, x: float, y: float) -> float:
+    """Return the distance from a point to the nearest static segment or circle; not positive inside a circle [m]."""
+    start = world.segments[:, :2]
+    step = world.segments[:, 2:] - start
+    along = ((np.array([x, y]) - start) * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-12)
+    nearest = start + np.clip(along, 0, 1)[:, None] * step
+    to_segments = np.hypot(*(nearest - (x, y)).T)
+    to_circles = np.hypot(*(world.circles[:, :2] - (x, y)).T) - world.circles[:, 2]
+    return float(min(to_segments.min(initial=np.inf), to_circles.min(initial=np.inf)))
+
+
 def check_world(world: World) -> World:
     """Return a world after making sure that robots can be let loose in it.
 
@@ -148,7 +161,7 @@ def check_world(world: World) -> World:
         cell = grid.cells(np.array([spawn.x, spawn.y]))
         if not grid.contains(cell):
             raise ValueError(f"world {world.name!r}: spawn {tuple(spawn)} lies outside its bounds {world.bounds}")
-        if labels[tuple(cell)] == 0:
+        if labels[tuple(cell)] == 0 or clearance(world, spawn.x, spawn.y) < _ON:
             raise ValueError(
                 f"world {world.name!r}: spawn {tuple(spawn)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
             )

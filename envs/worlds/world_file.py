@@ -129,6 +129,7 @@ def build_world(name: str, file: WorldFile) -> World:
     edges += [_edges(np.array(line), closed=False) for line in file.polylines]
     edges += [np.array(thin)] if thin else []
     segments = np.concatenate(edges) if edges else np.empty((0, 4))
+    segments = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
     circles = np.array(file.cylinders, dtype=np.float64).reshape(-1, 3)
     if len(segments) + len(circles) == 0:
         raise ValueError("the world is empty; give boxes, polygons, polylines, segments or cylinders")

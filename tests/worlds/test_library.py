@@ -1,0 +1,127 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable, world_sampler
+from envs.worlds.catalogue import descriptions, draw, table
+
+# Size and free area (flood fill at 0.05 m) as measured independently from the sources of the worlds.
+MEASURED = {
+    "aws_bookstore": (15.7, 14.62, 160.4),
+    "aws_small_house": (19.0, 11.4, 155.9),
+    "create3_maze": (20.02, 20.02, 276.6),
+    "explorebench_corner": (20.18, 20.15, 283.9),
+    "explorebench_corridor": (20.15, 20.15, 272.6),
+    "explorebench_loop": (20.15, 20.15, 190.4),
+    "rrt_MTR": (11.56, 11.44, 68.5),
+    "rrt_house": (14.52, 14.63, 185.4),
+    "turtlebot3_dqn_stage1": (5.0, 5.0, 21.4),
+    "turtlebot3_dqn_stage2": (5.0, 5.0, 21.1),
+    "turtlebot3_dqn_stage4": (5.0, 5.0, 20.0),
+    "turtlebot3_stage_1": (4.0, 4.0, 13.3),
+    "turtlebot3_stage_2": (4.0, 4.0, 13.0),
+    "turtlebot3_stage_4": (5.0, 5.0, 19.9),
+    "turtlebot3_world": (7.97, 6.8, 20.0),
+}
+
+
+@pytest.mark.parametrize("name", WORLD_NAMES)
+def test_every_world_loads_and_has_room_at_its_spawns(name):
+    world = load_world(name)  # refuses leaks and spawns in walls
+    assert world.source
+    assert world.licence
+    assert load_world(name) is world
+    small = name in ("pimouse_arena", "raspimouse_sample_maze")
+    radius, resolution = (0.08, 0.002) if small else (0.11, 0.02)
+    grid, standable = reachable(world, resolution, radius)
+    spots = [standable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns]
+    assert all(spots)
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_size_and_free_area_are_those_of_the_source(name):
+    width, height, area = MEASURED[name]
+    world = load_world(name)
+    x_min, y_min, x_max, y_max = world.bounds
+    assert (x_max - x_min, y_max - y_min) == pytest.approx((width, height), abs=0.02)
+    assert free_area(world) == pytest.approx(area, rel=0.02)
+
+
+def test_turtlebot3_world_is_a_hexagon_with_nine_pillars():
+    world = load_world("turtlebot3_world")
+    assert len(world.segments) == 7 * 6
+    assert world.circles.tolist() == [[x, y, 0.15] for x in (-1.1, 0, 1.1) for y in (-1.1, 0, 1.1)]
+    corners = np.hypot(*world.segments[:, :2].T)
+    assert np.count_nonzero(np.isclose(corners, 2.9329, atol=1e-4)) == 6
+    assert np.count_nonzero(np.isclose(corners, 3.2995, atol=1e-4)) == 6
+
+
+def test_house_joins_yard_and_rooms():
+    grid, inside = reachable(load_world("turtlebot3_house"), radius=0.2)
+    places = {
+        "yard": (0, -3),
+        "hall": (-3, 1),
+        "west": (-6.5, -1),
+        "east": (6.8, 1),
+        "south-east": (6, -4),
+        "middle": (1, 3),
+    }
+    assert all(inside[tuple(grid.cells(np.array(place)))] for place in places.values())
+
+
+def test_warehouse_is_thirty_by_fifty_metres():
+    world = load_world("tugbot_warehouse")
+    assert world.bounds == pytest.approx((-15, -25, 15, 25))
+    assert free_area(world) == pytest.approx(30 * 50 - 240, rel=0.01)
+    assert world.spawns[:2] == (Pose2D(0, 0, 0), Pose2D(13.9, -10.6, 0))
+
+
+def test_movers_keep_clear_of_walls():
+    for name in WORLD_NAMES:
+        world = load_world(name)
+        grid, free = reachable(world, resolution=0.02)
+        for mover in world.movers:
+            for time in np.linspace(0, 200, 400):
+                assert free[tuple(grid.cells(np.array(mover.position(time))))], (name, mover.position(time))
+    for mover in load_world("turtlebot3_dqn_stage3").movers:
+        assert mover.position(80.0) == pytest.approx(mover.position(0.0), abs=0.01)
+        assert mover.position(40.0) == pytest.approx(tuple(-mover.waypoints[0]), abs=0.01)
+
+
+def test_sampler_gives_fixed_worlds_again_and_again(tmp_path):
+    rng = np.random.default_rng(0)
+    sample = world_sampler("turtlebot3_world")
+    assert sample(rng) is sample(rng) is load_world("turtlebot3_world")
+    world = load_world("turtlebot3_stage_1")
+    assert world_sampler(world)(rng) is world
+
+
+def test_sampler_refuses_what_it_does_not_know():
+    with pytest.raises(
+        ValueError, match=r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"
+    ):
+        world_sampler("turtlebot_world")
+    with pytest.raises(ValueError, match="'train', 'test'"):
+        world_sampler("rooms", split="validation")
+    with pytest.raises(ValueError, match=r"turtlebot3_world.*has its own"):
+        world_sampler("turtlebot3_world", size=(5.0, 5.0))
+    with pytest.raises(ValueError, match=r"from 4\.0 to 200 m"):
+        world_sampler("rooms", size=(-3.0, 5.0))
+    with pytest.raises(ValueError, match="size must be"):
+        world_sampler("maze", size=(float("nan"), 5.0))
+    open_world = World("open", np.array([[0.0, 0, 1, 0]]), np.empty((0, 3)), (Pose2D(0.5, 0.5, 0),), (0, 0, 1, 1))
+    with pytest.raises(ValueError, match="leaks"):
+        world_sampler(open_world)
+
+
+def test_the_page_about_worlds_is_up_to_date():
+    page = (Path(__file__).parents[2] / "docs/worlds.md").read_text()
+    assert page.endswith(f"{table()}\n\n{descriptions()}\n"), "append the output of python -m envs.worlds.catalogue"
+    assert all(f"`{family}`" in page for family in FAMILIES)
+
+
+def test_the_picture_of_worlds_is_drawn(tmp_path):
+    draw([load_world("turtlebot3_dqn_stage4"), load_world("turtlebot3_world")], tmp_path / "worlds.png", columns=2)
+    assert (tmp_path / "worlds.png").stat().st_size > 5000

@@ -1,0 +1,141 @@
+import errno
+import os
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
+
+
+def grid_of(data):
+    return OccupancyGrid(np.array(data, dtype=np.int8), 0.1, (-1.0, 2.0))
+
+
+@pytest.mark.parametrize("name", ["map", "map.yaml", "map.pgm", "map.png"])
+def test_maps_survive_saving_and_loading(tmp_path, name):
+    grid = grid_of(np.random.default_rng(0).choice([-1, 0, 100], (5, 8)))
+    path = save_map(grid, tmp_path / name)
+    assert path == tmp_path / "map.yaml"
+    image = tmp_path / ("map.png" if name == "map.png" else "map.pgm")
+    assert sorted(os.listdir(tmp_path)) == sorted([image.name, "map.yaml"])
+    back = load_map(path)
+    np.testing.assert_array_equal(back.data, grid.data)
+    assert (back.resolution, back.origin) == (grid.resolution, grid.origin)
+
+
+def test_saved_files_are_those_of_map_saver(tmp_path):
+    # Top row of the image is the highest y.
+    path = save_map(grid_of([[0, 19, 20], [64, 65, -1]]), tmp_path / "map")
+    assert (tmp_path / "map.pgm").read_bytes().startswith(b"P5")
+    assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205, 0, 205], [254, 254, 205]]
+    assert yaml.safe_load(path.read_text()) == {
+        "image": "map.pgm",
+        "resolution": 0.1,
+        "origin": [-1.0, 2.0, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        "mode": "trinary",
+    }
+
+
+def write_map(tmp_path, pixels, **changes):
+    Image.fromarray(np.array(pixels, dtype=np.uint8)).save(tmp_path / "m.png")
+    content = {"image": "m.png", "resolution": 0.05, "origin": [0, 0, 0], "negate": 0}
+    content |= {"occupied_thresh": 0.65, "free_thresh": 0.196} | changes
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
+    return tmp_path / "m.yaml"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, [100, 100, -1, -1, 0]),
+        ({"mode": "trinary", "negate": 1}, [0, 0, -1, 100, 100]),
+        # (1 - 128 / 255 - 0.196) / (0.65 - 0.196) = 0.665; 205 lies a hair above the threshold for free.
+        ({"mode": "scale"}, [100, 100, 67, 0, 0]),
+        ({"mode": "raw"}, [0, 40, -1, -1, -1]),
+        ({"free_thresh": 0.25}, [100, 100, -1, 0, 0]),
+    ],
+)
+def test_modes_thresholds_and_negate(tmp_path, changes, expected):
+    path = write_map(tmp_path, [[0, 40, 128, 205, 254]], **changes)
+    assert load_map(path).data.tolist() == [expected]
+
+
+def test_colours_are_averaged_and_transparent_pixels_unknown_in_scale(tmp_path):
+    pixels = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
+    assert load_map(write_map(tmp_path, pixels, mode="scale")).data.tolist() == [[0, -1, 100]]
+    assert load_map(write_map(tmp_path, pixels)).data.tolist() == [[0, 0, 100]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"origin": [0, 0, 0.5]}, "yaw of 0.5"),
+        ({"origin": [0, 0]}, "origin"),
+        ({"resolution": 0}, "resolution"),
+        ({"occupied_thresh": None}, "occupied_thresh"),
+        ({"mode": "binary"}, "mode.*trinary"),
+        ({"free_thresh": 0.7}, "free_thresh"),
+        ({"image": "m.yaml"}, "cannot be read"),
+    ],
+)
+def test_damaged_maps_are_named(tmp_path, changes, message):
+    with pytest.raises(ValueError, match=rf"m\.yaml.*{message}"):
+        load_map(write_map(tmp_path, [[0, 254]], **changes))
+
+
+def test_missing_image_and_wrong_suffix(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"gone\.pgm"):
+        load_map(write_map(tmp_path, [[0]], image="gone.pgm"))
+    with pytest.raises(ValueError, match=r"\.bmp"):
+        save_map(grid_of([[0]]), tmp_path / "map.bmp")
+
+
+def test_a_full_disk_leaves_the_old_map_alone(tmp_path, monkeypatch):
+    path = save_map(grid_of([[0, 100]]), tmp_path / "map")
+    before = {name: (tmp_path / name).read_bytes() for name in os.listdir(tmp_path)}
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"cannot save .*map\.pgm: No space left"):
+        save_map(grid_of([[100, 0]]), path)
+    assert before == {name: (tmp_path / name).read_bytes() for name in os.listdir(tmp_path)}
+
+
+def test_a_world_saved_as_a_map_comes_back_as_a_world(tmp_path):
+    world = load_world("turtlebot3_world")
+    path = save_map(rasterize(world, 0.05), tmp_path / "copy.png")
+    # The largest free area of this map is what surrounds the hexagon; name the inside.
+    copy = world_from_map(load_map(path), "copy", spawn=world.spawns[0])
+    assert free_area(copy) == pytest.approx(free_area(world), rel=0.07)
+    house = load_world("turtlebot3_house")
+    path = save_map(rasterize(house, 0.05), tmp_path / "house")
+    again = world_sampler(str(path))(np.random.default_rng(0))
+    assert again.name == "house"
+    assert again.source == str(path)
+    assert again is load_world(path)
+    assert free_area(again) == pytest.approx(free_area(house), rel=0.06)
+
+
+def test_unknown_is_solid_and_the_spawn_lies_deepest():
+    data = np.zeros((20, 30), dtype=np.int8)
+    data[:, 20:] = -1
+    data[5, 5] = 100
+    world = world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half")
+    # Around the free part, and around the one occupied cell.
+    assert len(world.segments) == 4 + 4
+    assert world.bounds == pytest.approx((0.0, 0.0, 2.0, 2.0))
+    x, y, _ = world.spawns[0]
+    assert 1.0 < x < 1.4
+    assert 0.8 < y < 1.4
+    with pytest.raises(ValueError, match="does not lie on a free cell"):
+        world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half", spawn=Pose2D(2.5, 1.0, 0.0))
+    with pytest.raises(ValueError, match="no free cell"):
+        world_from_map(OccupancyGrid(np.full((3, 3), -1, dtype=np.int8), 0.1, (0.0, 0.0)), "void")

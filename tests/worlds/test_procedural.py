@@ -1,0 +1,67 @@
+import pickle
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from envs.worlds import FAMILIES, check_world, reachable, world_sampler
+
+SMALLEST = {"rooms": 4.0, "maze": 3.0, "warehouse": 6.0, "caves": 4.0}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
+    generate = FAMILIES[family]
+    outlines = set()
+    for seed in range(40):
+        size = (None, (SMALLEST[family],) * 2, (10.0, 10.0), (9.35, 14.05))[seed % 4]
+        world = check_world(generate(seed, size))  # closed, and the spawn is free
+        if size is not None:
+            assert world.bounds == pytest.approx((0.0, 0.0, *size), abs=1e-6)
+        _, inside = reachable(world)
+        grid, standable = reachable(world, radius=0.25)
+        clearance = ndimage.distance_transform_edt(grid.data == 0) * grid.resolution
+        fitting = np.count_nonzero((clearance > 0.25) & inside)
+        # What is left out are single cells beside furniture.
+        assert np.count_nonzero(standable) > 0.93 * fitting, seed
+        assert np.count_nonzero(inside) > 0.3 * grid.data.size, seed
+        assert not world.movers
+        if size is None:
+            outlines.add(world.segments.tobytes())
+    assert len(outlines) == 10
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_same_seed_same_bytes(family):
+    for size in (None, (8.0, 7.0)):
+        first, again, other = (FAMILIES[family](seed, size) for seed in (5, 5, 6))
+        assert pickle.dumps(first) == pickle.dumps(again)
+        assert first.segments.tobytes() != other.segments.tobytes()
+        assert first.name == f"{family}-5"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_splits_draw_from_disjoint_seeds(family):
+    seeds = {}
+    for split in ("train", "test"):
+        rng = np.random.default_rng(0)
+        sample = world_sampler(family, split=split, size=(7.0, 7.0))
+        seeds[split] = [int(sample(rng).name.split("-")[1]) for _ in range(5)]
+        assert len(set(seeds[split])) == 5
+    assert {seed % 2 for seed in seeds["train"]} == {0}
+    assert {seed % 2 for seed in seeds["test"]} == {1}
+    again = world_sampler(family, size=(7.0, 7.0))(np.random.default_rng(0))
+    assert again.name == f"{family}-{seeds['train'][0]}"
+
+
+def test_a_drawn_world_can_be_made_again_from_its_name():
+    world = world_sampler("rooms", split="test")(np.random.default_rng(3))
+    family, seed = world.name.split("-")
+    assert FAMILIES[family](int(seed), None).segments.tobytes() == world.segments.tobytes()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_bad_sizes_are_refused(family):
+    for size in ((2.0, 10.0), (10.0, -1.0), (1e9, 10.0), (10.0,)):
+        with pytest.raises(ValueError, match="size must be"):
+            FAMILIES[family](0, size)

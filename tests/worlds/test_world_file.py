@@ -1,0 +1,94 @@
+import math
+import os
+
+import numpy as np
+import pytest
+
+from envs.worlds import load_world
+
+GOOD = """
+source: here
+licence: CC0-1.0
+height: 5e-1
+spawns: [[0.5, 0.5, 1.57]]
+polylines: [[[0, 0], [4, 0], [4, 3]]]
+segments: [[4, 3, 0, 3], [2.0, 0.0, 2.0, 1.0, 0.2]]
+boxes: [[3, 2, 1.0, 0.4, 0.785398163]]
+polygons: [[[1, 2], [1.5, 2], [1, 2.5]]]
+cylinders: [[3.0, 1.0, 0.25]]
+movers: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
+closures: [[0, 3, 0, 0]]
+"""
+
+
+def load(tmp_path, text):
+    path = tmp_path / "place.yaml"
+    path.write_text(text)
+    return load_world(path)
+
+
+def test_every_kind_of_body(tmp_path):
+    world = load(tmp_path, GOOD)
+    assert world.name == "place"
+    assert world.height == 0.5
+    assert len(world.segments) == 2 + 1 + 4 + 4 + 3 + 1
+    assert world.segments.dtype == np.float64
+    assert world.bounds == pytest.approx((0.0, -0.1, 4.0, 3.0))
+    assert tuple(world.spawns[0]) == (0.5, 0.5, 1.57)
+    box = world.segments[:4, :2]
+    assert np.hypot(*(box - (3, 2)).T) == pytest.approx([math.hypot(0.5, 0.2)] * 4)
+    assert np.abs((box - (3, 2)) @ (math.sqrt(0.5), math.sqrt(0.5))) == pytest.approx([0.5] * 4)
+    # After the box and the triangle, the thick wall: half its thickness longer at both ends.
+    wall = world.segments[7:11, :2]
+    assert (*wall.min(axis=0), *wall.max(axis=0)) == pytest.approx((1.9, -0.1, 2.1, 1.1))
+    assert world.circles.tolist() == [[3.0, 1.0, 0.25]]
+    assert world.movers[0].position(0.0) == (0.5, 1.5)
+    assert world.movers[0].position(1.0) == pytest.approx((1.0, 1.5))
+    assert world.movers[0].position(3.0) == pytest.approx((1.0, 1.5))
+    assert world.circles_at(2.0).tolist() == [[3.0, 1.0, 0.25], [1.5, 1.5, 0.1]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("cylinders:", "cylindres:", r"unknown key 'cylindres' \(did you mean 'cylinders'\?\); allowed are .*closures"),
+        ("licence: CC0-1.0", "", "key 'licence' is missing"),
+        ("1.0, 0.4, 0.785398163", "1.0, -0.4", r"boxes: row 0: width must be positive, got -0\.4"),
+        ("3.0, 1.0, 0.25", "3.0, 1.0", r"cylinders: row 0 must be \[x, y, radius\]"),
+        ("3.0, 1.0, 0.25", "3.0, east, 0.25", r"cylinders\.0\.1: .*'east'"),
+        ("3.0, 1.0, 0.25", "3.0, .nan, 0.25", r"cylinders\.0\.1: .*finite"),
+        ("[[1, 2], [1.5, 2], [1, 2.5]]", "[[1, 2], [1.5, 2]]", "polygons: item 0 must be .* at least 3"),
+        ("speed: 0.5", "speed: 0", r"movers\.0\.speed"),
+        ("speed: 0.5", "speeed: 0.5", "unknown key 'movers.0.speeed'"),
+        ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"movers\.0\.waypoints"),
+        ("height: 5e-1", "height: -1", "height"),
+        ("[[0.5, 0.5, 1.57]]", "[]", "spawns"),
+        ("[[0.5, 0.5, 1.57]]", "[[3.1, 1.1, 0]]", r"spawn \(3\.1, 1\.1\) lies inside a solid body"),
+        ("[[0.5, 0.5, 1.57]]", "[[1.1, 2.1, 0]]", "inside a solid body"),
+        ("[[0.5, 0.5, 1.57]]", "[[2.0, 0.5, 0]]", "inside a solid body"),
+        ("[[0.5, 0.5, 1.57]]", "[[4.0, 0.5, 0]]", "on or within"),
+        ("closures: [[0, 3, 0, 0]]", "", "leaks"),
+        ("source: here", "source: [", "not readable as YAML"),
+    ],
+)
+def test_errors_name_the_file_and_the_key(tmp_path, old, new, message):
+    assert old in GOOD
+    with pytest.raises(ValueError, match=rf"place\.yaml: (.|\n)*{message}"):
+        load(tmp_path, GOOD.replace(old, new))
+
+
+def test_a_changed_file_is_read_again(tmp_path):
+    first = load(tmp_path, GOOD)
+    assert load_world(tmp_path / "place.yaml") is first
+    (tmp_path / "place.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
+    os.utime(tmp_path / "place.yaml", ns=(1, 1))
+    assert load_world(tmp_path / "place.yaml").circles[0, 2] == 0.35
+
+
+def test_missing_and_empty_files_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.yaml"):
+        load_world(tmp_path / "nowhere.yaml")
+    with pytest.raises(ValueError, match="keys and values"):
+        load(tmp_path, "")
+    with pytest.raises(ValueError, match="empty"):
+        load(tmp_path, "source: a\nlicence: b\nspawns: [[0, 0, 0]]\n")
