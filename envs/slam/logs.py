@@ -1,6 +1,7 @@
 """Logs of real robots: wheel odometry and laser scans."""
 
 import gzip
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ class Log:
         """Yield for each scan the pose of the base by odometry, seen from the base at the scan before."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
-        for before, after in zip(poses, poses[1:]):
+        for before, after in itertools.pairwise(poses):
             yield before.between(after)
 
 
@@ -66,7 +67,7 @@ def _log(
     angle_min: float,
     increment: float,
     max_range: float,
-    mount: Mount = Mount(),
+    mount_x: float = 0.0,
 ) -> Log:
     """Put a log together and check it."""
     if not len(times) == len(odometry) or not len(scan_rows) == len(ranges):
@@ -79,8 +80,8 @@ def _log(
         raise ValueError(f"{path}: scans refer to rows of odometry that do not exist")
     num_beams = ranges.shape[1]
     fov = increment * (num_beams - 1)
-    yaw = mount.yaw + angle_min + fov / 2  # LidarParams centres the field of view on the sensor's x axis
-    lidar = LidarParams(num_beams, max_range, fov=fov, mount=Mount(mount.x, mount.y, mount.z, yaw))
+    yaw = angle_min + fov / 2  # LidarParams centres the field of view on the sensor's x axis
+    lidar = LidarParams(num_beams, max_range, fov=fov, mount=Mount(mount_x, yaw=yaw))
     ranges = np.where(ranges >= max_range, np.float32(np.inf), ranges.astype(np.float32))
     return Log(times, odometry, scan_rows.astype(np.int64), ranges, lidar)
 
@@ -158,7 +159,7 @@ def _read_carmen(path: Path, max_range: float | None) -> Log:
         np.array(scans),
         *geometry,
         limit if max_range is None else min(limit, max_range),
-        Mount(x=mount_x),
+        mount_x,
     )
 
 

@@ -1,9 +1,10 @@
 """Parameters of TinySLAM, and the presets that come with it."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -80,8 +81,12 @@ class TinySlamParams:
             raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
 
 
-def load_params(preset: str | Path | TinySlamParams) -> TinySlamParams:
+def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] | None = None) -> TinySlamParams:
     """Return params by the name of a preset, by the path of a YAML file, or as they are.
+
+    Args:
+        preset: where they come from.
+        changes: values to replace; text that reads as a number is taken for it.
 
     Raises:
         ValueError: the name is unknown, or the file has an unknown key or a value that makes no sense; the message
@@ -89,7 +94,7 @@ def load_params(preset: str | Path | TinySlamParams) -> TinySlamParams:
         FileNotFoundError: there is no file at the path.
     """
     if isinstance(preset, TinySlamParams):
-        return preset
+        return _validate({**asdict(preset), **(changes or {})}, "params")
     path = PRESETS / f"{preset}.yaml" if str(preset) in PRESET_NAMES else Path(preset)
     if path.suffix not in (".yaml", ".yml"):
         raise ValueError(
@@ -99,13 +104,19 @@ def load_params(preset: str | Path | TinySlamParams) -> TinySlamParams:
         raise FileNotFoundError(f"no preset at {path}; there are {', '.join(PRESET_NAMES)}")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        # Text that reads as a number is taken for it: YAML 1.1 has 3e-4 for text.
-        return TypeAdapter(TinySlamParams).validate_python(content)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not a YAML file: {error}") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: expected a mapping of keys to values, got {type(content).__name__}")
+    return _validate({**content, **(changes or {})}, str(path))
+
+
+def _validate(values: dict[str, Any], source: str) -> TinySlamParams:
+    try:
+        # Takes text that reads as a number for it, such as 3e-4, which is text in YAML 1.1.
+        return TypeAdapter(TinySlamParams).validate_python(values)
     except ValidationError as error:
-        faults = [_complaint(fault) for fault in error.errors()]
-        raise ValueError(f"{path}: " + "; ".join(faults)) from error
+        raise ValueError(f"{source}: " + "; ".join(_complaint(fault) for fault in error.errors())) from error
 
 
 def _complaint(fault: ErrorDetails) -> str:

@@ -1,0 +1,200 @@
+"""Run SLAM on the log of a real robot: `python -m envs.slam.replay LOG --relations FILE --out DIR`."""
+
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from PIL import Image, ImageDraw
+from tqdm import tqdm
+
+from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.worlds import save_map
+
+from . import GivenPoseSlam, Slam, TinySlam, TinySlamParams, load_params
+from .logs import Log, load_log
+from .relations import RelationError, follow_odometry, load_relations, relation_error
+
+
+@dataclass(frozen=True)
+class Options:
+    """Run SLAM on the log of a real robot; print its relation error and the time that a scan takes."""
+
+    log: Annotated[Path, tyro.conf.Positional]
+    """Arrays (.npz) or CARMEN text (.log, .log.gz, .clf)."""
+    slam: Literal["tinyslam", "odometry"] = "tinyslam"
+    """Which SLAM; `odometry` maps where the wheels say."""
+    preset: str = "intel"
+    """Preset of TinySLAM's params, or a YAML file with some."""
+    change: dict[str, str] = field(default_factory=dict)
+    """Params to change, as `KEY VALUE` pairs."""
+    relations: Path | None = None
+    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`. Where `unambiguous_relations.npy` lies beside them, a
+    boolean mask, the error over those is printed as well."""
+    out: Path | None = None
+    """Folder for maps (PNG, and PGM with YAML), trajectories (TUM format) and `summary.json`."""
+    seeds: int = 1
+    """Number of runs."""
+    first_seed: int = 0
+    """Seed of the first run."""
+    max_range: float | None = None
+    """Readings from this on count as no return [m]; without it what the log says."""
+    time_offset: float = 0.0
+    """Added to the log's times, for relations whose clock starts elsewhere [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one run came to."""
+
+    seed: int
+    """Seed of the run."""
+    milliseconds: float
+    """Mean time per scan [ms]."""
+    error: RelationError | None
+    """Over all relations."""
+    error_unambiguous: RelationError | None
+    """Over those whose time stamps are unambiguous."""
+
+
+def replay(log: Log, slam: Slam, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
+    """Feed a log to a SLAM.
+
+    Args:
+        log: the log.
+        slam: the SLAM; it is reset.
+        seed: of its random draws.
+        progress: whether to show a progress bar.
+
+    Returns:
+        Estimated poses at the scans, shape (m, 3) [m, rad], and the mean time per scan [s].
+    """
+    slam.reset(np.random.default_rng(seed))
+    poses = np.empty((len(log.ranges), 3))
+    spent = 0.0
+    steps = zip(log.ranges, log.motions())
+    for k, (ranges, motion) in enumerate(tqdm(steps, f"seed {seed}", len(poses), leave=False, disable=not progress)):
+        begin = time.perf_counter()
+        poses[k] = slam.update(ranges, motion).pose
+        spent += time.perf_counter() - begin
+    return poses, spent / len(poses)
+
+
+def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
+    """Draw a map, cropped to what is known: white free, black occupied, grey unknown, the path in blue.
+
+    Args:
+        grid: the map.
+        positions: shape (n, 2), the path, in the map frame [m].
+        margin: cells to leave around what is known.
+    """
+    rows, cols = np.nonzero(grid.data != UNKNOWN)
+    height, width = grid.data.shape
+    top, bottom = max(rows.min() - margin, 0), min(rows.max() + margin + 1, height)
+    left, right = max(cols.min() - margin, 0), min(cols.max() + margin + 1, width)
+    cells = grid.data[top:bottom, left:right].astype(float)
+    grey = np.where(cells == UNKNOWN, 190.0, 255.0 - 2.55 * cells).round().astype(np.uint8)
+    image = Image.fromarray(np.ascontiguousarray(grey[::-1])).convert("RGB")
+    if positions is not None:
+        corner = np.array(grid.origin) + np.array([left, top]) * grid.resolution
+        points = (positions - corner) / grid.resolution
+        points[:, 1] = bottom - top - points[:, 1]
+        ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
+    return image
+
+
+def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
+    """Write a trajectory in the TUM format: time, position, orientation as a quaternion.
+
+    Args:
+        path: where to.
+        times: shape (n,) [s].
+        poses: shape (n, 3), x, y, heading [m, rad].
+    """
+    zero = np.zeros(len(times))
+    x, y, theta = poses.T
+    rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)
+    np.savetxt(path, rows, fmt="%.6f", header="time x y z qx qy qz qw")
+
+
+def main(options: Options) -> list[Run]:
+    """Run the command."""
+    params = load_params(options.preset, options.change)
+    log = load_log(options.log, options.max_range)
+    times = log.times + options.time_offset
+    relations = None if options.relations is None else load_relations(options.relations)
+    mask_file = None if options.relations is None else options.relations.parent / "unambiguous_relations.npy"
+    mask = np.load(mask_file) if mask_file is not None and mask_file.is_file() else None
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    slam = _make(options.slam, log, params)
+    for ranges in log.ranges[:2]:  # compiles the kernels, which is not what the clock is for
+        slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
+    runs = []
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        poses, seconds = replay(log, slam, seed, progress=sys.stderr.isatty())
+        trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
+        error = unambiguous = None
+        if relations is not None:
+            error = relation_error(times, trajectory, relations)
+            unambiguous = None if mask is None else relation_error(times, trajectory, relations[mask])
+        runs.append(Run(seed, 1e3 * seconds, error, unambiguous))
+        tqdm.write(_line(runs[-1]))
+        if options.out is not None:
+            grid = slam.belief.grid
+            picture(grid, poses[:, :2]).save(options.out / f"map_with_path_{seed}.png", optimize=True)
+            save_map(grid, options.out / f"map_{seed}.pgm")
+            save_trajectory(options.out / f"trajectory_{seed}.tum", times, trajectory)
+    tqdm.write(_summary(runs))
+    if options.out is not None:
+        content = {
+            "log": str(options.log),
+            "slam": options.slam,
+            "params": asdict(params),
+            "runs": [*map(asdict, runs)],
+        }
+        (options.out / "summary.json").write_text(
+            json.dumps({**content, "runs": [asdict(run) for run in runs]}, indent=2) + "\n", encoding="utf-8"
+        )
+    return runs
+
+
+def _make(name: str, log: Log, params: TinySlamParams) -> Slam:
+    return TinySlam(log.lidar, params) if name == "tinyslam" else GivenPoseSlam(log.lidar, params)
+
+
+def _line(run: Run) -> str:
+    text = f"seed {run.seed}: {run.milliseconds:.3f} ms per scan"
+    if run.error is not None:
+        text += f"; relation error {run.error}"
+    if run.error_unambiguous is not None:
+        text += f"; unambiguous {run.error_unambiguous}"
+    return text
+
+
+def _summary(runs: list[Run]) -> str:
+    text = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
+    for name, errors in (
+        ("relation error", [run.error for run in runs]),
+        ("unambiguous", [run.error_unambiguous for run in runs]),
+    ):
+        known = [error for error in errors if error is not None]
+        if known:
+            translation = np.median([error.translation for error in known])
+            text += f"; {name} {translation:.3f} m, {np.median([error.rotation for error in known]):.2f} deg"
+    return text
+
+
+def _cli() -> None:
+    try:
+        main(tyro.cli(Options))
+    except (ValueError, OSError, MemoryError) as error:
+        sys.exit(f"error: {error}")
+
+
+if __name__ == "__main__":
+    _cli()
