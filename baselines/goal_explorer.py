@@ -63,6 +63,7 @@ class GoalExplorer(ABC):
             raise RuntimeError("call reset before act")
         if self._end_reason is not None:
             return np.zeros(2, dtype=np.float32)
+        navigator.sense(observation)
         self._countdown -= 1
         if navigator.status is not Status.DRIVING or self._countdown <= 0:
             self._countdown = self._decision_steps

@@ -10,7 +10,7 @@ import numpy as np
 
 from baselines.obstacles import ObstacleMemory, free_distance
 from baselines.path_follower import PathFollower
-from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.navigation import (
     Costmap,
     CostmapParams,
@@ -41,6 +41,9 @@ class NavigatorParams:
     """Rate at which that cost decays with the distance [1/m]."""
     goal_tolerance: float = 0.2
     """Distance at which a goal counts as reached [m]."""
+    marking_range: float = 2.5
+    """Obstacles seen this near are marked in plans, whatever the map says of them [m] (Nav2's `obstacle_max_range`);
+    legs of chairs are too thin to last in a map."""
     stall_time: float = 3.0
     """Time without moving or turning after which the robot tries to free itself [s]."""
     max_recoveries: int = 3
@@ -67,16 +70,27 @@ class Status(enum.Enum):
 class Survey:
     """What the map says about travel from where the robot believes to be. Parts are computed when first asked for."""
 
-    def __init__(self, belief: Belief, params: CostmapParams) -> None:
-        """Look at a belief; nothing of it is kept alive but the array behind the map."""
+    def __init__(self, belief: Belief, params: CostmapParams, obstacles: np.ndarray | None = None) -> None:
+        """Look at a belief; nothing of it is kept alive but the array behind the map.
+
+        Args:
+            belief: what the robot believes.
+            params: how obstacles spread.
+            obstacles: shape (n, 2), float64, base frame [m]: what stands in the way though the map may not say so.
+        """
         self.pose: Pose2D = belief.pose
         self.grid: OccupancyGrid = crop_to_known(belief.grid)
         self._params = params
+        self._obstacles = np.empty((0, 2)) if obstacles is None else self.pose.transform(obstacles)
 
     @cached_property
     def costmap(self) -> Costmap:
-        """Costs of the observed part of the map."""
-        return make_costmap(self.grid, self._params)
+        """Costs of the observed part of the map, with the obstacles marked in it."""
+        marked = self.grid.data.copy()
+        cells = self.grid.cells(self._obstacles)
+        cells = cells[self.grid.contains(cells)]
+        marked[cells[:, 0], cells[:, 1]] = OCCUPIED
+        return make_costmap(OccupancyGrid(marked, self.grid.resolution, self.grid.origin), self._params)
 
     @cached_property
     def frontier(self) -> np.ndarray:
@@ -117,6 +131,7 @@ class Navigator:
         ]
         self._tightness = 0
         self._memory = ObstacleMemory(robot, control_period)
+        self._obstacles = np.empty((0, 2))
         self._follower = PathFollower(robot, control_period)
         self._maneuvers: deque[tuple[Twist, int]] = deque()
         self._recoveries = 0
@@ -150,7 +165,9 @@ class Navigator:
             belief: what the robot believes.
             tightness: 0 for the padded footprint, up to `max_tightness` for the smallest; None for the goal's.
         """
-        return Survey(belief, self._costmap_params[self._tightness if tightness is None else tightness])
+        params = self._costmap_params[self._tightness if tightness is None else tightness]
+        near = (self._obstacles**2).sum(axis=1) < self._params.marking_range**2
+        return Survey(belief, params, self._obstacles[near])
 
     def drive_to(self, goal: tuple[float, float], path: np.ndarray, tightness: int = 0) -> None:
         """Take a new goal.
@@ -173,11 +190,14 @@ class Navigator:
         self._follower.set_path(path)
         return True
 
+    def sense(self, observation: dict[str, np.ndarray]) -> None:
+        """Take in the obstacles of an observation; to be called once with each, before the others are asked."""
+        self._obstacles = self._memory.update(observation["scan"], observation["motion"])
+
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action, shape (2,), float32, that brings the robot nearer to its goal; updates `status`."""
         robot, pose = self._robot, belief.pose
-        motion = observation["motion"]
-        obstacles = self._memory.update(observation["scan"], motion)
+        motion, obstacles = observation["motion"], self._obstacles
         if motion[4] > 0.5 and not self._maneuvers:
             self._recover(obstacles, backwards=motion[2] >= 0.0)
         if self._maneuvers:

@@ -167,18 +167,39 @@ def driving_navigator():
     return navigator
 
 
+def act(navigator, observation, belief):
+    navigator.sense(observation)
+    return navigator.act(observation, belief)
+
+
+def test_obstacles_that_the_map_misses_are_planned_around():
+    navigator, belief = driving_navigator(), Belief(Pose2D(3.0, 0.0, 0.0), hall(), NO_CELLS)
+    observation = observation_of()
+    ahead = np.abs(BURGER.lidar.angles) < 0.1
+    observation["scan"][ahead] = 1.0 / BURGER.lidar.range_max
+    navigator.sense(observation)
+    navigator.drive_to((5.0, 0.0), np.array([[3.0, 0.0], [5.0, 0.0]]))
+    survey = navigator.survey(belief)
+    obstacle = 3.0 + BURGER.lidar.mount.x + 1.0
+    assert survey.costmap.cost_at(obstacle, 0.0) == 254
+    assert survey.grid.data.max() == belief.grid.data.max()
+    assert not survey.frontier[tuple(survey.grid.cells(np.array([obstacle, 0.0])))]
+    assert navigator.replan(survey)
+    assert np.abs(navigator.plan - (obstacle, 0.0)).sum(axis=1).min() > BURGER.radius
+
+
 def test_a_bump_makes_the_robot_back_off():
     navigator, belief = driving_navigator(), Belief(Pose2D(0.0, 0.0, 0.0), hall(), NO_CELLS)
-    assert navigator.act(observation_of(), belief)[0] > 0.0
-    assert navigator.act(observation_of(bump=True, action=(1.0, 0.0)), belief)[0] < 0.0
-    assert navigator.act(observation_of(action=(-1.0, 0.0)), belief)[0] < 0.0
+    assert act(navigator, observation_of(), belief)[0] > 0.0
+    assert act(navigator, observation_of(bump=True, action=(1.0, 0.0)), belief)[0] < 0.0
+    assert act(navigator, observation_of(action=(-1.0, 0.0)), belief)[0] < 0.0
 
 
 def test_a_robot_that_gets_nowhere_tries_to_free_itself_and_then_gives_the_goal_up():
     navigator, belief = driving_navigator(), Belief(Pose2D(0.0, 0.0, 0.0), hall(), NO_CELLS)
     actions = []
     for _ in range(400):
-        actions.append(navigator.act(observation_of(), belief))
+        actions.append(act(navigator, observation_of(), belief))
         if navigator.status is Status.FAILED:
             break
     assert navigator.status is Status.FAILED
@@ -188,5 +209,5 @@ def test_a_robot_that_gets_nowhere_tries_to_free_itself_and_then_gives_the_goal_
 
 def test_a_goal_within_the_tolerance_is_reached():
     navigator = driving_navigator()
-    navigator.act(observation_of(), Belief(Pose2D(1.9, 0.0, 0.0), hall(), NO_CELLS))
+    act(navigator, observation_of(), Belief(Pose2D(1.9, 0.0, 0.0), hall(), NO_CELLS))
     assert navigator.status is Status.REACHED
