@@ -7,8 +7,8 @@ from numba import njit
 @njit(cache=True, error_model="numpy")
 def _link(links, a, b):
     """Note that the contour runs from grid edge `a` to grid edge `b`."""
-    for u, v in ((a, b), (b, a)):
-        links[u, 0 if links[u, 0] < 0 else 1] = v
+    links[a, 0 if links[a, 0] < 0 else 1] = b
+    links[b, 0 if links[b, 0] < 0 else 1] = a
 
 
 @njit(cache=True, error_model="numpy")
@@ -72,8 +72,9 @@ def _trace(links, points, tolerance, segments):
             j = i + 1
             while j < n and _is_straight(points, loop, i, j + 1, n, tolerance):
                 j += 1
-            segments[count, :2] = points[loop[i]]
-            segments[count, 2:] = points[loop[j % n]]
+            here, there = loop[i], loop[j % n]
+            segments[count, 0], segments[count, 1] = points[here, 0], points[here, 1]
+            segments[count, 2], segments[count, 3] = points[there, 0], points[there, 1]
             count += 1
             i = j
     return count
@@ -82,13 +83,13 @@ def _trace(links, points, tolerance, segments):
 @njit(cache=True, error_model="numpy")
 def _is_straight(points, loop, i, j, n, tolerance):
     """Tell whether the loop's points between the i-th and the j-th lie within `tolerance` of the line between those."""
-    x, y = points[loop[i]]
+    x, y = points[loop[i], 0], points[loop[i], 1]
     dx, dy = points[loop[j % n], 0] - x, points[loop[j % n], 1] - y
     length = np.hypot(dx, dy)
     if length == 0.0:
         return False
     for k in range(i + 1, j):
-        px, py = points[loop[k]]
+        px, py = points[loop[k], 0], points[loop[k], 1]
         if abs((px - x) * dy - (py - y) * dx) > tolerance * length:
             return False
     return True
