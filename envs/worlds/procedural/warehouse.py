@@ -11,7 +11,7 @@ _WALL = 4
 
 
 def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a warehouse whose aisles are 1.6 to 3.2 m wide.
+    """Return a warehouse whose aisles are about 1.6 to 4 m wide.
 
     Args:
         seed: world seed; the same seed and size give the same bytes.
