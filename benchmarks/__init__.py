@@ -1,0 +1,1 @@
+"""Measuring explorers: the arena, the demo."""

@@ -1,0 +1,53 @@
+"""The measures that the arena reports, in the order in which it reports them."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """How a number of an episode is named, read and printed."""
+
+    name: str
+    """Key in `summary.json`."""
+    label: str
+    """Heading for people."""
+    unit: str
+    """Unit in tables."""
+    higher_is_better: bool
+    """Which way is up."""
+    digits: int = 1
+    """Decimals in tables."""
+    scale: float = 1.0
+    """Factor from the SI unit of the data to `unit`."""
+    comparable: bool = False
+    """Whether the number means the same in every world, so that worlds may be pooled."""
+
+    @property
+    def column(self) -> str:
+        """Name of the column of `episodes.csv` that it is computed from."""
+        return "success" if self.name == "success_rate" else self.name
+
+    def text(self, value: float) -> str:
+        """Return the value in `unit`, rounded for a table."""
+        return f"{value * self.scale:.{self.digits}f}"
+
+
+_DEGREE = 180.0 / math.pi
+
+MEASURES = (
+    Measure("explored_fraction", "explored", "%", True, 1, 100.0, comparable=True),
+    Measure("time_to_90", "time to 90 %", "s", False, 0),
+    Measure("time_to_95", "time to 95 %", "s", False, 0),
+    Measure("time_to_99", "time to 99 %", "s", False, 0),
+    Measure("distance_to_95", "distance to 95 %", "m", False),
+    Measure("area_under_curve", "area under curve", "%", True, 1, 100.0, comparable=True),
+    Measure("path_length", "path", "m", False),
+    Measure("collisions", "collisions", "", False),
+    Measure("position_rmse", "position error", "cm", False, 1, 100.0, comparable=True),
+    Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE, comparable=True),
+    Measure("map_iou", "map IoU", "%", True, 1, 100.0, comparable=True),
+    Measure("decision_ms", "decision", "ms", False, 2),
+    Measure("success_rate", "success", "%", True, 0, 100.0, comparable=True),
+)
+BY_NAME = {measure.name: measure for measure in MEASURES}

@@ -1,0 +1,49 @@
+"""Explorers by the names that a command line gives them."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from baselines import EXPLORERS, make_explorer
+from baselines.explorer import Explorer
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """An explorer that can be made in any process."""
+
+    name: str
+    """As users write it: a classic explorer, or `ppo:PATH`."""
+    checkpoint: str = ""
+    """Checkpoint folder of a learned explorer, fixed when the name was read: a training may write newer ones."""
+    fingerprint: str = ""
+    """SHA-256 of its weights."""
+
+    def make(self) -> Explorer:
+        """Make the explorer."""
+        if not self.checkpoint:
+            return make_explorer(self.name)
+        from agents.explorer import PPOExplorer
+
+        return PPOExplorer.load(self.checkpoint)
+
+
+def parse_policy(name: str) -> Policy:
+    """Read a name, and make the explorer once to see that it can be made.
+
+    Raises:
+        ValueError: if there is no such explorer; lists those that there are.
+        agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
+    """
+    kind, _, path = name.partition(":")
+    if kind == "ppo" and path:
+        from agents.checkpoint import POLICY_FILE
+        from agents.run_folder import find_checkpoint
+
+        folder = find_checkpoint(Path(path)).resolve()
+        policy = Policy(name, str(folder))
+        policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
+        return replace(policy, fingerprint=hashlib.sha256((folder / POLICY_FILE).read_bytes()).hexdigest())
+    if name not in EXPLORERS:
+        raise ValueError(f"unknown policy {name!r}; allowed are {', '.join(EXPLORERS)}, and ppo:PATH of a run folder")
+    return Policy(name)

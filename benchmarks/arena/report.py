@@ -1,0 +1,226 @@
+"""The report of an evaluation: one HTML file that needs nothing else."""
+
+import base64
+import html
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from benchmarks.arena.measures import BY_NAME, MEASURES
+from benchmarks.arena.plots import DARK, LIGHT, Picture, Theme, WorldPictures, short
+from benchmarks.arena.records import Row
+from benchmarks.arena.runner import Settings
+from benchmarks.arena.statistics import Estimate
+from benchmarks.arena.summary import COMPARED, Comparison, best_of, compare, pool, summarise, values_of
+
+Estimates = Mapping[str, Mapping[str, Estimate]]
+"""Estimates by policy and measure."""
+
+_TEMPLATE = Path(__file__).with_name("report.html")
+_GROWTH_CAPTION = "The same start for all. Colours: when a cell became known. Red: the true walls."
+
+
+def build_report(
+    rows: Sequence[Row],
+    settings: Settings,
+    pictures: Mapping[str, WorldPictures],
+    title: str = "How well do they explore?",
+    intro: str = "",
+    lead: Mapping[str, bytes] = {},
+) -> str:
+    """Return the report as HTML.
+
+    Args:
+        rows: all episodes.
+        settings: what was run.
+        pictures: of each world.
+        title: heading.
+        intro: paragraph under the heading.
+        lead: further pictures to show above the results: contents of PNG or GIF files by caption.
+    """
+    summary = summarise(rows)
+    policies = list(summary)
+    worlds = []
+    for world in settings.worlds:
+        here = [row for row in rows if row["world"] == world]
+        worlds.append(_world(world, here, {policy: summary[policy][world] for policy in policies}, pictures[world]))
+    if len(settings.worlds) > 1:
+        worlds.insert(0, _all_worlds(rows, policies, settings.worlds))
+    return Template(_TEMPLATE.read_text()).substitute(
+        title=html.escape(title),
+        intro=f"<p>{html.escape(intro)}</p>" if intro else "",
+        facts=_facts(rows, settings),
+        lead="".join(_figure(_data_url(content), caption) for caption, content in lead.items()),
+        worlds="".join(worlds),
+        light_colors=_color_variables(LIGHT, policies),
+        dark_colors=_color_variables(DARK, policies),
+    )
+
+
+def _facts(rows: Sequence[Row], settings: Settings) -> str:
+    robots = ", ".join(dict.fromkeys(row["robot"] for row in rows))
+    last = settings.seed + settings.episodes - 1
+    facts = {
+        "robot": robots,
+        "physics": settings.physics,
+        "SLAM": settings.slam,
+        "episodes": f"{settings.episodes} per policy and world",
+        "seeds": f"{settings.seed} to {last}",
+    }
+    return "".join(f"<li><span>{name}</span> <b>{html.escape(value)}</b></li>" for name, value in facts.items())
+
+
+def _world(world: str, rows: Sequence[Row], estimates: Estimates, pictures: WorldPictures) -> str:
+    """Return the section of a world, from its rows."""
+    seed = rows[0]["seed"]
+    first_rows = {row["policy"]: row for row in rows if row["seed"] == seed}
+    maps = "".join(
+        _themed(picture, f"{policy}: {_story(first_rows[policy])}") for policy, picture in pictures.maps.items()
+    )
+    return f"""<h2>{html.escape(world)}</h2>
+{_cards(estimates, rows)}
+<h3>Explored over time and distance</h3>
+<div class="pair">
+{_themed(pictures.over_time, "Over time. Bands are 95 % intervals.")}
+{_themed(pictures.over_distance, "Over the distance driven.")}
+</div>
+<h3>All measures</h3>
+{_table(estimates)}
+<h3>Pair by pair</h3>
+{_comparison_table(compare(rows, [world]))}
+<h3>How the episodes ended</h3>
+{_endings(rows, list(estimates))}
+<h3>How the maps grew (seed {seed})</h3>
+{_themed(pictures.growth, _GROWTH_CAPTION, "wide")}
+<h3>Final maps (seed {seed})</h3>
+<div class="maps">{maps}</div>
+"""
+
+
+def _story(row: Row) -> str:
+    """Say in a line how an episode went."""
+    left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
+    return (
+        f"{100 * row['explored_fraction']:.1f} % in {row['duration']:.0f} s and {row['path_length']:.0f} m"
+        f" ({row['end_reason'].replace('_', ' ')}{left}), map IoU {100 * row['map_iou']:.0f} %"
+    )
+
+
+def _cards(estimates: Estimates, rows: Sequence[Row]) -> str:
+    cards = []
+    for k, (policy, values) in enumerate(estimates.items()):
+        explored, time = values["explored_fraction"], values["time_to_95"]
+        reached = sum(row["explored_fraction"] >= 0.95 for row in rows if row["policy"] == policy)
+        when = f"95 % after {time.iqm:.0f} s" if reached else "95 % never"
+        cards.append(
+            f'<div class="card" style="--color: var(--policy-{k})"><h4>{html.escape(policy)}</h4>'
+            f'<div class="big">{100 * explored.iqm:.1f} %</div><div>explored</div><div>{when}</div>'
+            f"<div>in {reached} of {explored.n} episodes</div></div>"
+        )
+    return f'<div class="cards">{"".join(cards)}</div>'
+
+
+def _table(estimates: Estimates) -> str:
+    """Lay out estimates with a row per measure and a column per policy."""
+    lines = []
+    for measure in MEASURES:
+        row = {
+            policy: by_measure[measure.name] for policy, by_measure in estimates.items() if measure.name in by_measure
+        }
+        if not row:
+            continue
+        best = best_of(row, measure)
+        cells = "".join(
+            f"<td{' class=best' if policy in best else ''}>{measure.text(value.iqm)}"
+            f"<small>{measure.text(value.low)}&ndash;{measure.text(value.high)}</small></td>"
+            for policy, value in row.items()
+        )
+        lines.append(f"<tr><th>{measure.label} <small class=muted>{measure.unit}</small></th>{cells}</tr>")
+    return _html_table(["", *(_dotted(k, policy) for k, policy in enumerate(estimates))], lines)
+
+
+def _comparison_table(comparisons: Sequence[Comparison]) -> str:
+    if not comparisons:
+        return '<p class="muted">One policy alone has nobody to be compared with.</p>'
+    lines = []
+    for c in comparisons:
+        d, p = c.difference, c.improvement
+        lines.append(
+            f"<tr><th>{html.escape(short(c.policy))}</th><td>{c.measure.label}</td>"
+            f"<td>{_signed(c.measure.text(d.iqm))} {c.measure.unit}"
+            f"<small>{_signed(c.measure.text(d.low))} to {_signed(c.measure.text(d.high))}</small></td>"
+            f"<td>{100 * p.iqm:.0f} %<small>{100 * p.low:.0f} to {100 * p.high:.0f}</small></td></tr>"
+        )
+    reference = html.escape(short(comparisons[0].reference))
+    return _html_table(["", "measure", f"difference to {reference}", f"better than {reference}"], lines)
+
+
+def _endings(rows: Sequence[Row], policies: Sequence[str]) -> str:
+    """Say for every policy why its episodes ended, and how much was left when they did not end covered."""
+    lines = []
+    for k, policy in enumerate(policies):
+        mine = [row for row in rows if row["policy"] == policy]
+        reasons = Counter(row["end_reason"].replace("_", " ") for row in mine)
+        left = [row["area_left"] for row in mine if not row["success"]]
+        lines.append(
+            f"<tr><th>{_dotted(k, policy)}</th>"
+            f"<td>{html.escape(', '.join(f'{reason}: {count}' for reason, count in reasons.most_common()))}</td>"
+            f"<td>{f'{np.mean(left):.1f} m²' if left else 'none'}</td></tr>"
+        )
+    return _html_table(["", "episodes", "left unexplored, on average, when not covered"], lines)
+
+
+def _all_worlds(rows: Sequence[Row], policies: Sequence[str], worlds: Sequence[str]) -> str:
+    """Return the section over all worlds, with the measures that mean the same in each."""
+    estimates = {
+        policy: {
+            measure.name: pool([values_of(rows, policy, world, measure) for world in worlds], measure)
+            for measure in MEASURES
+            if measure.comparable
+        }
+        for policy in policies
+    }
+    comparable = [measure for measure in COMPARED if BY_NAME[measure].comparable]
+    return f"""<h2>All {len(worlds)} worlds together</h2>
+{_table(estimates)}
+<h3>Pair by pair</h3>
+{_comparison_table(compare(rows, worlds, comparable))}
+"""
+
+
+def _html_table(head: Sequence[str], lines: Sequence[str]) -> str:
+    cells = "".join(f"<th>{cell}</th>" for cell in head)
+    return f'<div class="table"><table><thead><tr>{cells}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+
+
+def _dotted(number: int, policy: str) -> str:
+    return f'<span class="dot" style="--color: var(--policy-{number})"></span>{html.escape(short(policy))}'
+
+
+def _signed(text: str) -> str:
+    return text if text.startswith("-") else f"+{text}"
+
+
+def _color_variables(theme: Theme, policies: Sequence[str]) -> str:
+    colors = theme.colors(policies)
+    return " ".join(f"--policy-{k}: {colors[policy]};" for k, policy in enumerate(policies))
+
+
+def _themed(picture: Picture, caption: str, kind: str = "") -> str:
+    """Return a figure element whose picture follows the reader's light or dark mode."""
+    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{_data_url(picture.dark)}">'
+    return _figure(_data_url(picture.light), caption, dark, kind)
+
+
+def _figure(url: str, caption: str, sources: str = "", kind: str = "") -> str:
+    text = html.escape(caption)
+    image = f'<picture>{sources}<img src="{url}" alt="{text}"></picture>'
+    return f'<figure class="{kind}">{image}<figcaption>{text}</figcaption></figure>'
+
+
+def _data_url(content: bytes) -> str:
+    kind = "gif" if content.startswith(b"GIF") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,129 @@
+"""What an episode leaves beside its measures: where the robot drove, and what it knew when."""
+
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baselines.episode import Curve
+from benchmarks.arena.records import Row
+from envs.explore import ExploreEnv
+from envs.geometry import OccupancyGrid, Pose2D
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """The course of an episode. Trail and map are in the map frame, walls and the start in the world frame."""
+
+    curve: Curve
+    """The explored fraction over time and distance, n samples."""
+    trail: np.ndarray
+    """Shape (n, 2), float32, believed positions of the robot at the samples [m]."""
+    grid: OccupancyGrid
+    """The final map, cut to what is known."""
+    known_since: np.ndarray
+    """Shape of the map, float32, time at which a cell became known [s]; infinite where it did not."""
+    start: Pose2D
+    """True pose at the reset: where the map frame lies."""
+    segments: np.ndarray
+    """Shape (k, 4), float32, true walls as (x0, y0, x1, y1) [m]."""
+    circles: np.ndarray
+    """Shape (m, 3), float32, true static cylinders as (x, y, radius) [m]."""
+
+    def save(self, path: Path) -> None:
+        """Write a compressed NumPy archive, and make its folder if need be."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        samples = np.stack([self.curve.time, self.curve.path_length, self.curve.explored_fraction])
+        np.savez_compressed(
+            path,
+            curve=samples.astype(np.float32),
+            trail=self.trail,
+            map=self.grid.data,
+            resolution=self.grid.resolution,
+            origin=self.grid.origin,
+            known_since=self.known_since,
+            start=self.start,
+            segments=self.segments,
+            circles=self.circles,
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> "Trace":
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            x, y = file["origin"]
+            grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
+            curve = Curve(*file["curve"])
+            start = Pose2D(*map(float, file["start"]))
+            return cls(curve, file["trail"], grid, file["known_since"], start, file["segments"], file["circles"])
+
+
+class Recorder:
+    """Watches an episode; pass `watch` to `run_episode` and ask for the `trace` afterwards."""
+
+    def __init__(self, place: ExploreEnv) -> None:
+        self._place = place
+        self._trail: list[tuple[float, float]] = []
+        self._known_since: np.ndarray = np.empty((0, 0), dtype=np.float32)
+        self._origin = (0.0, 0.0)
+
+    def watch(self, info: dict[str, Any]) -> None:
+        """Take note of what the robot believes now."""
+        belief = self._place.belief
+        self._trail.append((belief.pose.x, belief.pose.y))
+        self._fit(belief.grid)
+        rows, cols = belief.new_cells.T
+        self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
+
+    def trace(self, curve: Curve) -> Trace:
+        """Return the course of the episode that has ended with `curve`."""
+        place = self._place
+        known = place.belief.grid.data >= 0
+        rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        cut = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        resolution, (x, y) = place.belief.grid.resolution, place.belief.grid.origin
+        origin = x + float(cols[0]) * resolution, y + float(rows[0]) * resolution
+        return Trace(
+            curve,
+            np.array(self._trail, dtype=np.float32),
+            OccupancyGrid(place.belief.grid.data[cut].copy(), resolution, origin),
+            self._known_since[cut].copy(),
+            place.start,
+            place.world.segments.astype(np.float32),
+            place.world.circles.astype(np.float32),
+        )
+
+    def _fit(self, grid: OccupancyGrid) -> None:
+        """Keep the times under their cells when the map has grown."""
+        if self._known_since.shape == grid.data.shape and self._origin == grid.origin:
+            return
+        grown: np.ndarray = np.full(grid.data.shape, np.inf, dtype=np.float32)
+        col, row = (round((old - new) / grid.resolution) for old, new in zip(self._origin, grid.origin, strict=True))
+        height, width = self._known_since.shape
+        grown[row : row + height, col : col + width] = self._known_since
+        self._known_since, self._origin = grown, grid.origin
+
+
+def trace_path(folder: Path, policy: str, world: str, seed: int) -> Path:
+    """Return where the trace of an episode lies."""
+    return folder / "episodes" / f"{slug(policy)}__{slug(world)}__{seed}.npz"
+
+
+def load_traces(folder: Path, rows: Sequence[Row], world: str) -> dict[str, list[Trace]]:
+    """Read the traces of a world's episodes, by policy and in the order of the rows."""
+    traces: dict[str, list[Trace]] = {}
+    for row in rows:
+        if row["world"] == world:
+            trace = Trace.load(trace_path(folder, row["policy"], world, row["seed"]))
+            traces.setdefault(row["policy"], []).append(trace)
+    return traces
+
+
+def slug(name: str) -> str:
+    """Turn a policy's or a world's name, which may be a path, into a part of a file name; different names stay so."""
+    simple = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
+    return name if simple == name else f"{simple[-60:]}-{zlib.crc32(name.encode()):08x}"

@@ -1,0 +1,133 @@
+import csv
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.arena.measures import MEASURES
+from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.trace import Trace
+from evaluate import evaluate
+
+ROOT = Path(__file__).parents[2]
+WORLD = "turtlebot3_world"
+BRIEF = {"episodes": 2, "physics": "kinematic", "time_limit": 4.0}
+
+
+def read_rows(folder):
+    with open(folder / "episodes.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys):
+    options = "--episodes 2 --physics kinematic --time-limit 4 --jobs 2 --json --policies random nearest --worlds"
+    command = [sys.executable, "evaluate.py", *options.split(), WORLD, "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary == json.loads((tmp_path / "summary.json").read_text())
+    assert {policy: list(worlds) for policy, worlds in summary.items()} == {"random": [WORLD], "nearest": [WORLD]}
+    for measures in (summary["random"][WORLD], summary["nearest"][WORLD]):
+        assert list(measures) == [measure.name for measure in MEASURES]
+        for value in measures.values():
+            assert list(value) == ["iqm", "low", "high", "n"]
+            assert value["low"] <= value["iqm"] <= value["high"]
+            assert value["n"] == 2
+    assert summary["random"][WORLD]["time_to_99"]["iqm"] == 4.0
+    for name in ("curves", "maps"):
+        assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.glob(f"{name}_{WORLD}*.png"))
+    rows = read_rows(tmp_path)
+    assert len(rows) == 4
+
+    # Asked again for one world more, with a row lost: those alone are run, and the lost one comes out as it was.
+    table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
+    evaluate(("random", "nearest"), (WORLD, "maze"), tmp_path, **BRIEF)
+    assert "maze, 2 episodes" in capsys.readouterr().out
+    again = read_rows(tmp_path)
+    assert len(again) == 8
+    assert again[:3] == rows[:3]
+    assert deterministic(again[3]) == deterministic(rows[3])
+
+    report = (tmp_path / "report.html").read_text()
+    Balanced().feed(report)
+    assert "All 2 worlds together" in report
+    assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)
+
+
+def deterministic(row):
+    return {name: value for name, value in row.items() if name != "decision_ms"}
+
+
+class Balanced(HTMLParser):
+    """Fails where a tag is closed that is not the innermost open one."""
+
+    def __init__(self):
+        super().__init__()
+        self.open = []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in ("meta", "img", "source"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"policies": ("rrandom",)}, ["'rrandom'", "random, nearest, frontier", "ppo:PATH"]),
+        ({"policies": ("ppo:no/such/run",)}, ["no/such/run"]),
+        ({"policies": ("random", "random")}, ["twice"]),
+        ({"worlds": ("maze", "atlantis")}, ["'atlantis'", "turtlebot3_world", "rooms"]),
+        ({"robot": "r2d2"}, ["'r2d2'", "turtlebot3_burger"]),
+        ({"physics": "mujoco"}, ["'mujoco'", "kinematic"]),
+        ({"episodes": 0}, ["episodes", "at least 1"]),
+    ],
+)
+def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
+    with pytest.raises(SystemExit, match="2"):
+        evaluate(**{"policies": ("random",), "worlds": ("maze",), "out": tmp_path / "out"} | BRIEF | wrong)
+    message = " ".join(capsys.readouterr().err.split())
+    assert all(text in message for text in says), message
+    assert not (tmp_path / "out").exists()
+
+
+def test_traces_hold_the_maps_as_they_grew(tmp_path):
+    settings = Settings(("nearest",), (WORLD,), episodes=1, physics="kinematic", time_limit=5.0)
+    (row,) = Evaluation(settings, tmp_path).run()
+    (path,) = (tmp_path / "episodes").iterdir()
+    trace = Trace.load(path)
+    known = trace.grid.data >= 0
+    np.testing.assert_array_equal(known, np.isfinite(trace.known_since))
+    assert known.any(axis=0)[[0, -1]].all()
+    assert known.any(axis=1)[[0, -1]].all()
+    assert len(trace.trail) == len(trace.curve.time) == 51
+    # Most of what is known was seen at once; the rest followed as the robot drove.
+    assert 0.5 < np.mean(trace.known_since[known] == 0.0) < 1.0
+    assert trace.known_since[known].max() <= row["duration"] == 5.0
+    # Seen from the start, occupied cells lie along true walls.
+    cells = np.argwhere(trace.grid.data >= 65)
+    points = trace.start.transform(trace.grid.centers(cells[np.isfinite(trace.known_since[tuple(cells.T)])]))
+    assert np.mean([_distance(trace, point) < 0.15 for point in points]) > 0.95
+
+
+def _distance(trace, point):
+    """Distance from a point to the nearest true wall [m]."""
+    a, b = trace.segments[:, :2], trace.segments[:, 2:]
+    along = np.clip(np.sum((point - a) * (b - a), axis=1) / np.sum((b - a) ** 2, axis=1), 0.0, 1.0)
+    to_segments = np.hypot(*(a + along[:, None] * (b - a) - point).T)
+    to_circles = np.abs(np.hypot(*(trace.circles[:, :2] - point).T) - trace.circles[:, 2])
+    return min(to_segments.min(), to_circles.min(initial=np.inf))
+
+
+def test_measures_are_those_that_are_promised():
+    promised = """explored_fraction time_to_90 time_to_95 time_to_99 distance_to_95 area_under_curve path_length
+        collisions position_rmse heading_rmse map_iou decision_ms success_rate"""
+    assert [measure.name for measure in MEASURES] == promised.split()
