@@ -24,7 +24,7 @@ class Bookkeeper(BaseCallback):
         config: TrainingConfig,
         run: Path,
         evaluator: Evaluator,
-        evaluations: list[dict[str, float | str]],
+        evaluations: list[dict[str, int | float | str]],
         saved_steps: int | None,
     ) -> None:
         """Go on from earlier evaluations.
@@ -66,9 +66,9 @@ class Bookkeeper(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        episodes = self.model.ep_info_buffer or ()
-        for name in ("explored_fraction", "collisions"):
-            self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
+        if episodes := self.model.ep_info_buffer:
+            for name in ("explored_fraction", "collisions"):
+                self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
 
     def _evaluate(self) -> None:
         if not self.evaluations:
@@ -80,8 +80,8 @@ class Bookkeeper(BaseCallback):
                 self.logger.record(f"evaluation/{name}", value)
         write_evaluations(self._run, self.evaluations)
 
-    def _append(self, policy: str, episodes: list[Episode]) -> dict[str, float | str]:
-        row: dict[str, float | str] = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
+    def _append(self, policy: str, episodes: list[Episode]) -> dict[str, int | float | str]:
+        row: dict[str, int | float | str] = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
         self.evaluations.append(row)
         return row
 
@@ -94,7 +94,7 @@ class Bookkeeper(BaseCallback):
 class ProgressBar(BaseCallback):
     """Shows steps, their rate, and how much of the place recent training episodes explored."""
 
-    def __init__(self, total_steps: int, evaluations: list[dict[str, float | str]]) -> None:
+    def __init__(self, total_steps: int, evaluations: list[dict[str, int | float | str]]) -> None:
         """Show the way to `total_steps`, and the last of `evaluations`."""
         super().__init__()
         self._total_steps = total_steps

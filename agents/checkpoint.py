@@ -71,7 +71,7 @@ class Record(BaseModel):
     """Action space."""
     numpy_random: tuple[str, int, int, float]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
-    evaluations: list[dict[str, float | str]]
+    evaluations: list[dict[str, int | float | str]]
     """Rows of `evaluations.csv` so far."""
     sha256: dict[str, str] = {}
     """Checksum of each file of tensors."""

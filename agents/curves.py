@@ -7,11 +7,11 @@ from pathlib import Path
 
 from agents.config_files import load_config
 
-Row = Mapping[str, float | str]
+Row = Mapping[str, int | float | str]
 """A line of `evaluations.csv`."""
 
 
-def read_evaluations(run: Path) -> list[dict[str, float | str]]:
+def read_evaluations(run: Path) -> list[dict[str, int | float | str]]:
     """Read `evaluations.csv` of a run folder; every column but `policy` holds numbers."""
     with open(run / "evaluations.csv", newline="") as file:
         return [

@@ -73,7 +73,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
     return policy
 
 
-def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, float | str]]) -> Checkpoint:
+def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, int | float | str]]) -> Checkpoint:
     """Take the state of a training between two updates."""
     assert isinstance(model.observation_space, spaces.Dict)
     algorithm, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002

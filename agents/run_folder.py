@@ -77,7 +77,7 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
     return run
 
 
-def write_evaluations(run: Path, rows: Sequence[dict[str, float | str]]) -> None:
+def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]]) -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`."""
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
