@@ -19,8 +19,15 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
 SOLVER_ITERATIONS = 15
 """Iterations of the constraint solver in a substep."""
-CONTACT_BREAKING = 1e-3
-"""Distance beyond which a point of contact is forgotten [m]; by default a robot of this size drags old ones along."""
+CONTACT_BREAKING = 0.1
+"""Distance at which a contact begins and ends, as a fraction of the smaller shape's size. At PyBullet's 0.02 wheels drag
+old points of contact along, which costs time, and robots meet walls too late to stop before them."""
+_NOT_CONNECTED = -1
+"""Id that no physics client has."""
+_NORMAL_FORCE = 9
+"""Entry of a contact point that holds the force between the bodies."""
+_OUT_OF_REACH = 1e3
+"""Height at which a body touches nothing [m]."""
 
 
 class BulletSimulator:
@@ -39,9 +46,9 @@ class BulletSimulator:
         self._substeps = count_substeps(self._drive, self._period)
         self._sensors = Sensors(robot)
         self._rates, self._slips = np.empty((self._substeps, 2)), np.empty((self._substeps, 2))
-        self._client: int | None = None
-        self._world: World | None = None
-        self._steps = 0
+        self._client = _NOT_CONNECTED
+        self._world: World
+        self._steps = -1
 
     @property
     def state(self) -> TrueState:
@@ -66,12 +73,12 @@ class BulletSimulator:
         circles = world.circles_at(0.0)
         check_start(pose, self._robot.radius, world.segments, circles, world.name)
         self._connect()
-        if world is not self._world:
+        if self._steps < 0 or world is not self._world:
             self._build(world)
         self._rng, self._circles, self._steps = rng, circles, 0
         self._commanded = (0.0, 0.0)
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
-        self._place_movers(circles)
+        self._place_movers(circles, np.zeros_like(circles))
         self._place_robot(pose)
         self._observe()
         return self._read(self._sensors.draw(rng), bumper=False)
@@ -99,8 +106,8 @@ class BulletSimulator:
         touched = False
         for substep, targets in enumerate((rates + slips).tolist()):
             if self._world.movers:
-                part = (substep + 1) / self._substeps
-                self._place_movers(before + part * (self._circles - before))
+                travel = self._circles - before
+                self._place_movers(before + substep / self._substeps * travel, travel / self._period)
             self._turn_wheels(targets)
             self._bullet.stepSimulation(physicsClientId=self._client)
             touched = touched or self._touches()
@@ -109,16 +116,16 @@ class BulletSimulator:
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""
-        if self._client is not None:
+        if self._client != _NOT_CONNECTED:
             self._disconnect()
-            self._client = self._world = None
+            self._client, self._steps = _NOT_CONNECTED, -1
 
     def _require_reset(self) -> None:
-        if self._world is None:
-            raise RuntimeError("call reset first")
+        if self._steps < 0:
+            raise RuntimeError("call reset before step")
 
     def _connect(self) -> None:
-        if self._client is not None:
+        if self._client != _NOT_CONNECTED:
             return
         self._bullet = import_pybullet()
         self._client = self._bullet.connect(self._bullet.DIRECT)
@@ -136,25 +143,29 @@ class BulletSimulator:
             physicsClientId=client,
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
-        _, self._movers = build_world(bullet, client, world)
+        self._movers = build_world(bullet, client, world)
         self._body = build_robot(bullet, client, self._robot)
         self._world = world
 
     def _place_robot(self, pose: Pose2D) -> None:
+        """Put the robot at rest, free of the past: contacts remember their impulses, and lifting it breaks them."""
         bullet, client = self._bullet, self._client
-        position = [pose.x, pose.y, self._robot.drive.wheel_radius]
-        orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
-        bullet.resetBasePositionAndOrientation(self._body, position, orientation, physicsClientId=client)
-        bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
         for wheel in WHEEL_LINKS:
             bullet.resetJointState(self._body, wheel, 0.0, 0.0, physicsClientId=client)
+        orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
+        above, ground = [pose.x, pose.y, _OUT_OF_REACH], [pose.x, pose.y, self._robot.drive.wheel_radius]
+        bullet.resetBasePositionAndOrientation(self._body, above, orientation, physicsClientId=client)
+        bullet.performCollisionDetection(physicsClientId=client)
+        bullet.resetBasePositionAndOrientation(self._body, ground, orientation, physicsClientId=client)
+        bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
 
-    def _place_movers(self, circles: np.ndarray) -> None:
-        height = 0.5 * self._world.height
-        for mover, (x, y, _) in zip(self._movers, circles[len(circles) - len(self._movers) :].tolist(), strict=True):
-            self._bullet.resetBasePositionAndOrientation(
-                mover, [x, y, height], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
-            )
+    def _place_movers(self, circles: np.ndarray, velocities: np.ndarray) -> None:
+        bullet, client = self._bullet, self._client
+        for i, mover in enumerate(self._movers, start=len(circles) - len(self._movers)):
+            position = [*circles[i, :2].tolist(), 0.5 * self._world.height]
+            bullet.resetBasePositionAndOrientation(mover, position, [0.0, 0.0, 0.0, 1.0], physicsClientId=client)
+            velocity = [*velocities[i, :2].tolist(), 0.0]
+            bullet.resetBaseVelocity(mover, velocity, [0.0] * 3, physicsClientId=client)
 
     def _turn_wheels(self, rates: list[float]) -> None:
         self._bullet.setJointMotorControlArray(
@@ -168,8 +179,8 @@ class BulletSimulator:
         )
 
     def _touches(self) -> bool:
-        contacts = self._bullet.getContactPoints(bodyA=self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)
-        return len(contacts) > 0
+        points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)
+        return any(point[_NORMAL_FORCE] > 0.0 for point in points)
 
     def _observe(self) -> None:
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)

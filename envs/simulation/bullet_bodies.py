@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from envs.robots import RobotParams
+from envs.robots import BodyParams, RobotParams
 from envs.worlds import World
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
@@ -15,12 +15,15 @@ WHEEL_LINKS = (0, 1)
 """Links of the left and the right wheel."""
 CHASSIS_LINK = 2
 """Link of the chassis."""
-SAGITTA = 5e-4
-"""Greatest distance between a circle and the polygon that stands for it [m]."""
 
 _LIGHT = 1e-3
 """Mass of the base and of each caster, as a fraction of the body's."""
-_ROTOR = 0.5
+_PLATE = 0.01
+"""Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
+where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
+_UNSTOPPABLE = 1e4
+"""Mass of a mover [kg]."""
+_ROTOR = 0.25
 """Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
 of the wheel's radius. Without it ten iterations of the solver do not reconcile motors with friction: wheels that weigh
 next to nothing between a heavy body and the ground leave errors of several percent in speed."""
@@ -48,21 +51,26 @@ def import_pybullet() -> ModuleType:
     return pybullet
 
 
-def polygon(x: float, y: float, radius: float) -> np.ndarray:
-    """Return the outline of a circle as segments, shape (k, 4) [m], off the circle by at most `SAGITTA`."""
-    corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - SAGITTA / radius, 0.0))))
+def polygon(x: float, y: float, radius: float, sagitta: float) -> np.ndarray:
+    """Return the outline of a circle as segments, shape (k, 4) [m], off the circle by at most `sagitta` [m]."""
+    corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
     angles = np.arange(corners + 1) * (2.0 * math.pi / corners)
     points = np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
     return np.hstack([points[:-1], points[1:]])
 
 
-def extrude(world: World) -> tuple[np.ndarray, np.ndarray]:
+def extrude(world: World, sagitta: float = 5e-4) -> tuple[np.ndarray, np.ndarray]:
     """Return the static part of a world as upright rectangles of two triangles each.
+
+    Args:
+        world: the world.
+        sagitta: greatest distance between a circle and the polygon that stands for it [m].
 
     Returns:
         Vertices, shape (4 n, 3), float64 [m], and triangles, shape (6 n,), int64.
     """
-    outlines = np.vstack([world.segments, *(polygon(*circle) for circle in world.circles)])
+    polygons = [polygon(x, y, radius, sagitta) for x, y, radius in world.circles.tolist()]
+    outlines = np.vstack([world.segments, *polygons])
     count = len(outlines)
     vertices = np.zeros((count, 4, 3))
     vertices[:, 0, :2] = vertices[:, 3, :2] = outlines[:, :2]
@@ -72,31 +80,64 @@ def extrude(world: World) -> tuple[np.ndarray, np.ndarray]:
     return vertices.reshape(-1, 3), triangles.ravel()
 
 
-def build_world(bullet: ModuleType, client: int, world: World) -> tuple[int, list[int]]:
-    """Put ground, walls and movers into an empty simulation; return the ids of the walls and of the movers."""
-    plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
-    vertices, triangles = extrude(world)
-    mesh = bullet.createCollisionShape(
+class _Lent:
+    """Lists that PyBullet reads a mesh from.
+
+    PyBullet never lets go of them, nor of what they hold: fresh ones leak a third of a megabyte for a world of 350
+    segments. So the same objects are filled anew for every world.
+    """
+
+    def __init__(self) -> None:
+        self._points: list[list[float]] = []
+        self._numbers: list[int] = []
+        self.vertices: list[list[float]] = []
+        self.triangles: list[int] = []
+
+    def fill(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
+        self._points.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(self._points)))
+        self._numbers.extend(range(len(self._numbers), len(vertices)))
+        for point, vertex in zip(self._points, vertices.tolist(), strict=False):
+            point[:] = vertex
+        self.vertices[:] = self._points[: len(vertices)]
+        self.triangles[:] = [self._numbers[corner] for corner in triangles.tolist()]
+
+
+_LENT = _Lent()
+
+
+def build_mesh(bullet: ModuleType, client: int, vertices: np.ndarray, triangles: np.ndarray) -> int:
+    """Return the id of a collision shape made of triangles; see `extrude` for the arguments."""
+    _LENT.fill(vertices, triangles)
+    shape: int = bullet.createCollisionShape(
         bullet.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=triangles.tolist(),
+        vertices=_LENT.vertices,
+        indices=_LENT.triangles,
         flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
         physicsClientId=client,
     )
+    return shape
+
+
+def build_world(bullet: ModuleType, client: int, world: World) -> list[int]:
+    """Put ground, walls and movers into an empty simulation; return the ids of the movers.
+
+    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into has to give way.
+    """
+    plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+    mesh = build_mesh(bullet, client, *extrude(world))
     cylinders = [
         bullet.createCollisionShape(
             bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height, physicsClientId=client
         )
         for mover in world.movers
     ]
-    ground, walls, *movers = (
-        bullet.createMultiBody(0.0, shape, physicsClientId=client) for shape in (plane, mesh, *cylinders)
-    )
-    for body in (ground, walls, *movers):
-        group, mask = (GROUND, ROLLING) if body == ground else (OBSTACLES, CHASSIS)
+    static = [bullet.createMultiBody(0.0, shape, physicsClientId=client) for shape in (plane, mesh)]
+    movers = [bullet.createMultiBody(_UNSTOPPABLE, shape, physicsClientId=client) for shape in cylinders]
+    for body in (*static, *movers):
+        group, mask = (GROUND, ROLLING) if body == static[0] else (OBSTACLES, CHASSIS)
         bullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=client)
         bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0, physicsClientId=client)
-    return walls, movers
+    return movers
 
 
 def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
@@ -109,14 +150,16 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
-    places = [(0.0, half_track, radius), (0.0, -half_track, radius), body.center]
+    center_of_mass = body.center_of_mass or body.center
+    plate = (body.center[0], body.center[1], min(radius, center_of_mass[2]))
+    places = [(0.0, half_track, radius), (0.0, -half_track, radius), plate]
     places += [(caster.x, caster.y, caster.radius + caster.clearance) for caster in robot.casters]
-    shapes = [_sphere(bullet, client, radius)] * 2 + [_chassis(bullet, client, robot)]
+    shapes = [_sphere(bullet, client, radius)] * 2 + [_plate(bullet, client, robot)]
     shapes += [_sphere(bullet, client, caster.radius) for caster in robot.casters]
     count, casters = len(places), len(robot.casters)
     light = _LIGHT * body.mass
     offsets = np.zeros((count, 3))
-    offsets[CHASSIS_LINK] = np.subtract(body.center_of_mass or body.center, body.center)
+    offsets[CHASSIS_LINK] = np.subtract(center_of_mass, plate)
     upright = [0.0, 0.0, 0.0, 1.0]
     robot_id: int = bullet.createMultiBody(
         baseMass=light,
@@ -146,6 +189,8 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
         )
         if link in WHEEL_LINKS:
             bullet.changeDynamics(robot_id, link, localInertiaDiagonal=[rolling] * 3, physicsClientId=client)
+        if link == CHASSIS_LINK:
+            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=_inertia(body), physicsClientId=client)
         group, mask = (CHASSIS, OBSTACLES) if link == CHASSIS_LINK else (ROLLING, GROUND)
         bullet.setCollisionFilterGroupMask(robot_id, link, group, mask, physicsClientId=client)
     return robot_id
@@ -155,11 +200,26 @@ def _sphere(bullet: ModuleType, client: int, radius: float) -> int:
     return bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius, physicsClientId=client)
 
 
-def _chassis(bullet: ModuleType, client: int, robot: RobotParams) -> int:
+def _plate(bullet: ModuleType, client: int, robot: RobotParams) -> int:
+    """Return the id of the shape that touches obstacles: the body's outline, `_PLATE` thick.
+
+    Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
+    wall in one corner after another, one in a substep, and rock itself into it.
+    """
     body = robot.body
     if body.size is None:
         return bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=body.radius, height=body.height, physicsClientId=client
+            bullet.GEOM_CYLINDER, radius=body.radius, height=_PLATE, physicsClientId=client
         )
-    half = [0.5 * side for side in body.size]
+    half = [0.5 * body.size[0], 0.5 * body.size[1], 0.5 * _PLATE]
     return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+
+
+def _inertia(body: BodyParams) -> list[float]:
+    """Return the principal moments of inertia of the body, solid and even [kg m2]."""
+    if body.size is not None:
+        x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
+        return [y + z, x + z, x + y]
+    radius, height = body.radius or 0.0, body.height or 0.0
+    across = body.mass * (3.0 * radius**2 + height**2) / 12.0
+    return [across, across, 0.5 * body.mass * radius**2]

@@ -69,20 +69,21 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
         left = (rates[step, 0] + slips[step, 0]) * drive.wheel_radius * dt
         right = (rates[step, 1] + slips[step, 1]) * drive.wheel_radius * dt
         turn = (right - left) / drive.track
-        forward = 0.5 * (left + right)
-        x, y, middle = state[X], state[Y], state[THETA] + 0.5 * turn
+        half = 0.5 * turn
+        chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
+        x, y, theta = state[X], state[Y], state[THETA]
         part = (step + 1) / substeps
         for i in range(circles.shape[0]):
             circles[i, 0] = before[i, 0] + part * (after[i, 0] - before[i, 0])
             circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
-        c, s = math.cos(middle), math.sin(middle)
+        c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
-            x + forward * c, y + forward * s, drive.radius, segments, near, num_near, circles
+            x + chord * c, y + chord * s, drive.radius, segments, near, num_near, circles
         )
         touched |= contact
         if not free:
             new_x, new_y = x, y
-        state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(state[THETA] + turn)
+        state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(theta + turn)
         state[LEFT_ANGLE] += rates[step, 0] * dt
         state[RIGHT_ANGLE] += rates[step, 1] * dt
         state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt

@@ -1,0 +1,104 @@
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry.raycast import cast_rays
+from envs.worlds import load_world
+
+TURN = 2 * math.pi
+NOTHING = np.empty((0, 4))
+NO_CIRCLES = np.empty((0, 3))
+
+
+def all_pairs(x, y, heading, angle_min, increment, range_max, segments, circles, num_beams):
+    """Every beam against every segment and circle."""
+    angles = heading + angle_min + increment * np.arange(num_beams)
+    d = np.column_stack([np.cos(angles), np.sin(angles)])
+    with np.errstate(all="ignore"):
+        a, e = segments[:, :2] - (x, y), segments[:, 2:] - segments[:, :2]
+        scale = d[:, :1] * e[:, 1] - d[:, 1:] * e[:, 0]
+        t = (a[:, 0] * e[:, 1] - a[:, 1] * e[:, 0]) / scale
+        u = (a[:, 0] * d[:, 1:] - a[:, 1] * d[:, :1]) / scale
+        hits = np.where((t >= 0) & (u >= 0) & (u <= 1), t, np.inf).min(axis=1, initial=np.inf)
+        c = circles[:, :2] - (x, y)
+        along = d @ c.T
+        root = np.sqrt(along**2 - (c**2).sum(axis=1) + circles[:, 2] ** 2)
+        near = np.where(along - root >= 0, along - root, along + root)
+        hits = np.minimum(hits, np.where(near >= 0, near, np.inf).min(axis=1, initial=np.inf))
+    return np.where(hits <= range_max, hits, np.inf)
+
+
+def cast(segments=NOTHING, circles=NO_CIRCLES, *, at=(0.0, 0.0), heading=0.0, angles=(0.0, math.pi / 2, 4), reach=10.0):
+    angle_min, increment, num_beams = angles
+    out = np.empty(num_beams)
+    cast_rays(*at, heading, angle_min, increment, reach, np.array(segments, float), np.array(circles, float), out)
+    return out
+
+
+@pytest.mark.parametrize(("fov", "num_beams"), [(TURN, 360), (4.71, 720), (1.0, 33)])
+@pytest.mark.parametrize("name", ["turtlebot3_world", "aws_small_house", "aws_bookstore"])
+def test_equals_testing_all_pairs_in_worlds(name, fov, num_beams):
+    world = load_world(name)
+    increment = fov / (num_beams if fov == TURN else num_beams - 1)
+    rng = np.random.default_rng(7)
+    out = np.empty(num_beams)
+    for _ in range(92_160 // (9 * num_beams) + 1):
+        x, y = rng.uniform(world.bounds[:2], world.bounds[2:])
+        heading = rng.uniform(-9, 9)
+        arguments = (x, y, heading, -fov / 2, increment, 8.0, world.segments, world.circles)
+        cast_rays(*arguments, out)
+        np.testing.assert_allclose(out, all_pairs(*arguments, num_beams), rtol=0, atol=1e-6)
+
+
+def test_equals_testing_all_pairs_in_a_thicket():
+    rng = np.random.default_rng(3)
+    middles = rng.uniform(-6, 6, (1216, 2))
+    segments = np.hstack([middles, middles + rng.normal(0, 0.5, middles.shape)])
+    circles = np.column_stack([rng.uniform(-6, 6, (40, 2)), rng.uniform(0.02, 0.6, 40)])
+    out = np.empty(360)
+    for _ in range(60):
+        arguments = (*rng.uniform(-6, 6, 2), rng.uniform(-9, 9), -math.pi, TURN / 360, 5.0, segments, circles)
+        cast_rays(*arguments, out)
+        np.testing.assert_allclose(out, all_pairs(*arguments, 360), rtol=0, atol=1e-6)
+
+
+def test_float32_ranges_are_the_rounded_ones():
+    segments = np.array([[2.0, -5.0, 2.1, 5.0]])
+    exact, single = np.empty(90), np.empty(90, dtype=np.float32)
+    for out in (exact, single):
+        cast_rays(0.1, 0.2, 0.3, -math.pi, TURN / 90, 10.0, segments, NO_CIRCLES, out)
+    np.testing.assert_allclose(single, exact, rtol=1e-6)
+
+
+def test_known_distances_in_a_box():
+    box = [[-1, -2, 3, -2], [3, -2, 3, 4], [3, 4, -1, 4], [-1, 4, -1, -2]]
+    np.testing.assert_allclose(cast(box), [3, 4, 1, 2])
+    np.testing.assert_allclose(cast(box, heading=math.pi / 2), [4, 1, 2, 3])
+    np.testing.assert_allclose(cast(box, at=(2.0, 3.0)), [1, 1, 3, 5])
+    np.testing.assert_allclose(cast(box, reach=2.5), [np.inf, np.inf, 1, 2])
+    np.testing.assert_allclose(cast(box, angles=(-math.pi / 4, math.pi / 2, 1)), [2 * math.sqrt(2)])
+
+
+def test_a_circle_is_seen_from_outside_and_from_inside():
+    np.testing.assert_allclose(cast(circles=[[3, 0, 1]]), [2, np.inf, np.inf, np.inf])
+    np.testing.assert_allclose(cast(circles=[[0.5, 0, 1]]), [1.5, math.sqrt(0.75), 0.5, math.sqrt(0.75)])
+
+
+def test_an_obstacle_behind_spans_the_first_and_the_last_beam():
+    wall = [[-1, -1, -1, 1]]
+    out = cast(wall, angles=(-math.pi, TURN / 8, 8))
+    np.testing.assert_allclose(out[[0, 1, 7]], [1, math.sqrt(2), math.sqrt(2)])
+    assert np.isinf(out[2:7]).all()
+    assert np.isinf(cast(wall, angles=(-2.0, 0.1, 41))).all()
+
+
+def test_a_sensor_on_a_wall_sees_it_at_no_distance():
+    out = cast([[-1, 0, 1, 0]], angles=(0.1, TURN / 7, 7))
+    np.testing.assert_array_equal(out, 0.0)
+    np.testing.assert_allclose(cast([[-1, 1e-5, 1, 1e-5]]), [np.inf, 1e-5, np.inf, np.inf])
+
+
+def test_segments_without_length_and_beams_along_a_segment_hit_nothing():
+    assert np.isinf(cast([[1, 0, 1, 0], [0, 0, 0, 0]])).all()
+    assert np.isinf(cast([[1, 0, 2, 0]])[1:]).all()

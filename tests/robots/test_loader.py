@@ -1,0 +1,74 @@
+from pathlib import Path
+
+import pytest
+import yaml
+
+import envs.robots
+from envs.robots import ROBOT_NAMES, load_robot
+
+BURGER = Path(envs.robots.__file__).parent / "library" / "turtlebot3_burger.yaml"
+
+
+def written(tmp_path, text):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    return path
+
+
+def changed(tmp_path, *keys, value):
+    content = yaml.safe_load(BURGER.read_text())
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = value
+    return written(tmp_path, yaml.safe_dump(content))
+
+
+def test_a_name_a_path_and_the_robot_itself_are_the_same_robot():
+    robot = load_robot("turtlebot3_burger")
+    assert load_robot(BURGER) == load_robot(str(BURGER)) == robot
+    assert load_robot(robot) is robot
+
+
+def test_numbers_in_scientific_notation_are_numbers(tmp_path):
+    path = written(tmp_path, BURGER.read_text().replace("gyro_std: 0.0002", "gyro_std: 2e-4"))
+    assert isinstance(yaml.safe_load(path.read_text())["imu"]["gyro_std"], str)
+    assert load_robot(path) == load_robot("turtlebot3_burger")
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(ValueError, match=r"'turtlebot4'.*" + ".*".join(ROBOT_NAMES)):
+        load_robot("turtlebot4")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "complaint"),
+    [
+        (("drive", "trak"), 0.2, r"drive\.trak: unknown key"),
+        (("wheels",), {}, "wheels: unknown key"),
+        (("max_v",), -0.2, "max_v must be positive, got -0.2"),
+        (("max_w",), "fast", "max_w: .*number"),
+        (("drive", "track"), float("nan"), r"drive\.track: .*finite"),
+        (("drive", "wheel_radius"), 0, "drive: .*wheel_radius must be positive"),
+        (("lidar", "range_min"), 5.0, "lidar: .*range_min must lie in"),
+        (("lidar", "num_beams"), 1.5, r"lidar\.num_beams: .*integer"),
+        (("body", "radius"), 0.1, "body: .*either size or radius"),
+        (("casters",), [{"x": 0.1, "y": 0.0, "radius": -1}], r"casters\.0: .*radius must be positive"),
+    ],
+)
+def test_errors_name_the_file_and_the_key(tmp_path, keys, value, complaint):
+    with pytest.raises(ValueError, match=r"mine\.yaml: .*" + complaint):
+        load_robot(changed(tmp_path, *keys, value=value))
+
+
+def test_what_is_no_robot_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"mine\.yaml: .*mapping"):
+        load_robot(written(tmp_path, "- 1\n"))
+    with pytest.raises(ValueError, match=r"mine\.yaml: .*YAML"):
+        load_robot(written(tmp_path, "a: [1\n"))
+    with pytest.raises(ValueError, match=r"mine\.yaml: .*drive: .*required"):
+        load_robot(written(tmp_path, "name: x\n"))
+    with pytest.raises(FileNotFoundError, match=r"gone\.yaml"):
+        load_robot(tmp_path / "gone.yaml")
+    with pytest.raises(TypeError, match="int"):
+        load_robot(3)

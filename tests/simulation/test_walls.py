@@ -1,0 +1,73 @@
+"""Walls stop robots, let nobody through, and tip nobody over."""
+
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.robots import ROBOT_NAMES, load_robot
+from envs.simulation import Twist, make_simulator
+from envs.simulation.contact import clearance
+from envs.worlds import Mover
+
+WALL = 2.0
+
+
+def farthest(robot, pose):
+    """Greatest x that the chassis reaches [m]."""
+    x, y, _ = robot.body.center
+    center = pose.transform(np.array([[x, y]]))[0, 0]
+    if robot.body.size is None:
+        return center + robot.body.radius
+    c, s = abs(math.cos(pose.theta)), abs(math.sin(pose.theta))
+    return center + 0.5 * (c * robot.body.size[0] + s * robot.body.size[1])
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_thin_wall_stops_the_robot(physics, name, room):
+    robot = load_robot(name)
+    world = room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
+    simulator = make_simulator(physics, robot, 0.1)
+    one_substep = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius / 60
+    for heading, sign in ((0.0, 1), (0.7, 1), (math.pi, -1), (math.pi - 0.3, -1)):
+        simulator.reset(world, Pose2D(WALL - robot.radius - 0.4, 0.0, heading), np.random.default_rng(0))
+        touched, xs = 0, []
+        for _ in range(math.ceil(15.0 / robot.max_v / 10) + 40):
+            reading = simulator.step(Twist(sign * robot.max_v, 0.0))
+            touched += reading.bumper
+            xs.append(simulator.state.pose.x)
+            if physics == "kinematic":
+                free = clearance(*simulator.state.pose[:2], world.segments, world.circles)
+                assert free > robot.radius - 1e-5
+            else:
+                assert farthest(robot, simulator.state.pose) < WALL + 0.001 + one_substep
+                assert max(map(abs, simulator.tilt)) < math.radians(10)
+        assert touched > 10
+        if heading in (0.0, math.pi):
+            assert np.ptp(xs[-10:]) < 0.01
+    simulator.close()
+
+
+def test_driving_freely_touches_nothing(physics, room):
+    simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
+    simulator.reset(room(3.0), Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+    assert not any(simulator.step(Twist(0.2, 0.3)).bumper for _ in range(100))
+
+
+def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
+    robot = load_robot("turtlebot3_waffle_pi")
+    path = np.array([[1.5, 0.03], [-3.0, 0.03], [-3.0, 3.0], [1.5, 3.0]])
+    world = room(5.0, movers=[Mover(radius=0.25, waypoints=path, speed=0.8)])
+    simulator = make_simulator(physics, robot, 0.1)
+    simulator.reset(world, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+    touched = 0
+    nearest = robot.radius if physics == "kinematic" else robot.body.center[0] + 0.5 * robot.body.size[0]
+    for _ in range(60):
+        reading = simulator.step(Twist(0.0, 0.0))
+        touched += reading.bumper
+        gap = math.dist(world.movers[0].position(reading.time), simulator.state.pose[:2])
+        assert gap > 0.25 + nearest - 0.01
+    assert touched >= 3
+    assert math.hypot(*simulator.state.pose[:2]) > 0.2
+    assert np.nanmin(reading.ranges) < 3.5
