@@ -30,6 +30,8 @@ class Film:
     """Shape (height, width, 3), uint8 each."""
     explored: list[float] = field(default_factory=list)
     """Explored fraction at each picture."""
+    plans: list[float] = field(default_factory=list)
+    """Length of the planned path at each picture [m]."""
 
     def shoot(self, info: dict[str, Any]) -> None:
         """Take a picture if it is time for one."""
@@ -42,6 +44,13 @@ class Film:
         assert frame is not None
         self.frames.append(frame)
         self.explored.append(info["explored_fraction"])
+        plan = self.env.plan
+        self.plans.append(0.0 if plan is None else float(np.hypot(*np.diff(plan, axis=0).T).sum()))
+
+    @property
+    def hero(self) -> np.ndarray:
+        """The picture that shows most at a glance: half of the place known, and a long way planned."""
+        return self.frames[max(range(len(self.frames)), key=lambda i: (0.5 <= self.explored[i] <= 0.75, self.plans[i]))]
 
 
 def _palette() -> Image.Image:
@@ -99,10 +108,8 @@ class Options:
     """One of the classic explorers."""
     seed: int = 0
     """Seed of place, start and noise."""
-    every: float = 6.0
+    every: float = 4.0
     """Simulated time between two pictures of the film [s]."""
-    hero: float = 0.6
-    """Explored fraction at which the one picture is taken."""
     film: Path = Path("docs/images/exploring.gif")
     """Where the film goes."""
     picture: Path = Path("docs/images/hero.png")
@@ -125,8 +132,7 @@ def main(options: Options) -> None:
     for path in (options.film, options.picture):
         path.parent.mkdir(parents=True, exist_ok=True)
     save_gif(film.frames, options.film)
-    chosen = next((i for i, share in enumerate(film.explored) if share >= options.hero), -1)
-    Image.fromarray(film.frames[chosen]).save(options.picture, optimize=True)
+    Image.fromarray(film.hero).save(options.picture, optimize=True)
     print(f"{options.world}: {100 * episode.explored_fraction:.1f} % explored in {episode.duration:.0f} s")
     for path in (options.film, options.picture):
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
