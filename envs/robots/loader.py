@@ -1,6 +1,7 @@
 """Reading robots from YAML."""
 
 import os
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -38,6 +39,11 @@ def load_robot(robot: str | Path | RobotParams) -> RobotParams:
     return _read(path)
 
 
+@cache
+def _adapter() -> TypeAdapter[RobotParams]:
+    return TypeAdapter(RobotParams)
+
+
 def _read(path: Path) -> RobotParams:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -46,7 +52,7 @@ def _read(path: Path) -> RobotParams:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected a mapping of keys to values, got {type(content).__name__}")
     try:
-        return TypeAdapter(RobotParams).validate_python(content)
+        return _adapter().validate_python(content)
     except ValidationError as error:
         faults = [f"{_key(fault['loc'])}: {_complaint(fault)}" for fault in error.errors()]
         raise ValueError(f"{path}: " + "; ".join(faults)) from error

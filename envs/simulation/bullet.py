@@ -20,8 +20,8 @@ GRAVITY = 9.81
 SOLVER_ITERATIONS = 15
 """Iterations of the constraint solver in a substep."""
 CONTACT_BREAKING = 0.1
-"""Distance at which a contact begins and ends, as a fraction of the smaller shape's size. At PyBullet's 0.02 wheels drag
-old points of contact along, which costs time, and robots meet walls too late to stop before them."""
+"""Distance at which a contact begins and ends, as a fraction of the smaller shape's size. At PyBullet's 0.02 wheels
+drag old points of contact along, which costs time, and robots meet walls too late to stop before them."""
 _NOT_CONNECTED = -1
 """Id that no physics client has."""
 _NORMAL_FORCE = 9

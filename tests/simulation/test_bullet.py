@@ -1,0 +1,87 @@
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.simulation import Twist, make_simulator
+
+ROOT = Path(__file__).parents[2]
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+
+
+def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(ImportError, match=r"Linux x86_64 and Python 3\.11.*pip install pybullet.*'kinematic'"):
+        make_simulator("bullet", load_robot("turtlebot3_burger"), 0.1)
+    make_simulator("kinematic", load_robot("turtlebot3_burger"), 0.1)
+
+
+def test_pybullet_is_imported_late_and_silently(bullet):
+    code = """
+import sys
+import numpy as np
+from envs.robots import load_robot
+from envs.simulation import Twist, make_simulator
+from envs.worlds import load_world
+robot = load_robot("turtlebot3_burger")
+make_simulator("kinematic", robot, 0.1)
+assert "pybullet" not in sys.modules
+world = load_world("turtlebot3_world")
+simulator = make_simulator("bullet", robot, 0.1)
+simulator.reset(world, world.spawns[0], np.random.default_rng(0))
+simulator.step(Twist(0.1, 0.0))
+simulator.close()
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+def test_it_can_be_pickled_before_the_first_reset_and_closed_twice(bullet, room):
+    simulator = pickle.loads(pickle.dumps(make_simulator(bullet, load_robot("turtlebot3_burger"), 0.1)))
+    simulator.close()
+    for _ in range(2):
+        simulator.reset(room(3.0), ORIGIN, np.random.default_rng(0))
+        simulator.step(Twist(0.1, 0.0))
+        simulator.close()
+        simulator.close()
+
+
+def test_two_simulators_do_not_disturb_each_other(bullet, room):
+    robot, world = load_robot("turtlebot3_burger"), room(3.0)
+    first, second = (make_simulator(bullet, robot, 0.1) for _ in range(2))
+    for simulator in (first, second):
+        simulator.reset(world, ORIGIN, np.random.default_rng(0))
+    for _ in range(20):
+        first.step(Twist(0.2, 1.0))
+        second.step(Twist(-0.2, 0.0))
+    assert first.state.pose.theta > 1.0
+    assert second.state.pose.x < -0.3
+    second.close()
+    first.step(Twist(0.2, 1.0))
+
+
+def resident_megabytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_ever_new_worlds_do_not_fill_the_memory(bullet, room):
+    rng = np.random.default_rng(0)
+    simulator = make_simulator(bullet, load_robot("turtlebot3_burger"), 0.1)
+
+    def visit(num_worlds):
+        for _ in range(num_worlds):
+            corners = rng.uniform(1.0, 9.0, (2000, 2))
+            segments = np.hstack([corners, corners + rng.uniform(-0.3, 0.3, corners.shape)])
+            simulator.reset(room(10.0, segments=segments), ORIGIN, rng)
+
+    visit(4)
+    before = resident_megabytes()
+    visit(12)
+    assert resident_megabytes() - before < 8.0, "2 MB are lost with every such world when lists are not reused"
+    simulator.close()

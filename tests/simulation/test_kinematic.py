@@ -1,0 +1,165 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
+from envs.simulation.contact import clearance
+from envs.worlds import Mover
+
+SUBSTEPS = 6
+
+
+def plain_advance(pose, reached, command, normals, period, robot, segments, before, after):
+    """One control period without kernels: the same physics, every obstacle looked at in every substep."""
+    dt, wheels, assumed = period / SUBSTEPS, robot.drive, robot.odometry
+    angles, touched = np.zeros(2), False
+    for step in range(1, SUBSTEPS + 1):
+        limits = ((robot.max_v, robot.max_acc_v), (robot.max_w, robot.max_acc_w))
+        goals = [np.clip(goal, -limit, limit) for goal, (limit, _) in zip(command, limits)]
+        reached = [
+            now + np.clip(goal - now, -acc * dt, acc * dt) for now, goal, (_, acc) in zip(reached, goals, limits)
+        ]
+        v, w = reached
+        rates = np.array([v - w * assumed.track / 2, v + w * assumed.track / 2]) / assumed.wheel_radius
+        angles += rates * dt
+        rolled = rates * dt * wheels.wheel_radius
+        rolled += wheels.slip_std * np.sqrt(np.abs(rolled) / SUBSTEPS) * normals
+        turn, ahead = (rolled[1] - rolled[0]) / wheels.track, rolled.mean()
+        if abs(turn) > 1e-12:
+            arc = Pose2D(ahead / turn * math.sin(turn), ahead / turn * (1 - math.cos(turn)), turn)
+        else:
+            arc = Pose2D(ahead, 0.0, turn)
+        moved = pose.compose(arc)
+        circles = before + (after - before) * step / SUBSTEPS
+        at, free = np.array(moved[:2]), False
+        for _ in range(12):
+            overlaps = []
+            for x0, y0, x1, y1 in segments:
+                a, e = np.array([x0, y0]), np.array([x1 - x0, y1 - y0])
+                nearest = a + np.clip((at - a) @ e / (e @ e), 0, 1) * e
+                overlaps.append((robot.radius - np.linalg.norm(at - nearest), at - nearest))
+            for x, y, radius in circles:
+                offset = at - (x, y)
+                overlaps.append((robot.radius + radius - np.linalg.norm(offset), offset))
+            depth, offset = max(overlaps, key=lambda overlap: overlap[0])
+            if depth <= 1e-6:
+                free = True
+                break
+            touched = True
+            at = at + depth * offset / np.linalg.norm(offset)
+        x, y = at if free else pose[:2]
+        pose = Pose2D(x, y, moved.theta)
+    return pose, reached, angles, touched
+
+
+def test_equals_the_plain_physics(room):
+    """Among walls, posts and a walking body, with slip."""
+    robot = load_robot("turtlebot3_burger")
+    walls = [[0.4, -0.5, 0.4, 0.5], [-0.3, 0.3, 0.3, 0.5], [-0.5, -0.4, 0.2, -0.45]]
+    mover = Mover(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
+    world = room(0.8, segments=walls, circles=[[-0.2, 0.2, 0.05]], movers=[mover])
+    simulator = KinematicSimulator(robot, 0.1)
+    rng, copy = np.random.default_rng(3), np.random.default_rng(3)
+    pose = Pose2D(0.0, 0.0, 0.3)
+    simulator.reset(world, pose, rng)
+    size = 4 + robot.lidar.num_beams
+    copy.standard_normal(size)
+    reached, angles, contacts = [0.0, 0.0], np.zeros(2), 0
+    commands = np.random.default_rng(8)
+    for step in range(200):
+        if step % 10 == 0:
+            command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
+        reading = simulator.step(command)
+        pose, reached, turned, touched = plain_advance(
+            pose,
+            reached,
+            command,
+            copy.standard_normal(size)[:2],
+            0.1,
+            robot,
+            world.segments,
+            world.circles_at(0.1 * step),
+            world.circles_at(0.1 * (step + 1)),
+        )
+        angles += turned
+        contacts += touched
+        np.testing.assert_allclose(simulator.state.pose, pose, atol=1e-9)
+        assert reading.bumper == touched
+        np.testing.assert_array_equal(reading.ticks, np.floor(angles * 4096 / (2 * math.pi) + 1e-9))
+    assert 20 < contacts < 180
+
+
+def test_it_slides_along_a_wall(room):
+    robot = load_robot("turtlebot3_burger")
+    robot = replace(robot, drive=replace(robot.drive, slip_std=0.0))
+    simulator = KinematicSimulator(robot, 0.1)
+    simulator.reset(room(5.0), Pose2D(0.0, 5.0 - robot.radius - 0.01, math.pi / 6), np.random.default_rng(0))
+    for _ in range(100):
+        simulator.step(Twist(0.2, 0.0))
+    x, y, theta = simulator.state.pose
+    assert theta == pytest.approx(math.pi / 6)
+    assert y == pytest.approx(5.0 - robot.radius, abs=1e-5)
+    assert x == pytest.approx(20 * 0.1 * math.cos(math.pi / 6) * 0.96, rel=0.06)
+    assert simulator.state.twist.v == pytest.approx(0.2 * math.cos(math.pi / 6) ** 2, rel=0.01)
+
+
+def test_a_robot_too_fast_for_its_size_tunnels_nowhere(room):
+    robot = replace(load_robot("raspimouse"), max_v=20.0, max_acc_v=1000.0)
+    world = room(30.0, segments=[[2.0, -30.0, 2.0, 30.0]])
+    simulator = KinematicSimulator(robot, 0.5)
+    simulator.reset(world, Pose2D(0.0, 0.0, 0.3), np.random.default_rng(0))
+    for _ in range(6):
+        simulator.step(Twist(20.0, 0.0))
+        assert simulator.state.pose.x <= 2.0 - robot.radius + 1e-5
+
+
+def test_a_wedged_robot_stays_where_it_is(room):
+    robot = load_robot("turtlebot3_burger")
+    wedge = [[0.0, -0.3, 2.0, 0.0], [0.0, 0.3, 2.0, 0.0]]
+    simulator = KinematicSimulator(robot, 0.1)
+    world = room(5.0, segments=wedge)
+    simulator.reset(world, Pose2D(0.3, 0.0, 0.0), np.random.default_rng(0))
+    for _ in range(100):
+        simulator.step(Twist(0.2, 0.0))
+        assert clearance(*simulator.state.pose[:2], world.segments, world.circles) > robot.radius - 1e-5
+    assert simulator.state.pose.x < 2.0 - robot.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
+
+
+def test_clearance_is_the_distance_to_the_nearest_thing(room):
+    world = room(4.0, segments=[[1, 1, 1, 3]], circles=[[-2, 0, 0.5]])
+    for point, expected in (((0, 2), 1), ((1, 0), 1), ((0, 0), math.sqrt(2)), ((-3, 0), 0.5), ((-2, 0.1), -0.4)):
+        assert clearance(*point, world.segments, world.circles) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan)])
+def test_commands_that_are_no_numbers_are_refused(physics, command, plain):
+    simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
+    simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+    before = simulator.state
+    with pytest.raises(ValueError, match=r"command must be finite, got v = .* w = (nan|inf|0\.0)"):
+        simulator.step(Twist(*command))
+    assert simulator.state == before
+
+
+def test_bad_use_is_refused(physics, room):
+    robot = load_robot("turtlebot3_burger")
+    with pytest.raises(ValueError, match="control_period must be positive"):
+        make_simulator(physics, robot, 0.0)
+    simulator = make_simulator(physics, robot, 0.1)
+    with pytest.raises(RuntimeError, match="reset"):
+        simulator.step(Twist(0.0, 0.0))
+    world = room(2.0, circles=[[1.0, 0.0, 0.3]])
+    for pose in (Pose2D(1.95, 0.0, 0.0), Pose2D(1.0, 0.1, 0.0)):
+        with pytest.raises(ValueError, match=r"does not fit at x = 1\..* world 'test'.* 0\.125 m"):
+            simulator.reset(world, pose, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="finite"):
+        simulator.reset(world, Pose2D(math.nan, 0.0, 0.0), np.random.default_rng(0))
+
+
+def test_unknown_physics_is_refused():
+    with pytest.raises(ValueError, match="'newton'.*" + ", ".join(PHYSICS)):
+        make_simulator("newton", load_robot("turtlebot3_burger"), 0.1)

@@ -1,0 +1,121 @@
+"""Every sensor against a known answer."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.robots import ImuParams, LidarParams, Mount, load_robot
+from envs.simulation.sensors import Sensors, disturb_ranges
+
+BOX = np.array([[-2, -3, 4, -3], [4, -3, 4, 5], [4, 5, -2, 5], [-2, 5, -2, -3]], dtype=float)
+NO_CIRCLES = np.empty((0, 3))
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+BURGER = load_robot("turtlebot3_burger")
+
+
+def read(
+    lidar=None, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=NO_CIRCLES
+):
+    robot = replace(BURGER, lidar=lidar or LidarParams(num_beams=4, range_max=10.0), imu=imu or ImuParams())
+    sensors = Sensors(robot)
+    noise = sensors.draw(np.random.default_rng(seed))
+    return sensors.read(noise, 1.5, pose, angles, yaw_rate, bumper, BOX, circles)
+
+
+def test_a_perfect_lidar_measures_the_box():
+    lidar = LidarParams(num_beams=4, range_max=10.0)
+    np.testing.assert_allclose(lidar.angles, [-math.pi, -math.pi / 2, 0, math.pi / 2])
+    reading = read(lidar)
+    assert reading.ranges.dtype == np.float32
+    np.testing.assert_allclose(reading.ranges, [2, 3, 4, 5])
+    np.testing.assert_allclose(read(lidar, pose=Pose2D(1, 1, math.pi / 2)).ranges, [4, 3, 4, 3], rtol=1e-6)
+
+
+def test_the_lidar_sits_where_it_is_mounted():
+    mount = Mount(x=0.5, y=-0.25, yaw=math.pi / 2)
+    lidar = LidarParams(num_beams=4, range_max=10.0, mount=mount)
+    np.testing.assert_allclose(read(lidar).ranges, [2.75, 3.5, 5.25, 2.5], rtol=1e-6)
+    turned = read(lidar, pose=Pose2D(0.0, 0.0, math.pi))
+    np.testing.assert_allclose(turned.ranges, [4.75, 1.5, 3.25, 4.5], rtol=1e-6)
+
+
+def test_a_narrow_field_of_view_begins_and_ends_at_its_edges():
+    lidar = LidarParams(num_beams=3, range_max=10.0, fov=math.pi)
+    np.testing.assert_allclose(read(lidar).ranges, [3, 4, 5], rtol=1e-6)
+
+
+def test_too_near_is_nan_and_too_far_is_infinite():
+    lidar = LidarParams(num_beams=4, range_max=3.5, range_min=2.5)
+    np.testing.assert_array_equal(read(lidar).ranges, np.array([np.nan, 3, np.inf, np.inf], dtype=np.float32))
+
+
+def test_ranges_are_rounded_to_the_resolution():
+    lidar = LidarParams(num_beams=4, range_max=10.0, resolution=0.3)
+    np.testing.assert_allclose(read(lidar).ranges, [2.1, 3.0, 3.9, 5.1], rtol=1e-6)
+
+
+def test_noise_and_dropout_have_the_stated_size():
+    lidar = LidarParams(num_beams=20_000, range_max=10.0, noise_std=0.02, dropout=0.1)
+    exact = read(replace(lidar, noise_std=0.0, dropout=0.0)).ranges
+    ranges = read(lidar).ranges
+    lost = np.isnan(ranges)
+    assert lost.mean() == pytest.approx(0.1, abs=4 * math.sqrt(0.1 * 0.9 / 20_000))
+    errors = (ranges - exact)[~lost]
+    assert errors.std() == pytest.approx(0.02, rel=0.03)
+    assert abs(errors.mean()) < 4 * 0.02 / math.sqrt(len(errors))
+
+
+def test_finite_ranges_lie_within_the_lidars_limits():
+    lidar = LidarParams(num_beams=5000, range_max=4.0, range_min=2.5, noise_std=0.3, resolution=0.01)
+    ranges = read(lidar).ranges
+    finite = ranges[np.isfinite(ranges)]
+    assert finite.min() >= np.float32(2.5)
+    assert finite.max() <= np.float32(4.0)
+
+
+def test_disturbing_equals_the_plain_formula():
+    rng = np.random.default_rng(1)
+    exact = rng.uniform(0, 5, 1000).astype(np.float32)
+    exact[::7] = np.inf
+    normals, uniforms = rng.standard_normal(1000), rng.random(1000)
+    ranges = exact.copy()
+    disturb_ranges(ranges, normals, uniforms, 0.05, 0.015, 0.2, 4.0, 0.02)
+    with np.errstate(invalid="ignore"):
+        measured = 0.015 * np.floor((exact.astype(float) + 0.05 * normals) / 0.015 + 0.5)
+    expected = np.where((exact < 0.2) | (measured < 0.2), np.nan, measured)
+    expected = np.where(measured > 4.0, np.inf, expected)
+    expected = np.where(uniforms < 0.02, np.nan, expected).astype(np.float32)
+    np.testing.assert_array_equal(ranges, expected)
+
+
+def test_encoders_count_whole_ticks():
+    tick = 2 * math.pi / 4096
+    assert read(angles=(0.0, 0.0)).ticks == (0, 0)
+    assert read(angles=(2.9 * tick, 3.1 * tick)).ticks == (2, 3)
+    assert read(angles=(-0.1 * tick, 2 * math.pi * 10 + 0.5 * tick)).ticks == (-1, 40960)
+
+
+def test_gyroscope_and_compass():
+    imu = ImuParams(gyro_std=0.05, has_compass=True, compass_std=0.1, compass_resolution=0.02)
+    readings = [read(imu=imu, pose=Pose2D(0, 0, 3.1), yaw_rate=0.7, seed=seed) for seed in range(2000)]
+    rates = np.array([reading.yaw_rate for reading in readings])
+    headings = np.array([reading.heading for reading in readings])
+    assert rates.mean() == pytest.approx(0.7, abs=0.005)
+    assert rates.std() == pytest.approx(0.05, rel=0.07)
+    assert np.all((headings >= -math.pi) & (headings < math.pi))
+    unwrapped = np.where(headings < 0, headings + 2 * math.pi, headings)
+    assert unwrapped.mean() == pytest.approx(3.1, abs=0.01)
+    assert unwrapped.std() == pytest.approx(0.1, rel=0.07)
+    steps = unwrapped[headings > 0] / 0.02
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert math.isnan(read().heading)
+
+
+def test_movers_and_the_bumper_are_reported():
+    reading = read(circles=np.array([[3.0, 0.0, 0.5]]), bumper=True)
+    assert reading.bumper is True
+    assert reading.time == 1.5
+    assert reading.ranges[2] == pytest.approx(2.5)
