@@ -9,6 +9,7 @@ from .scene import Scene
 
 MODES = ("human", "rgb_array")
 """Render modes."""
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a greeting would spoil what programs print for programs
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
