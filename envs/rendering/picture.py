@@ -100,7 +100,8 @@ class Picture:
 
     def _draw_header(self, scene: Scene) -> None:
         frame, text, (left, middle, right) = self._frame, self._text, (GAP, self._boxes[1].left, self._boxes[1].right)
-        text.number(frame, scene.world.name, topleft=(left, 14))
+        name = scene.world.name
+        text.number(frame, name if len(name) < 27 else f"{name[:25]}…", topleft=(left, 14))
         text.label(frame, scene.robot.name, topleft=(left, 46))
 
         share = min(max(scene.explored_fraction, 0.0), 1.0)
