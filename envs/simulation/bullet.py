@@ -139,6 +139,7 @@ class BulletSimulator:
             numSubSteps=0,
             numSolverIterations=SOLVER_ITERATIONS,
             contactBreakingThreshold=CONTACT_BREAKING,
+            enableConeFriction=0,  # with it the pushing wheels of a robot held by a wall turn it on the spot
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )

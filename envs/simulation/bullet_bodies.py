@@ -25,8 +25,8 @@ _UNSTOPPABLE = 1e4
 """Mass of a mover [kg]."""
 _ROTOR = 0.25
 """Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
-of the wheel's radius. Without it ten iterations of the solver do not reconcile motors with friction: wheels that weigh
-next to nothing between a heavy body and the ground leave errors of several percent in speed."""
+of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
+weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
 
 
 def import_pybullet() -> ModuleType:
@@ -106,13 +106,13 @@ _LENT = _Lent()
 
 
 def build_mesh(bullet: ModuleType, client: int, vertices: np.ndarray, triangles: np.ndarray) -> int:
-    """Return the id of a collision shape made of triangles; see `extrude` for the arguments."""
+    """Return the id of a collision shape made of triangles, smooth where they join; see `extrude` for the arguments."""
     _LENT.fill(vertices, triangles)
     shape: int = bullet.createCollisionShape(
         bullet.GEOM_MESH,
         vertices=_LENT.vertices,
         indices=_LENT.triangles,
-        flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
+        flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH | bullet.GEOM_CONCAVE_INTERNAL_EDGE,
         physicsClientId=client,
     )
     return shape

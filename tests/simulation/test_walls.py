@@ -1,6 +1,7 @@
 """Walls stop robots, let nobody through, and tip nobody over."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,9 +32,9 @@ def test_a_thin_wall_stops_the_robot(physics, name, room):
     simulator = make_simulator(physics, robot, 0.1)
     one_substep = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius / 60
     for heading, sign in ((0.0, 1), (0.7, 1), (math.pi, -1), (math.pi - 0.3, -1)):
-        simulator.reset(world, Pose2D(WALL - robot.radius - 0.4, 0.0, heading), np.random.default_rng(0))
+        simulator.reset(world, Pose2D(WALL - robot.radius - 1.4, 0.0, heading), np.random.default_rng(0))
         touched, xs = 0, []
-        for _ in range(math.ceil(15.0 / robot.max_v / 10) + 40):
+        for _ in range(40 + math.ceil(10 * (2.0 / robot.max_v + robot.max_v / robot.max_acc_v))):
             reading = simulator.step(Twist(sign * robot.max_v, 0.0))
             touched += reading.bumper
             xs.append(simulator.state.pose.x)
@@ -71,3 +72,24 @@ def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
     assert touched >= 3
     assert math.hypot(*simulator.state.pose[:2]) > 0.2
     assert np.nanmin(reading.ranges) < 3.5
+
+
+@pytest.mark.parametrize("name", ["create3", "turtlebot3_waffle_pi", "raspimouse"])
+def test_a_wall_of_many_pieces_is_smooth(physics, name, room):
+    """Robots glide along it at a shallow angle; a round one keeps its heading, a square one may turn along it."""
+    robot = load_robot(name)
+    robot = replace(robot, drive=replace(robot.drive, slip_std=0.0))
+    ends = np.arange(-4.0, 4.01, 0.05)
+    world = room(5.0, segments=[[x, 1.0, x + 0.05, 1.0] for x in ends])
+    simulator = make_simulator(physics, robot, 0.1)
+    simulator.reset(world, Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25), np.random.default_rng(0))
+    seconds = 3.0 / robot.max_v
+    touched = [simulator.step(Twist(robot.max_v, 0.0)).bumper for _ in range(round(10 * seconds))]
+    assert np.mean(touched) > 0.5
+    x, y, theta = simulator.state.pose
+    forward = robot.drive.wheel_radius / robot.odometry.wheel_radius
+    assert 0.9 * math.cos(0.25) * 3.0 * forward < x + 3.0 < 1.01 * 3.0 * forward
+    assert 0.0 < y < 1.0
+    if robot.body.radius is not None:
+        assert theta == pytest.approx(0.25, abs=0.05)
+    simulator.close()
