@@ -33,20 +33,21 @@ def test_a_thin_wall_stops_the_robot(physics, name, room):
     one_substep = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius / 60
     for heading, sign in ((0.0, 1), (0.7, 1), (math.pi, -1), (math.pi - 0.3, -1)):
         simulator.reset(world, Pose2D(WALL - robot.radius - 1.4, 0.0, heading), np.random.default_rng(0))
-        touched, xs = 0, []
+        touched, reached = [], []
         for _ in range(40 + math.ceil(10 * (2.0 / robot.max_v + robot.max_v / robot.max_acc_v))):
             reading = simulator.step(Twist(sign * robot.max_v, 0.0))
-            touched += reading.bumper
-            xs.append(simulator.state.pose.x)
+            touched.append(reading.bumper)
+            reached.append(farthest(robot, simulator.state.pose))
             if physics == "kinematic":
                 free = clearance(*simulator.state.pose[:2], world.segments, world.circles)
                 assert free > robot.radius - 1e-5
             else:
                 assert farthest(robot, simulator.state.pose) < WALL + 0.001 + one_substep
                 assert max(map(abs, simulator.tilt)) < math.radians(10)
-        assert touched > 10
+        assert sum(touched) > 10
+        first = touched.index(True)
         if heading in (0.0, math.pi):
-            assert np.ptp(xs[-10:]) < 0.01
+            assert np.ptp(reached[first + 5 : first + 15]) < 0.01, "head-on, the robot has to come to rest"
     simulator.close()
 
 
