@@ -2,7 +2,8 @@
 
 Where the seed leaves something open, the program that it describes decides: DBSCAN's `min_samples` is the least
 frontier size, the radius of the information gain is scaled by the map's diagonal over 20 m (at most doubled), and a
-blacklist that covers too much forgets its oldest two thirds. Two things had to be settled anew:
+blacklist that covers too much forgets its oldest two thirds. Detection and DBSCAN are kernels of `envs.navigation` here,
+equal to SciPy's and scikit-learn's cell by cell. Two things had to be settled anew:
 
 - *Share explored.* The seed divides the free cells by all cells of the map, and its map ends where observations end.
   Ours grows ahead of them, so the rectangle around everything observed takes the place of the map.
@@ -15,12 +16,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.cluster import DBSCAN
 
 from baselines.goal_explorer import Goal, GoalExplorer
 from baselines.navigator import Survey
 from baselines.viewpoints import find_viewpoint
-from envs.navigation import count_unknown
+from envs.navigation import count_unknown, dbscan
 from envs.navigation.costmap import squared_distances
 from envs.robots import RobotParams
 
@@ -131,8 +131,10 @@ class FrontierExplorer(GoalExplorer):
         free_share = np.count_nonzero(known & (survey.grid.data < 50)) / known.size
         final = free_share > params.adaptive_threshold
         size = params.min_frontier_size_final if final else params.min_frontier_size
-        scan = DBSCAN(eps=params.cluster_tolerance / survey.grid.resolution, min_samples=size).fit(cells)
-        return [cells[scan.labels_ == label] for label in range(scan.labels_.max() + 1)]
+        labels, num_clusters = dbscan(survey.frontier, params.cluster_tolerance / survey.grid.resolution, size)
+        by_label = cells[np.argsort(labels[cells[:, 0], cells[:, 1]], kind="stable")]
+        firsts = np.searchsorted(np.sort(labels[cells[:, 0], cells[:, 1]]), np.arange(num_clusters))
+        return np.split(by_label, firsts)[1:]
 
     def _is_blacklisted(self, points: np.ndarray, radius: float) -> np.ndarray:
         """Tell which points (shape (n, 2) [m]) lie within `radius` [m] of a goal that failed: shape (n,), bool."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.navigator import Navigator, Status, Survey
+from envs.navigation import clear_around
 from envs.robots import RobotParams
 from envs.slam import Belief
 
@@ -72,8 +73,7 @@ class GoalExplorer(ABC):
 
     def _consider(self, navigator: Navigator, belief: Belief) -> None:
         """Keep the goal if it is worth it, otherwise choose another one."""
-        survey = navigator.survey(belief)
-        self._forget_given_up(survey)
+        survey = self._survey(navigator, belief, navigator.tightness)
         if self._goal is not None:
             remaining = self._frontier_near(survey, self._goal.frontier, GOAL_RADIUS)
             if navigator.status is Status.REACHED:
@@ -85,13 +85,19 @@ class GoalExplorer(ABC):
             elif len(remaining):
                 self._failed(self._goal)
         for tightness in range(navigator.max_tightness + 1):
-            survey = navigator.survey(belief, tightness)
-            self._forget_given_up(survey)
-            self._goal = self._choose(survey)
+            again = survey if tightness == navigator.tightness else self._survey(navigator, belief, tightness)
+            self._goal = self._choose(again)
             if self._goal is not None:
-                self._set_out(navigator, survey, self._goal, tightness)
+                self._set_out(navigator, again, self._goal, tightness)
                 return
         self._end_reason = "no_reachable_frontier"
+
+    def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
+        """Look at the map, without the frontiers that have been looked at in vain."""
+        survey = navigator.survey(belief, tightness)
+        useful = clear_around(survey.frontier, survey.grid.cells(self._given_up))
+        self._given_up = self._given_up[useful]
+        return survey
 
     def _set_out(self, navigator: Navigator, survey: Survey, goal: Goal, tightness: int) -> None:
         assert survey.field is not None
@@ -124,13 +130,4 @@ class GoalExplorer(ABC):
         gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
         cells = self._frontier_near(survey, survey.pose[:2], max(LOOK_RADIUS, gap + 0.25))
         self._given_up = np.concatenate([self._given_up, survey.grid.centers(cells)])
-        self._forget_given_up(survey)
-
-    def _forget_given_up(self, survey: Survey) -> None:
-        """Clear what has been looked at in vain, and the cells around it, from the survey's frontier."""
-        cells = survey.grid.cells(self._given_up)
-        for d_row in (-1, 0, 1):
-            for d_col in (-1, 0, 1):
-                shifted = cells + (d_row, d_col)
-                shifted = shifted[survey.grid.contains(shifted)]
-                survey.frontier[shifted[:, 0], shifted[:, 1]] = False
+        survey.frontier[cells[:, 0], cells[:, 1]] = False

@@ -129,7 +129,8 @@ class Navigator:
         self._costmap_params = [
             CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor) for radius in radii
         ]
-        self._tightness = 0
+        self.tightness = 0
+        """How small the robot is in the plans of its goal; see `survey`."""
         self._memory = ObstacleMemory(robot, control_period)
         self._obstacles = np.empty((0, 2))
         self._follower = PathFollower(robot, control_period)
@@ -158,14 +159,14 @@ class Navigator:
         """How many times plans can be made with a smaller robot than the last time."""
         return len(self._costmap_params) - 1
 
-    def survey(self, belief: Belief, tightness: int | None = None) -> Survey:
+    def survey(self, belief: Belief, tightness: int = 0) -> Survey:
         """Look at the map with this robot's footprint.
 
         Args:
             belief: what the robot believes.
-            tightness: 0 for the padded footprint, up to `max_tightness` for the smallest; None for the goal's.
+            tightness: 0 for the padded footprint, up to `max_tightness` for the smallest.
         """
-        params = self._costmap_params[self._tightness if tightness is None else tightness]
+        params = self._costmap_params[tightness]
         near = (self._obstacles**2).sum(axis=1) < self._params.marking_range**2
         return Survey(belief, params, self._obstacles[near])
 
@@ -178,7 +179,7 @@ class Navigator:
             tightness: of the survey that the way was found in.
         """
         self._set_goal(goal)
-        self._tightness = tightness
+        self.tightness = tightness
         self._follower.set_path(path)
 
     def replan(self, survey: Survey) -> bool:

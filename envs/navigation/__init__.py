@@ -11,7 +11,7 @@ from .costmap import (
     crop_to_known,
     make_costmap,
 )
-from .frontiers import count_unknown, frontier_clusters, frontier_mask
+from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
 from .paths import TravelField, plan_path, travel_field
 
 __all__ = [
@@ -23,8 +23,10 @@ __all__ = [
     "Costmap",
     "CostmapParams",
     "TravelField",
+    "clear_around",
     "count_unknown",
     "crop_to_known",
+    "dbscan",
     "frontier_clusters",
     "frontier_mask",
     "make_costmap",
