@@ -2,8 +2,8 @@
 
 Where the seed leaves something open, the program that it describes decides: DBSCAN's `min_samples` is the least
 frontier size, the radius of the information gain is scaled by the map's diagonal over 20 m (at most doubled), and a
-blacklist that covers too much forgets its oldest two thirds. Detection and DBSCAN are kernels of `envs.navigation` here,
-equal to SciPy's and scikit-learn's cell by cell. Two things had to be settled anew:
+blacklist that covers too much forgets its oldest two thirds. Detection and DBSCAN are kernels of `envs.navigation`
+here, equal to SciPy's and scikit-learn's cell by cell. Two things had to be settled anew:
 
 - *Share explored.* The seed divides the free cells by all cells of the map, and its map ends where observations end.
   Ours grows ahead of them, so the rectangle around everything observed takes the place of the map.
