@@ -31,7 +31,8 @@ def evaluate(
     Writes episodes.csv, summary.json, curves and maps as PNG, and report.html. Run again, it goes on where it stopped.
 
     Args:
-        policies: Classic explorers by name (random, nearest, frontier), learned ones as ppo:PATH of a run folder.
+        policies: Classic explorers by name (random, nearest, frontier), learned ones as ppo:PATH of a run folder or,
+            with a name of your own, LABEL=ppo:PATH.
         worlds: Library worlds, procedural families (their test split), or paths of world files.
         out: Folder for the results.
         episodes: Episodes of each policy in each world.

@@ -14,8 +14,8 @@ class Measure:
     """Heading for people."""
     unit: str
     """Unit in tables."""
-    higher_is_better: bool
-    """Which way is up."""
+    higher_is_better: bool | None
+    """Which way is up; None where less is not better by itself."""
     digits: int = 1
     """Decimals in tables."""
     scale: float = 1.0
@@ -42,7 +42,7 @@ MEASURES = (
     Measure("time_to_99", "time to 99 %", "s", False, 0),
     Measure("distance_to_95", "distance to 95 %", "m", False),
     Measure("area_under_curve", "area under curve", "%", True, 1, 100.0, comparable=True),
-    Measure("path_length", "path", "m", False),
+    Measure("path_length", "path", "m", None),
     Measure("collisions", "collisions", "", False),
     Measure("position_rmse", "position error", "cm", False, 1, 100.0, comparable=True),
     Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE, comparable=True),

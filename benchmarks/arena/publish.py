@@ -52,6 +52,8 @@ def publish(rows: Sequence[Row], settings: Settings, folder: Path, **report: Any
     for world, drawn in pictures.items():
         write_file(folder / f"curves_{slug(world)}_time.png", drawn.over_time.light)
         write_file(folder / f"curves_{slug(world)}_distance.png", drawn.over_distance.light)
-        write_file(folder / f"maps_{slug(world)}.png", drawn.growth.light)
+        write_file(folder / f"growth_{slug(world)}.png", drawn.growth.light)
+        for policy, picture in drawn.maps.items():
+            write_file(folder / f"map_{slug(world)}_{slug(policy)}.png", picture.light)
     write_file(folder / "report.html", build_report(rows, settings, pictures, **report))
     return summary

@@ -43,6 +43,7 @@ def build_report(
     """
     summary = summarise(rows)
     policies = list(summary)
+    figures = "".join(_figure(_data_url(content), caption) for caption, content in lead.items())
     worlds = []
     for world in settings.worlds:
         here = [row for row in rows if row["world"] == world]
@@ -53,7 +54,7 @@ def build_report(
         title=html.escape(title),
         intro=f"<p>{html.escape(intro)}</p>" if intro else "",
         facts=_facts(rows, settings),
-        lead="".join(_figure(_data_url(content), caption) for caption, content in lead.items()),
+        lead=f'<div class="pair">{figures}</div>' if figures else "",
         worlds="".join(worlds),
         light_colors=_color_variables(LIGHT, policies),
         dark_colors=_color_variables(DARK, policies),

@@ -33,7 +33,7 @@ class Settings:
     """What an evaluation consists of."""
 
     policies: tuple[str, ...]
-    """Explorers: classic ones by name, learned ones as `ppo:PATH`."""
+    """Explorers: classic ones by name, learned ones as `ppo:PATH`; a name of one's own goes before, as `LABEL=`."""
     worlds: tuple[str, ...]
     """Worlds, as the environment takes them; procedural families draw from their test split."""
     episodes: int = 10
@@ -50,18 +50,16 @@ class Settings:
     """Length of an episode [s]; None lets the environment choose it for the place."""
 
     def __post_init__(self) -> None:
-        for field, kind in (("policies", "policy"), ("worlds", "world")):
-            values = getattr(self, field)
-            if not values:
-                raise ValueError(f"{field} must name at least one {kind}")
-            if len(set(values)) < len(values):
-                raise ValueError(f"{field} must not name one twice, got {', '.join(values)}")
+        if not self.policies:
+            raise ValueError("policies must name at least one explorer")
+        if not self.worlds or len(set(self.worlds)) < len(self.worlds):
+            raise ValueError(f"worlds must name at least one, and none twice, got {', '.join(self.worlds)}")
         if self.episodes < 1:
             raise ValueError(f"episodes must be at least 1, got {self.episodes}")
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}")
 
-    def make_env(self, world: str) -> gymnasium.Env[Any, Any]:
+    def make_env(self, world: str, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
         """Make the environment for one of the worlds."""
         return gymnasium.make(
             "lidarnaut/Explore-v0",
@@ -71,6 +69,7 @@ class Settings:
             slam=self.slam,
             time_limit=self.time_limit,
             split="test",
+            render_mode=render_mode,
             disable_env_checker=True,
         )
 
@@ -108,6 +107,9 @@ class Evaluation:
         self.settings = settings
         self.folder = folder
         self.policies = [parse_policy(name) for name in settings.policies]
+        names = [policy.name for policy in self.policies]
+        if len(set(names)) < len(names):
+            raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
         for world in settings.worlds:
             with contextlib.closing(settings.make_env(world)) as env:
                 for policy in self.policies:

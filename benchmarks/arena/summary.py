@@ -87,14 +87,16 @@ def compare(rows: Sequence[Row], worlds: Sequence[str], measures: Sequence[str] 
     for policy in policies:
         for measure in (BY_NAME[name] for name in measures):
             a, b = ([values_of(rows, name, world, measure) for world in worlds] for name in (policy, reference))
-            if policy != reference:
+            if policy != reference and measure.higher_is_better is not None:
                 better = probability_of_improvement(a, b, measure.higher_is_better)
                 comparisons.append(Comparison(policy, reference, measure, paired_difference(a, b), better))
     return comparisons
 
 
 def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies whose estimate, as printed, is the best; none if all are alike."""
+    """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better."""
+    if measure.higher_is_better is None:
+        return set()
     shown = {policy: float(measure.text(value.iqm)) for policy, value in estimates.items()}
     best = max(shown.values()) if measure.higher_is_better else min(shown.values())
     winners = {policy for policy, value in shown.items() if value == best}

@@ -6,8 +6,8 @@ from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import COLUMNS, ROWS_FILE, SETTINGS_FILE, Records
 
 SETTINGS = {"seed": 3, "robot": None, "time_limit": 12.5}
-RANDOM = Policy("random")
-LEARNED = Policy('ppo:a,"odd" path', "/checkpoint", "f" * 64)
+RANDOM = Policy("random", "random")
+LEARNED = Policy('ppo:a,"odd" path', "ppo", "/checkpoint", "f" * 64)
 
 
 def row(policy, seed):
@@ -46,7 +46,7 @@ def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, SETTINGS | {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, SETTINGS).find(Policy(LEARNED.name, "/checkpoint", "0" * 64), "maze", 3)
+        Records(tmp_path, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), "maze", 3)
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 

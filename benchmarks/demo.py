@@ -1,0 +1,162 @@
+"""The whole path in a few minutes: train a small explorer, meet the classic one, see what came of it."""
+
+import contextlib
+import os
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from rich.console import Console
+
+from agents.config import TrainingConfig
+from agents.config_files import load_config
+from baselines.episode import run_episode
+from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.policies import Policy
+from benchmarks.arena.publish import publish, run_with_progress
+from benchmarks.arena.records import Row
+from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.summary import Summary, terminal_table
+from benchmarks.arena.trace import Trace, trace_path
+from benchmarks.pictures import Film, save_gif
+from envs.explore import ExploreEnv
+
+FOLDER = Path("runs/demo")
+"""Where the results go."""
+CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
+"""How the explorer is trained."""
+WORLD = "turtlebot3_world"
+"""Where the explorers meet. The learned one has never been there: it is trained on procedural worlds."""
+NUM_FRAMES = 80
+"""Pictures in a film, about."""
+INTRO = (
+    "A small PPO explorer was trained for a few minutes on procedural worlds. Here it meets a place that it has never "
+    "seen, beside the classic frontier explorer and one that drives at random. None of them is told the truth: map and "
+    "position come from TinySLAM."
+)
+"""Stands at the head of the report."""
+
+
+def demo(
+    config: TrainingConfig,
+    folder: Path,
+    episodes: int = 10,
+    physics: str = "bullet",
+    time_limit: float | None = None,
+) -> str:
+    """Train, evaluate, film and report.
+
+    Args:
+        config: of the training.
+        folder: for the results. Those of an earlier demo give way when the new ones are complete, and not before.
+        episodes: of each explorer.
+        physics: of the evaluation.
+        time_limit: of its episodes [s]; None lets the environment choose.
+
+    Returns:
+        What came of it, in a sentence.
+    """
+    from agents.training import train  # torch takes seconds to load: the first line should not wait for it
+
+    console, began = Console(stderr=True), time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[bold]{text}[/bold] [dim](after {time.monotonic() - began:.0f} s)[/dim]", highlight=False)
+
+    work = folder.with_name(f"{folder.name}.new")
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    say(f"1/3 Train a PPO explorer on procedural {config.environment.world}: {config.total_steps:,} steps")
+    run = train(config, run=work / "training")
+    shutil.copy(run / "learning_curve.png", work)
+
+    say(f"2/3 Explore {WORLD} with it, with the classic explorer, and at random: {episodes} episodes each")
+    policies = (f"ppo=ppo:{run}", "frontier", "random")
+    settings = Settings(policies, (WORLD,), episodes, physics=physics, time_limit=time_limit)
+    evaluation = Evaluation(settings, work)
+    rows = run_with_progress(evaluation, min(2, os.cpu_count() or 1), console)
+
+    say("3/3 Film the first episode, and write the report")
+    learned, classic, _ = evaluation.policies
+    seed = _median_seed(rows, learned.name)
+    lead = {
+        f"The trained explorer in a place that it has never seen (seed {seed}, its median episode).": _film(
+            settings, learned, seed, work, "exploration.gif"
+        ),
+        "The classic explorer from the same start.": _film(settings, classic, seed, work, "exploration_frontier.gif"),
+        "How the explorer learned, on worlds of the test split.": (work / "learning_curve.png").read_bytes(),
+    }
+    summary = publish(rows, settings, work, title="From an unknown world to a finished map", intro=INTRO, lead=lead)
+    console.print(terminal_table(summary, WORLD))
+    _replace(folder, work)
+    say("Done")
+    return _sentence(summary, folder)
+
+
+def _median_seed(rows: Sequence[Row], policy: str) -> int:
+    """Return the seed of a policy's median episode by area under the curve: neither luck nor bad luck."""
+    mine = sorted((row["area_under_curve"], row["seed"]) for row in rows if row["policy"] == policy)
+    return mine[len(mine) // 2][1]
+
+
+def _film(settings: Settings, policy: Policy, seed: int, folder: Path, name: str) -> bytes:
+    """Run an episode of the evaluation once more, film it for as long as something new is seen, and return the film."""
+    curve = Trace.load(trace_path(folder, policy.name, WORLD, seed)).curve
+    seen_all = float(curve.time[np.argmax(curve.explored_fraction == curve.explored_fraction[-1])])
+    with contextlib.closing(settings.make_env(WORLD, render_mode="rgb_array")) as env:
+        film = Film(cast(ExploreEnv, env.unwrapped), every=max(seen_all / NUM_FRAMES, 0.1))
+
+        def watch(info: dict[str, Any]) -> None:
+            if info["time"] <= seen_all:
+                film.shoot(info)
+
+        run_episode(env, policy.make(), seed, watch)
+        film.finish({"explored_fraction": curve.explored_fraction[-1]})
+    save_gif(film.frames, folder / name, width=800)
+    return (folder / name).read_bytes()
+
+
+def _replace(folder: Path, work: Path) -> None:
+    """Put the new results where the old ones are."""
+    old = folder.with_name(f"{folder.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    work.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _sentence(summary: Summary, folder: Path) -> str:
+    """Say where the report lies, and its three most interesting numbers."""
+
+    def number(policy: str, measure: str) -> str:
+        return BY_NAME[measure].text(summary[policy][WORLD][measure].iqm)
+
+    explored, reached = (
+        {policy: number(policy, measure) for policy in ("ppo", "frontier", "random")}
+        for measure in ("explored_fraction", "time_to_90")
+    )
+    return (
+        f"{folder / 'report.html'}: the trained explorer saw {explored['ppo']} % of {WORLD} "
+        f"(frontier {explored['frontier']} %, random {explored['random']} %), "
+        f"90 % of it in {reached['ppo']} s (frontier {reached['frontier']} s, random {reached['random']} s), "
+        f"and knew its position within {number('ppo', 'position_rmse')} cm."
+    )
+
+
+def main() -> int:
+    """Run the demo; return the exit status."""
+    try:
+        print(demo(load_config(CONFIG), FOLDER))
+    except KeyboardInterrupt:
+        print(f"stopped; an earlier demo in {FOLDER} is as it was", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
