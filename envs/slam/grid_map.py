@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import LidarParams
 
 from .cells import unvisited_word
@@ -37,6 +37,7 @@ class GridMap:
         """Shape (height, width), int32: the cells."""
         self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
         """The same as an occupancy grid, always up to date."""
+        self._last_pose: Pose2D | None = None
         reach = math.ceil(lidar.range_max / params.resolution) + 2
         self._ends = np.empty((lidar.num_beams, 2))
         self._new_cells = np.empty((lidar.num_beams * reach, 2), dtype=np.int32)
@@ -44,6 +45,16 @@ class GridMap:
     @property
     def _origin(self) -> tuple[float, float]:
         return self._corner[0] * self._params.resolution, self._corner[1] * self._params.resolution
+
+    def offer(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
+        """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`."""
+        last, params = self._last_pose, self._params
+        if last is not None:
+            distance = math.hypot(pose.x - last.x, pose.y - last.y)
+            if distance < params.draw_distance and abs(wrap_angle(pose.theta - last.theta)) < params.draw_angle:
+                return self._new_cells[:0]
+        self._last_pose = pose
+        return self.draw(ranges, pose, quality)
 
     def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
         """Draw a scan taken with the base at `pose`.

@@ -1,0 +1,176 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams, Mount
+from envs.slam import TinySlamParams
+from envs.slam.area import area_below, share_behind_hit, share_cut_off
+from envs.slam.cells import GAIN_ONE, MAX_COUNT, ONE, counts, integrate, probabilities
+from envs.slam.grid_map import MAX_CELLS, GridMap
+
+from .reference import ReferenceMap, share
+
+SMALL = TinySlamParams(resolution=1.0, map_width=5.0, map_height=5.0, hole_width=0.0, quality=1.0, unvisited=0.5)
+ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
+
+
+def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
+    """Draw (range, heading) beams from the middle of the 5 x 5 grid."""
+    grid_map = GridMap(params, lidar)
+    for r, heading in beams:
+        grid_map.draw(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)
+    return grid_map
+
+
+def test_one_beam_by_hand():
+    # From the middle cell (2, 2) two cells along x: passes (2, 2) and (2, 3), ends in (2, 4).
+    grid_map = draw(SMALL, [(2.0, 0.0)])
+    expected = np.full((5, 5), UNKNOWN)
+    expected[2, 2:5] = 1, 1, 95
+    np.testing.assert_array_equal(grid_map.grid.data, expected)
+    np.testing.assert_array_equal(counts(grid_map.words), expected >= 0)
+
+
+def test_no_return_clears_up_to_the_range_unless_skipped():
+    lidar = dataclasses.replace(ONE_BEAM, range_max=2.0)
+    cleared = draw(SMALL, [(np.inf, math.pi / 2)], lidar=lidar).grid.data
+    np.testing.assert_array_equal(cleared[:, 2], [UNKNOWN, UNKNOWN, 1, 1, 1])
+    skipped = draw(dataclasses.replace(SMALL, skip_exceeding=True), [(np.inf, 0.0), (2.5, 0.0)], lidar=lidar)
+    assert (skipped.grid.data == UNKNOWN).all()
+    lost = draw(SMALL, [(np.nan, 0.0), (-np.inf, 0.0), (0.0, 0.0)])
+    assert (lost.grid.data == UNKNOWN).all()
+
+
+@pytest.mark.parametrize(
+    ("cell", "values"),
+    [
+        # Cell (2, 3) is hit by a beam of one metre, then passed by one of two; quality 0.5.
+        ("avg", [0.5 + 0.45 * 0.5, (0.725 + 0.5 - 0.49 * 0.5) / 2]),
+        ("base", [0.5 * 0.5 + 0.5 * 0.95, 0.5 * 0.725 + 0.5 * 0.01]),
+        ("report", [0.5 + 0.5 * 0.95, 0.975 * 0.99]),
+    ],
+)
+def test_cells_by_hand(cell, values):
+    params = dataclasses.replace(SMALL, cell=cell)
+    for count, value in enumerate(values, start=1):
+        grid_map = draw(params, [(1.0, 0.0), (2.0, 0.0)][:count], quality=0.5)
+        assert probabilities(grid_map.words)[2, 3] == pytest.approx(value, abs=1e-5)
+        assert abs(grid_map.grid.data[2, 3] - 100 * value) <= 0.501
+
+
+@pytest.mark.parametrize(("blur", "below"), [("add", 0.01), ("assign", 0.0)])
+def test_wall_blur_by_hand(blur, below):
+    # Hole of 3 cells before a hit 4 cells away: cells at distance 2 and 1 get 1 - d2 / 9 of the hit's occupancy.
+    params = dataclasses.replace(SMALL, map_width=11.0, hole_width=3.0, blur=blur)
+    lidar = dataclasses.replace(ONE_BEAM, range_max=6.0)
+    values = probabilities(draw(params, [(4.0, 0.0)], lidar=lidar).words)[2, 5:10]
+    np.testing.assert_allclose(values, [0.01, 0.01, below + 0.95 * 5 / 9, below + 0.95 * 8 / 9, 0.95], atol=1e-5)
+    short = probabilities(draw(params, [(3.0, 0.0)], lidar=lidar).words)[2, 5:9]
+    np.testing.assert_allclose(short, [0.01, 0.01, 0.01, 0.95], atol=1e-5)  # not longer than the hole: no blur
+
+
+def test_area_estimator_by_hand():
+    # The beam runs through the middle of its cells, and ends 0.2 before the far side of the last.
+    params = dataclasses.replace(SMALL, estimator="area")
+    values = probabilities(draw(params, [(2.3, 0.0)]).words)[2, 2:5]
+    np.testing.assert_allclose(values, [0.5 - 0.49 * 0.5, 0.5 - 0.49 * 0.5, 0.2], atol=1e-5)
+
+
+def test_areas_match_polygon_clipping():
+    rng = np.random.default_rng(3)
+    lines = rng.normal(size=(300, 3))
+    lines[:40, 0] = 0.0
+    lines[40:80, 1] = 0.0
+    lines[80:90] = [1.0, 1.0, 1.0]
+    for a, b, c in lines:
+        assert area_below(a, b, c) == pytest.approx(share((0, 0), a, b, c), abs=1e-9)
+    assert share_behind_hit(4, 7, 7.25, 4.5, 2.0, 0.0) == pytest.approx(0.75)
+    assert share_cut_off(4, 7, 0.0, 4.1, 3.0, 0.0) == pytest.approx(0.1)
+    assert share_cut_off(4, 7, 0.0, 9.0, 3.0, 0.0) == 0.5  # the line misses the cell
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"blur": "add", "hole_width": 0.31, "occupied_prob": 0.99, "empty_prob": 0.2},
+        {"cell": "base", "quality": 0.3, "skip_exceeding": True},
+        {"cell": "report", "hole_width": 0.2},
+        {"estimator": "area"},
+        {"estimator": "area", "cell": "base", "blur": "add"},
+        {"hole_width": 0.0, "estimator": "area", "cell": "report"},
+    ],
+    ids=str,
+)
+def test_map_matches_the_slow_reference(changes):
+    params = TinySlamParams(
+        **{"resolution": 0.1, "map_width": 1.0, "map_height": 3.0, "hole_width": 0.25, "blur": "assign"} | changes
+    )
+    lidar = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
+    rng = np.random.default_rng(5)
+    grid_map, reference = GridMap(params, lidar), ReferenceMap(params, lidar)
+    known = set()
+    for _ in range(6):
+        ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
+        ranges[:4] = np.nan, np.inf, 0.06, 1.0
+        pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
+        new = grid_map.draw(ranges, pose, params.quality)
+        reference.draw(ranges, pose, params.quality)
+        corner = np.round(np.array(grid_map.grid.origin) / params.resolution).astype(int)
+        new = {(row + corner[1], col + corner[0]) for row, col in new.tolist()}
+        assert not new & known
+        known |= new
+        assert known == set(reference.cells)
+    assert grid_map.words.shape > (30, 10)  # it had to grow
+    rows, cols = (np.array(list(reference.cells)) - corner[::-1]).T
+    values = probabilities(grid_map.words)
+    np.testing.assert_allclose(values[rows, cols], [value for value, _ in reference.cells.values()], atol=2e-4)
+    np.testing.assert_array_equal(counts(grid_map.words)[rows, cols], [n for _, n in reference.cells.values()])
+    percent = np.full(values.shape, UNKNOWN)
+    percent[rows, cols] = np.floor(100.0 * values[rows, cols] + 0.5)
+    np.testing.assert_array_equal(grid_map.grid.data, percent)
+
+
+def test_counting_saturates_and_the_mean_stays_within_its_grain():
+    target = round(0.7 * ONE)
+    word = integrate(0, round(0.1 * ONE), -1)
+    for _ in range(2 * MAX_COUNT):
+        word = integrate(word, target, -1)
+    assert word & MAX_COUNT == MAX_COUNT
+    assert (word >> 12) / ONE == pytest.approx(0.7, abs=5e-3)
+    assert integrate(word, 0, GAIN_ONE) >> 12 == 0
+
+
+def test_growth_by_powers_of_two_keeps_what_is_known_in_place():
+    lidar = dataclasses.replace(ONE_BEAM, range_max=100.0)
+    grid_map = GridMap(SMALL, lidar)
+    grid = grid_map.grid
+    grid_map.draw(np.array([2.0], dtype=np.float32), Pose2D(0.5, 0.5, 0.0), 1.0)
+    before = grid.data
+    assert grid.origin == (-2.0, -2.0)
+
+    new = grid_map.draw(np.array([11.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi), 1.0)
+    # Column 2 - 11 = -9 needs 4 times 5 columns, all of the new ones on the left.
+    assert grid is grid_map.grid
+    assert grid.data.shape == (5, 20)
+    assert grid.origin == (-17.0, -2.0)
+    assert grid.data is not before
+    np.testing.assert_array_equal(grid.data[:, -2:], before[:, -2:])
+    x = np.sort(grid.centers(new)[:, 0])
+    np.testing.assert_allclose(x, np.arange(-10.5, 0.0))
+
+    grid_map.draw(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, -math.pi / 2), 1.0)
+    assert grid.data.shape == (10, 20)
+    assert grid.origin == (-17.0, -7.0)
+    grid_map.draw(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi / 2), 1.0)
+    assert grid.data.shape == (20, 20)
+    assert grid.origin == (-17.0, -7.0)
+
+
+def test_a_map_that_runs_away_is_an_error():
+    grid_map = GridMap(SMALL, ONE_BEAM)
+    with pytest.raises(MemoryError, match="run away"):
+        grid_map.draw(np.array([2.0], dtype=np.float32), Pose2D(float(MAX_CELLS), 0.0, 0.0), 1.0)

@@ -1,0 +1,212 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import Pose2D
+from envs.geometry.raycast import cast_rays
+from envs.robots import LidarParams, Mount
+from envs.slam import PRESET_NAMES, SLAM_NAMES, TinySlam, load_params, make_slam
+
+LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
+STAY = Pose2D(0.0, 0.0, 0.0)
+# A room of 6 m x 5 m with a box in it, around the start.
+ROOM = [(-3, -2, 3, -2), (3, -2, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -2)]
+BOX = [(1, 0.5, 1.6, 0.7), (1.6, 0.7, 1.3, 1.4), (1.3, 1.4, 1, 0.5)]
+
+
+def scan(pose, rng=None, noise=0.01):
+    out = np.empty(LIDAR.num_beams, dtype=np.float32)
+    sensor = pose.compose(Pose2D(LIDAR.mount.x, LIDAR.mount.y, LIDAR.mount.yaw))
+    walls, no_circles = np.array(ROOM + BOX, dtype=float), np.empty((0, 3))
+    cast_rays(*sensor, LIDAR.angle_min, LIDAR.angle_increment, LIDAR.range_max, walls, no_circles, out)
+    return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
+
+
+def drive(slam, motions, odometry, seed=0):
+    """Return the true and the believed pose after the motions, of which odometry tells another story."""
+    rng = np.random.default_rng(seed)
+    slam.reset(np.random.default_rng(seed + 1))
+    pose = STAY
+    slam.update(scan(pose, rng), STAY)
+    for motion, told in zip(motions, odometry):
+        pose = pose.compose(motion)
+        slam.update(scan(pose, rng), told)
+    return pose, slam.belief.pose
+
+
+def distance(a, b):
+    return math.hypot(a.x - b.x, a.y - b.y)
+
+
+def test_odometry_that_errs_is_corrected():
+    motions = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn on a circle
+    odometry = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
+    truth, believed = drive(make_slam("tinyslam", LIDAR), motions, odometry)
+    _, by_wheels = drive(make_slam("odometry", LIDAR), motions, odometry)
+    assert abs(by_wheels.theta - truth.theta) > 0.5
+    assert distance(truth, believed) < 0.06
+    assert abs(believed.theta - truth.theta) < 0.03
+
+
+def test_a_robot_that_stands_still_does_not_drift():
+    slam = make_slam("tinyslam", LIDAR)
+    _, after_a_second = drive(slam, [STAY] * 10, [STAY] * 10)
+    _, after_a_minute = drive(slam, [STAY] * 600, [STAY] * 600)
+    assert distance(after_a_second, STAY) < 0.02
+    assert distance(after_a_minute, STAY) < 0.02
+    assert abs(after_a_minute.theta) < 0.01
+
+
+def test_same_seed_same_bytes():
+    motions = [Pose2D(0.02, 0.0, 0.03)] * 40
+
+    def run(seed):
+        slam = make_slam("tinyslam", LIDAR)
+        pose = drive(slam, motions, motions, seed)[1]
+        return np.array(pose).tobytes() + slam.belief.grid.data.tobytes()
+
+    assert run(3) == run(3)
+    assert run(3) != run(4)
+
+
+def test_belief_is_updated_in_place_and_names_new_cells():
+    slam = make_slam("tinyslam", LIDAR)
+    belief = slam.reset(np.random.default_rng(0))
+    assert (belief.grid.data == -1).all()
+    assert len(belief.new_cells) == 0
+    known = np.zeros(belief.grid.data.shape, dtype=bool)
+    for k in range(5):
+        assert slam.update(scan(Pose2D(0.3 * k, 0.0, 0.0)), Pose2D(0.3, 0.0, 0.0) if k else STAY) is belief
+        rows, cols = belief.new_cells.T
+        assert len(rows) > 0
+        assert not known[rows, cols].any()
+        known[rows, cols] = True
+        np.testing.assert_array_equal(known, belief.grid.data >= 0)
+    assert slam.reset(np.random.default_rng(0)) is not belief
+
+
+def test_scans_are_drawn_when_the_robot_has_moved():
+    slam = TinySlam(LIDAR, load_params("default", {"draw_distance": 0.25, "draw_angle": 0.1, "max_tries": 1}))
+    drawn = []
+    for k, motion in enumerate([STAY, *[Pose2D(0.1, 0.0, 0.0)] * 4, *[Pose2D(0.0, 0.0, 0.06)] * 3]):
+        before = slam.belief.grid.data.copy()
+        slam.update(scan(Pose2D(0.1 * min(k, 4), 0.0, 0.06 * max(k - 4, 0))), motion)
+        drawn.append(not np.array_equal(before, slam.belief.grid.data))
+        assert drawn[-1] or len(slam.belief.new_cells) == 0
+    assert drawn == [True, False, False, True, False, False, True, False]
+
+
+def test_without_returns_the_prediction_stands():
+    slam = make_slam("tinyslam", LIDAR)
+    slam.update(scan(STAY), STAY)
+    for ranges in (np.inf, np.nan):
+        before = slam.belief.pose
+        slam.update(np.full(180, ranges, dtype=np.float32), Pose2D(0.1, 0.0, 0.2))
+        assert slam.belief.pose == before.compose(Pose2D(0.1, 0.0, 0.2))
+
+
+def test_frames_of_odometry():
+    # The believed heading is turned a quarter against odometry's: forward by the wheels is "along x" or "along y".
+    nothing = np.full(180, np.nan, dtype=np.float32)
+    for frame, expected in (("robot_frame", (0.0, 1.0)), ("odometry_frame", (1.0, 0.0))):
+        slam = TinySlam(LIDAR, load_params("default", {"odometry": frame}))
+        slam.belief.pose = Pose2D(0.0, 0.0, math.pi / 2)
+        slam.update(nothing, Pose2D(1.0, 0.0, 0.0))
+        np.testing.assert_allclose(slam.belief.pose, (*expected, math.pi / 2), atol=1e-12)
+
+
+class Witness:
+    def __init__(self):
+        self.heard = []
+
+    def on_matching_start(self, pose):
+        self.heard.append(("start", pose))
+
+    def on_scan_test(self, pose, cost):
+        self.heard.append(("test", pose, cost))
+
+    def on_pose_update(self, pose, cost):
+        self.heard.append(("update", pose, cost))
+
+    def on_matching_end(self, pose, cost):
+        self.heard.append(("end", pose, cost))
+
+
+def test_observers_see_the_search_and_change_nothing():
+    params = load_params("default", {"sigma_xy": 0.05, "sigma_theta": 0.03, "max_failed": 30, "max_tries": 90})
+    witness = Witness()
+    watched, unwatched = TinySlam(LIDAR, params, [witness]), TinySlam(LIDAR, params)
+    moved = Pose2D(0.15, 0.06, 0.05)
+    for slam in (watched, unwatched):
+        slam.reset(np.random.default_rng(1))
+        slam.update(scan(STAY), STAY)
+        slam.update(scan(moved), STAY)
+    assert watched.belief.pose == unwatched.belief.pose
+    kinds = [what for what, *_ in witness.heard]
+    assert kinds[:2] == ["start", "test"]
+    assert kinds[-1] == "end"
+    assert witness.heard[0] == ("start", STAY)
+    assert witness.heard[1][1] == STAY
+    assert 32 <= kinds.count("test") <= 91
+    costs = [cost for what, _, *cost in witness.heard if what == "update"]
+    assert len(costs) >= 2
+    assert costs == sorted(costs, reverse=True)
+    *_, last_update = (event for event in witness.heard if event[0] == "update")
+    assert witness.heard[-1][1:] == last_update[1:]
+    assert witness.heard[-1][1] == watched.belief.pose
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_presets(name):
+    slam = TinySlam(LIDAR, dataclasses.replace(load_params(name), map_width=10.0, map_height=10.0))
+    for _ in range(3):
+        slam.update(scan(STAY), STAY)
+    assert distance(slam.belief.pose, STAY) < 0.3
+    assert (slam.belief.grid.data >= 0).mean() > 0.1
+
+
+def test_presets_hold_the_documented_numbers():
+    seed1, upstream = load_params("seed1"), load_params("upstream")
+    changed = {"hole_width": 0.05, "sigma_xy": 0.01, "sigma_theta": 0.02}
+    assert seed1 == dataclasses.replace(upstream, **changed)
+    assert (upstream.hole_width, upstream.sigma_xy, upstream.sigma_theta) == (1.5, 0.2, 0.1)
+    assert (upstream.max_failed, upstream.max_tries, upstream.resolution) == (20, 100, 0.1)
+    assert (upstream.occupied_prob, upstream.empty_prob, upstream.cell) == (0.95, 0.01, "avg")
+
+
+@pytest.mark.parametrize("name", SLAM_NAMES)
+def test_bad_input(name):
+    slam = make_slam(name, LIDAR)
+    with pytest.raises(ValueError, match=r"shape \(180,\).*\(3,\)"):
+        slam.update(np.ones(3, dtype=np.float32), STAY)
+    with pytest.raises(ValueError, match="motion must be finite"):
+        slam.update(scan(STAY), Pose2D(0.0, math.nan, 0.0))
+
+
+def test_bad_params(tmp_path):
+    with pytest.raises(ValueError, match=r"unknown SLAM 'hector'.*tinyslam, odometry, truth"):
+        make_slam("hector", LIDAR)
+    with pytest.raises(ValueError, match="resolution must be positive, got -1"):
+        make_slam("tinyslam", LIDAR, resolution=-1)
+    with pytest.raises(ValueError, match=r"unknown preset 'upstraem'.*upstream"):
+        load_params("upstraem")
+    with pytest.raises(FileNotFoundError, match=r"missing\.yaml"):
+        load_params(tmp_path / "missing.yaml")
+    file = tmp_path / "mine.yaml"
+    for text, complaint in (
+        ("sigma_xi: 0.1", r"mine.yaml: sigma_xi: unknown key"),
+        ("sigma_xy: -1", "mine.yaml: .*sigma_xy must not be negative, got -1"),
+        ("unvisited: 2", "mine.yaml: .*unvisited must lie in"),
+        ("cell: mean", "mine.yaml: cell: .*'avg', 'base' or 'report'"),
+        ("max_tries: many", "mine.yaml: max_tries: .*integer"),
+        ("[1, 2]", "mine.yaml: expected a mapping"),
+        ("a: [", "mine.yaml: not a YAML file"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ValueError, match=complaint):
+            load_params(file)
+    file.write_text("sigma_xy: 3e-4\nmax_tries: 50")
+    assert load_params(file, {"max_tries": "60"}).sigma_xy == 3e-4
+    assert load_params(file, {"max_tries": "60"}).max_tries == 60
