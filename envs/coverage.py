@@ -125,7 +125,7 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
 
 
 @njit(cache=True, error_model="numpy")
-def _count_new(new_cells, map_x, map_y, map_resolution, x, y, theta, explorable, origin_x, origin_y, resolution, seen):
+def count_new(new_cells, map_x, map_y, map_resolution, x, y, theta, explorable, origin_x, origin_y, resolution, seen):
     """Mark in `seen` the explorable true cells under newly known map cells; return how many were new."""
     height, width = explorable.shape
     c, s = math.cos(theta), math.sin(theta)
@@ -162,7 +162,7 @@ class Coverage:
     def update(self, belief: Belief) -> float:
         """Take in `belief.new_cells` and return the area that became truly known [m2]."""
         walls = self.area.walls
-        new = _count_new(
+        new = count_new(
             belief.new_cells,
             *belief.grid.origin,
             belief.grid.resolution,
@@ -208,7 +208,7 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     reach = tolerance / walls.resolution
     near_wall = ndimage.distance_transform_edt(~wall) <= reach
     near_believed = ndimage.distance_transform_edt(~believed) <= reach if believed.any() else np.zeros_like(wall)
-    hits = np.count_nonzero(visible_wall & near_believed)
-    misses = np.count_nonzero(visible_wall) - hits
-    false = np.count_nonzero(believed & ~near_wall) + np.count_nonzero(~inside)
+    hits = int(np.count_nonzero(visible_wall & near_believed))
+    misses = int(np.count_nonzero(visible_wall)) - hits
+    false = int(np.count_nonzero(believed & ~near_wall)) + int(np.count_nonzero(~inside))
     return hits / max(hits + misses + false, 1)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -107,7 +107,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     * v0: first version
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._odometry = WheelOdometry(self.robot)
         self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = observation_space(self.robot)
+        self.observation_space: spaces.Space[Any] = observation_space(self.robot)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -89,6 +89,32 @@ def crop_map(data, origin_x, origin_y, resolution, x, y, theta, pixel, trail, cr
             crop[2, i, j] = 255
 
 
+@njit(cache=True, error_model="numpy")
+def is_apart(positions, length, x, y):
+    """Tell whether (x, y) lies `TRAIL_SPACING` or more from the last of `length` positions, shape (>= length, 2)."""
+    return length == 0 or math.hypot(x - positions[length - 1, 0], y - positions[length - 1, 1]) >= TRAIL_SPACING
+
+
+@njit(cache=True, error_model="numpy")
+def scale_scan(ranges, range_max, scan):
+    """Write to `scan` the ranges over the greatest: 1 without a return, 0 for lost beams; both shape (n,), float32."""
+    scale = np.float32(1.0 / range_max)
+    for k in range(ranges.shape[0]):
+        r = ranges[k]
+        scan[k] = np.float32(0.0) if math.isnan(r) else min(r * scale, np.float32(1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def fill_motion(v, w, max_v, max_w, action_v, action_w, bumper, elapsed, motion):
+    """Write the robot's own motion to `motion`, shape (6,), float32; see `ExploreEnv`."""
+    motion[0] = min(max(v / max_v, -1.0), 1.0)
+    motion[1] = min(max(w / max_w, -1.0), 1.0)
+    motion[2] = action_v
+    motion[3] = action_w
+    motion[4] = 1.0 if bumper else 0.0
+    motion[5] = min(elapsed, 1.0)
+
+
 class Trail:
     """Positions that the robot believes to have passed, `TRAIL_SPACING` apart, in the map frame."""
 
@@ -98,10 +124,8 @@ class Trail:
 
     def append(self, pose: Pose2D) -> None:
         """Remember the position if it is far enough from the last one remembered."""
-        if self._length:
-            last_x, last_y = self._positions[self._length - 1]
-            if math.hypot(pose.x - last_x, pose.y - last_y) < TRAIL_SPACING:
-                return
+        if not is_apart(self._positions, self._length, pose.x, pose.y):
+            return
         if self._length == len(self._positions):
             self._positions = np.concatenate([self._positions, np.empty_like(self._positions)])
         self._positions[self._length] = pose.x, pose.y
@@ -133,24 +157,15 @@ def observe(
         last_action: shape (2,), the action that led here.
         elapsed: share of the time limit that has passed.
     """
-    scan = reading.ranges * np.float32(1.0 / robot.lidar.range_max)
-    np.minimum(scan, np.float32(1.0), out=scan)
-    scan[np.isnan(scan)] = 0.0
+    scan = np.empty_like(reading.ranges)
+    scale_scan(reading.ranges, robot.lidar.range_max, scan)
     grid = belief.grid
     crops = []
     for pixel in (NEAR_PIXEL, FAR_PIXEL):
         crop = np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
         crop_map(grid.data, *grid.origin, grid.resolution, *belief.pose, pixel, trail.positions, crop)
         crops.append(crop)
-    motion = np.array(
-        [
-            min(max(twist.v / robot.max_v, -1.0), 1.0),
-            min(max(twist.w / robot.max_w, -1.0), 1.0),
-            last_action[0],
-            last_action[1],
-            float(reading.bumper),
-            min(elapsed, 1.0),
-        ],
-        dtype=np.float32,
-    )
+    motion = np.empty(6, dtype=np.float32)
+    limits, action = (robot.max_v, robot.max_w), (last_action[0], last_action[1])
+    fill_motion(*twist, *limits, *action, reading.bumper, elapsed, motion)
     return {"scan": scan, "map_near": crops[0], "map_far": crops[1], "motion": motion}

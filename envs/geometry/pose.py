@@ -13,6 +13,21 @@ def wrap_angle(theta: float) -> float:
     return (theta + math.pi) % (2.0 * math.pi) - math.pi
 
 
+@njit(cache=True)
+def compose(x, y, theta, other_x, other_y, other_theta):
+    """Return, as (x, y, theta), a pose given in the frame of the pose (x, y, theta) in that one's parent frame."""
+    c, s = math.cos(theta), math.sin(theta)
+    return x + c * other_x - s * other_y, y + s * other_x + c * other_y, wrap_angle(theta + other_theta)
+
+
+@njit(cache=True)
+def between(x, y, theta, other_x, other_y, other_theta):
+    """Return, as (x, y, theta), the other pose as seen from the pose (x, y, theta) in the same parent frame."""
+    c, s = math.cos(theta), math.sin(theta)
+    dx, dy = other_x - x, other_y - y
+    return c * dx + s * dy, c * dy - s * dx, wrap_angle(other_theta - theta)
+
+
 class Pose2D(NamedTuple):
     """A pose in the plane, or the rigid motion that carries the parent frame onto it."""
 
@@ -25,21 +40,15 @@ class Pose2D(NamedTuple):
 
     def compose(self, other: "Pose2D") -> "Pose2D":
         """Return `other`, given in this pose's frame, in the parent frame (heading wrapped to [-pi, pi))."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return Pose2D(
-            self.x + c * other.x - s * other.y,
-            self.y + s * other.x + c * other.y,
-            wrap_angle(self.theta + other.theta),
-        )
+        return Pose2D(*compose(*self, *other))
 
     def inverse(self) -> "Pose2D":
         """Return the parent frame as seen from this pose."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.theta))
+        return self.between(Pose2D(0.0, 0.0, 0.0))
 
     def between(self, other: "Pose2D") -> "Pose2D":
         """Return `other`, given in the same parent frame, as seen from this pose."""
-        return self.inverse().compose(other)
+        return Pose2D(*between(*self, *other))
 
     def transform(self, points: np.ndarray) -> np.ndarray:
         """Carry points from this pose's frame into the parent frame.
