@@ -1,17 +1,18 @@
 """The robot's sensors and their noise, the same under both physics."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.raycast import cast_rays
-from envs.robots import RobotParams
+from envs.robots import LidarParams, RobotParams
 
 from .simulator import Reading
 
-_OTHER_NORMALS = 4
+OTHER_NORMALS = 4
 """Normal draws of a control period besides the beams' own: slip of both wheels, gyroscope, compass."""
 
 
@@ -44,6 +45,68 @@ def disturb_ranges(ranges, normals, uniforms, noise_std, resolution, range_min, 
             ranges[k] = measured
 
 
+class LidarNumbers(NamedTuple):
+    """The numbers of `LidarParams`, as scalars that Numba takes; units as there."""
+
+    mount_x: float
+    mount_y: float
+    mount_yaw: float
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    noise_std: float
+    resolution: float
+    dropout: float
+
+    @classmethod
+    def of(cls, lidar: LidarParams) -> "LidarNumbers":
+        """Collect the numbers of a lidar."""
+        mount = (lidar.mount.x, lidar.mount.y, lidar.mount.yaw)
+        angles = (lidar.angle_min, lidar.angle_increment)
+        noise = (lidar.noise_std, lidar.resolution, lidar.dropout)
+        return cls(*map(float, (*mount, *angles, lidar.range_min, lidar.range_max, *noise)))
+
+
+@njit(cache=True, error_model="numpy")
+def measure_ranges(x, y, theta, normals, uniforms, lidar, segments, circles, ranges):
+    """Take a scan.
+
+    Args:
+        x: position of the base, world frame [m].
+        y: position of the base, world frame [m].
+        theta: heading of the base [rad].
+        normals: shape (num_beams,), float64, standard normal draws.
+        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where no beams are lost.
+        lidar: the sensor, `LidarNumbers`.
+        segments: shape (n, 4), float64, the world's [m].
+        circles: shape (m, 3), float64, the world's with its movers [m].
+        ranges: shape (num_beams,), float32, written; see `Reading`.
+    """
+    c, s = math.cos(theta), math.sin(theta)
+    cast_rays(
+        x + c * lidar.mount_x - s * lidar.mount_y,
+        y + s * lidar.mount_x + c * lidar.mount_y,
+        theta + lidar.mount_yaw,
+        lidar.angle_min,
+        lidar.angle_increment,
+        lidar.range_max,
+        segments,
+        circles,
+        ranges,
+    )
+    disturb_ranges(
+        ranges,
+        normals,
+        uniforms,
+        lidar.noise_std,
+        lidar.resolution,
+        lidar.range_min,
+        lidar.range_max,
+        lidar.dropout,
+    )
+
+
 class Sensors:
     """Everything that a robot measures.
 
@@ -53,8 +116,7 @@ class Sensors:
 
     def __init__(self, robot: RobotParams) -> None:
         self._robot = robot
-        self._angle_min = float(robot.lidar.angle_min)
-        self._angle_increment = float(robot.lidar.angle_increment)
+        self._lidar = LidarNumbers.of(robot.lidar)
         self._ticks_per_radian = robot.odometry.ticks_per_rev / (2.0 * math.pi)
         self._no_uniforms = np.empty(0)
 
@@ -66,7 +128,7 @@ class Sensors:
             beams; and uniform draws, shape (num_beams,), or (0,) for a lidar that loses no beams.
         """
         lidar = self._robot.lidar
-        normals = rng.standard_normal(_OTHER_NORMALS + lidar.num_beams)
+        normals = rng.standard_normal(OTHER_NORMALS + lidar.num_beams)
         return normals, rng.random(lidar.num_beams) if lidar.dropout > 0.0 else self._no_uniforms
 
     def read(
@@ -100,9 +162,11 @@ class Sensors:
             if imu.compass_resolution > 0.0:
                 heading = imu.compass_resolution * math.floor(heading / imu.compass_resolution + 0.5)
             heading = float(wrap_angle(heading))
+        ranges = np.empty(self._robot.lidar.num_beams, dtype=np.float32)
+        measure_ranges(*pose, normals[OTHER_NORMALS:], uniforms, self._lidar, segments, circles, ranges)
         return Reading(
             time=time,
-            ranges=self._scan(pose, normals[_OTHER_NORMALS:], uniforms, segments, circles),
+            ranges=ranges,
             ticks=(
                 math.floor(wheel_angles[0] * self._ticks_per_radian),
                 math.floor(wheel_angles[1] * self._ticks_per_radian),
@@ -111,33 +175,3 @@ class Sensors:
             heading=heading,
             bumper=bool(bumper),
         )
-
-    def _scan(
-        self, pose: Pose2D, normals: np.ndarray, uniforms: np.ndarray, segments: np.ndarray, circles: np.ndarray
-    ) -> np.ndarray:
-        lidar = self._robot.lidar
-        mount = lidar.mount
-        c, s = math.cos(pose.theta), math.sin(pose.theta)
-        ranges = np.empty(lidar.num_beams, dtype=np.float32)
-        cast_rays(
-            pose.x + c * mount.x - s * mount.y,
-            pose.y + s * mount.x + c * mount.y,
-            pose.theta + mount.yaw,
-            self._angle_min,
-            self._angle_increment,
-            lidar.range_max,
-            segments,
-            circles,
-            ranges,
-        )
-        disturb_ranges(
-            ranges,
-            normals,
-            uniforms,
-            lidar.noise_std,
-            lidar.resolution,
-            lidar.range_min,
-            lidar.range_max,
-            lidar.dropout,
-        )
-        return ranges
