@@ -62,7 +62,9 @@ def evaluate(
         return
     for world in worlds:
         Console().print(terminal_table(summary, world))
-    messages.print(f"Report: {out / 'report.html'}", highlight=False)
+    messages.print(
+        f"Interquartile means [95 % intervals]. Report: {out / 'report.html'}", highlight=False, markup=False
+    )
 
 
 if __name__ == "__main__":

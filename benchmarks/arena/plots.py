@@ -264,11 +264,11 @@ def _draw_map(
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
     ramp = LinearSegmentedColormap.from_list("times", theme.times)
-    picture = np.zeros((*data.shape, 4), dtype=np.float32)
+    picture = np.full((*data.shape, 4), to_rgba(theme.unknown), dtype=np.float32)
     picture[known] = ramp(np.sqrt(since[known] / max(end, 1e-9)))
     picture[known & (data >= 50)] = to_rgba(theme.ink)
     x_min, y_min, x_max, y_max = trace.grid.bounds
-    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="nearest")
+    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
     start = trace.start
     image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
     walls = LineCollection(list(trace.segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)

@@ -160,7 +160,7 @@ def _run_all(tasks: list[Task], jobs: int) -> Iterator[Row]:
     if jobs == 1 or len(tasks) < 2:
         with contextlib.closing(_Workplace()) as workplace:
             for task in tasks:
-                yield workplace.run(task)
+                yield _run(workplace, task)
         return
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
@@ -249,4 +249,16 @@ def _follow(parent: int) -> None:
 
 
 def _run_in_worker(task: Task) -> Row:
-    return _workplace.run(task)
+    return _run(_workplace, task)
+
+
+def _run(workplace: _Workplace, task: Task) -> Row:
+    """Run an episode; an error says in which one it came up, and what to do."""
+    try:
+        return workplace.run(task)
+    except Exception as error:
+        error.add_note(
+            f"This came up while {task.policy.name} explored {task.world} with seed {task.seed}. "
+            "The episodes before it are kept; the same command goes on from there."
+        )
+        raise

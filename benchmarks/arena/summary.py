@@ -108,7 +108,7 @@ def terminal_table(summary: Summary, world: str) -> Table:
     policies = [policy for policy in summary if world in summary[policy]]
     num_episodes = summary[policies[0]][world]["explored_fraction"].n
     table = Table(
-        title=f"{world}, {num_episodes} episodes: interquartile mean [95 % interval]",
+        title=f"{world}, {num_episodes} episodes",
         title_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
