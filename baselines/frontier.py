@@ -88,7 +88,8 @@ class FrontierExplorer(GoalExplorer):
         super().reset(robot, control_period, rng)
         self._blacklist: list[tuple[float, float]] = []
 
-    def _failed(self, goal: Goal) -> None:
+    def _fail(self, survey: Survey, goal: Goal) -> None:
+        super()._fail(survey, goal)
         self._blacklist.append(goal.frontier)
         del self._blacklist[: -self._params.max_blacklist_size]
 

@@ -14,9 +14,13 @@ from envs.slam import Belief
 DECISION_PERIOD = 1.0
 """Time between two looks at the map [s]."""
 LOOK_RADIUS = 0.75
-"""Frontier cells that remain this near to where the robot has stood to look at them are given up [m]."""
+"""Frontier cells this near to where the robot has stood to look at them, or to a goal that failed, are given up [m]."""
 GOAL_RADIUS = 0.4
 """A goal is worth its way as long as there is a frontier this near to the one that it was chosen for [m]."""
+RETRY_RADIUS = 0.5
+"""Goals that failed count as the same goal within this distance [m]."""
+MAX_FAILURES = 3
+"""Failures after which a goal's frontier is given up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +60,7 @@ class GoalExplorer(ABC):
         self._goal: Goal | None = None
         self._end_reason = None
         self._given_up = np.empty((0, 2))
+        self._failures: list[tuple[float, float]] = []
 
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action; see `Explorer`."""
@@ -77,13 +82,15 @@ class GoalExplorer(ABC):
         if self._goal is not None:
             remaining = self._frontier_near(survey, self._goal.frontier, GOAL_RADIUS)
             if navigator.status is Status.REACHED:
-                self._give_up_near(survey)
+                # What remains though the robot stands where it wanted to see it from.
+                gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
+                self._give_up(survey, survey.pose[:2], max(LOOK_RADIUS, gap + 0.25))
             elif navigator.status is Status.FAILED:
-                self._failed(self._goal)
+                self._fail(survey, self._goal)
             elif len(remaining) and navigator.replan(survey):
                 return
             elif len(remaining):
-                self._failed(self._goal)
+                self._fail(survey, self._goal)
         for tightness in range(navigator.max_tightness + 1):
             again = survey if tightness == navigator.tightness else self._survey(navigator, belief, tightness)
             self._goal = self._choose(again)
@@ -93,7 +100,7 @@ class GoalExplorer(ABC):
         self._end_reason = "no_reachable_frontier"
 
     def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
-        """Look at the map, without the frontiers that have been looked at in vain."""
+        """Look at the map, without the frontiers that have been given up."""
         survey = navigator.survey(belief, tightness)
         useful = clear_around(survey.frontier, survey.grid.cells(self._given_up))
         self._given_up = self._given_up[useful]
@@ -110,9 +117,15 @@ class GoalExplorer(ABC):
     def _choose(self, survey: Survey) -> Goal | None:
         """Return the next goal; None if nothing that is left can be reached."""
 
-    @abstractmethod
-    def _failed(self, goal: Goal) -> None:
+    def _fail(self, survey: Survey, goal: Goal) -> None:
         """Take note that the robot did not get to a goal."""
+        self._failures.append(goal.frontier)
+        if self._num_failures(goal.frontier) >= MAX_FAILURES:
+            self._give_up(survey, goal.frontier, LOOK_RADIUS)
+
+    def _num_failures(self, point: tuple[float, float]) -> int:
+        """Return how often the robot did not get to a frontier (x, y), map frame [m]."""
+        return sum(math.hypot(point[0] - x, point[1] - y) <= RETRY_RADIUS for x, y in self._failures)
 
     def _frontier_near(self, survey: Survey, point: tuple[float, float], radius: float) -> np.ndarray:
         """Return the frontier cells within `radius` [m] of a point: shape (k, 2), (row, column)."""
@@ -124,10 +137,8 @@ class GoalExplorer(ABC):
         distances = np.hypot(*(survey.grid.centers(cells) - point).T)
         return cells[distances <= radius]
 
-    def _give_up_near(self, survey: Survey) -> None:
-        """Remember the frontier cells that remain though the robot stands where it wanted to see them from."""
-        assert self._goal is not None
-        gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
-        cells = self._frontier_near(survey, survey.pose[:2], max(LOOK_RADIUS, gap + 0.25))
+    def _give_up(self, survey: Survey, point: tuple[float, float], radius: float) -> None:
+        """Leave the frontier cells within `radius` [m] of a point (x, y), map frame [m], out from now on."""
+        cells = self._frontier_near(survey, point, radius)
         self._given_up = np.concatenate([self._given_up, survey.grid.centers(cells)])
         survey.frontier[cells[:, 0], cells[:, 1]] = False

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.goal_explorer import Goal, GoalExplorer
+from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.navigator import Survey
 from baselines.viewpoints import find_viewpoint
 from envs.navigation import frontier_clusters
-from envs.robots import RobotParams
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +19,6 @@ class NearestParams:
     """Least number of touching frontier cells; the next one is taken when nothing of the size before can be reached."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
     """How far from a frontier the robot may stand to see it; the first one from which it can is taken [m]."""
-    retry_radius: float = 0.5
-    """Frontiers this near to one that the robot failed to get to... [m]."""
-    max_failures: int = 2
-    """...this often are left out, until nothing else is left, and for good after one failure more."""
 
 
 class NearestExplorer(GoalExplorer):
@@ -34,23 +29,12 @@ class NearestExplorer(GoalExplorer):
         super().__init__()
         self._params = params
 
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
-        super().reset(robot, control_period, rng)
-        self._failures: list[tuple[float, float]] = []
-
-    def _failed(self, goal: Goal) -> None:
-        self._failures.append(goal.frontier)
-
-    def _num_failures(self, point: np.ndarray) -> int:
-        near = self._params.retry_radius
-        return sum(math.hypot(point[0] - x, point[1] - y) <= near for x, y in self._failures)
-
     def _choose(self, survey: Survey) -> Goal | None:
         if survey.field is None:
             return None
         clusters = frontier_clusters(survey.frontier)
-        for allowed_failures in (self._params.max_failures - 1, self._params.max_failures):
+        # Places that the robot failed to get to come last.
+        for allowed_failures in (0, MAX_FAILURES):
             for size in self._params.sizes:
                 large = [cluster for cluster in clusters if len(cluster) >= size]
                 goal = self._nearest(survey, large, allowed_failures)
@@ -67,9 +51,10 @@ class NearestExplorer(GoalExplorer):
                 if found is None:
                     continue
                 cell, seen = found
-                frontier = survey.grid.centers(cluster[seen])
+                x, y = survey.grid.centers(cluster[seen])
+                frontier = float(x), float(y)
                 cost = float(survey.field.cost(np.array(cell)))
                 if cost < best_cost and self._num_failures(frontier) <= allowed_failures:
-                    best, best_cost = Goal(cell, (float(frontier[0]), float(frontier[1]))), cost
+                    best, best_cost = Goal(cell, frontier), cost
                 break
         return best

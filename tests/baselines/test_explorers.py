@@ -129,11 +129,23 @@ def test_frontier_leaves_out_what_failed_until_nothing_else_is_left():
     explorer = FrontierExplorer()
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     wide, small = (10.1, 0.0), (-0.1, 0.0)
-    explorer._failed(Goal((0, 0), wide))
-    assert explorer._choose(survey_from(5.0, 0.0)).frontier[0] < 0.0
+    survey = survey_from(5.0, 0.0)
+    explorer._fail(survey, Goal((0, 0), wide))
+    assert explorer._choose(survey).frontier[0] < 0.0
     # With both of them blacklisted, more than half is: the list is shortened and the older one is free again.
-    explorer._failed(Goal((0, 0), small))
-    assert explorer._choose(survey_from(5.0, 0.0)).frontier[0] > 10.0
+    explorer._fail(survey, Goal((0, 0), small))
+    assert explorer._choose(survey).frontier[0] > 10.0
+
+
+@pytest.mark.parametrize("explorer", [NearestExplorer(), FrontierExplorer()])
+def test_a_frontier_that_cannot_be_got_to_is_given_up_in_the_end(explorer):
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    survey = survey_from(5.0, 0.0)
+    num_goals = 0
+    while (goal := explorer._choose(survey)) is not None and num_goals < 100:
+        explorer._fail(survey, goal)
+        num_goals += 1
+    assert 6 <= num_goals < 100
 
 
 def test_frontier_relaxes_in_small_places_before_it_gives_up():
