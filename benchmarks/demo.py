@@ -1,7 +1,6 @@
 """The whole path in a few minutes: train a small explorer, meet the classic one, see what came of it."""
 
 import contextlib
-import os
 import shutil
 import sys
 import time
@@ -47,6 +46,7 @@ def demo(
     episodes: int = 10,
     physics: str = "bullet",
     time_limit: float | None = None,
+    jobs: int = 2,
 ) -> str:
     """Train, evaluate, film and report.
 
@@ -56,6 +56,7 @@ def demo(
         episodes: of each explorer.
         physics: of the evaluation.
         time_limit: of its episodes [s]; None lets the environment choose.
+        jobs: processes that it is spread over.
 
     Returns:
         What came of it, in a sentence.
@@ -78,7 +79,7 @@ def demo(
     policies = (f"ppo=ppo:{run}", "frontier", "random")
     settings = Settings(policies, (WORLD,), episodes, physics=physics, time_limit=time_limit)
     evaluation = Evaluation(settings, work)
-    rows = run_with_progress(evaluation, min(2, os.cpu_count() or 1), console)
+    rows = run_with_progress(evaluation, jobs, console)
 
     say("3/3 Film the first episode, and write the report")
     learned, classic, _ = evaluation.policies

@@ -20,7 +20,7 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path):
     (folder / "report.html").write_text("of an earlier demo")
     (tmp_path / "demo.new").mkdir()
     (tmp_path / "demo.new" / "half").write_text("of an interrupted one")
-    sentence = demo(TrainingConfig(**TINY), folder, episodes=1, physics="kinematic", time_limit=3.0)
+    sentence = demo(TrainingConfig(**TINY), folder, episodes=1, physics="kinematic", time_limit=3.0, jobs=1)
     assert list(tmp_path.iterdir()) == [folder]
     assert not (folder / "half").exists()
     assert set(json.loads((folder / "summary.json").read_text())) == {"ppo", "frontier", "random"}
