@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from envs.coverage import Coverage, explorable_area, map_iou
 from envs.geometry import Pose2D
+from envs.geometry.pose import distance
 from envs.observation import Trail, observation_space, observe
 from envs.robots import RobotParams, WheelOdometry, load_robot
 from envs.simulation import Twist, make_simulator
@@ -213,7 +214,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         before, self._state = self._state, self._simulator.state
         self._update_belief(before.pose)
         self._remember()
-        self._path_length += math.hypot(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
+        self._path_length += distance(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
         self._collisions += self.reading.bumper and not touching
 
         gained = self.coverage.update(self.belief)
@@ -309,7 +310,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return {
             "explored_fraction": fraction,
             "explored_area": self.coverage.explored_area,
-            "pose_error": np.array([math.hypot(error.x, error.y), abs(error.theta)]),
+            "pose_error": np.array([distance(error.x, error.y), abs(error.theta)]),
             "path_length": self._path_length,
             "collisions": self._collisions,
             "time": self.reading.time,

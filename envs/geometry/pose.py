@@ -14,6 +14,12 @@ def wrap_angle(theta: float) -> float:
 
 
 @njit(cache=True)
+def distance(dx: float, dy: float) -> float:
+    """Return the length of (dx, dy). The standard library's `hypot` rounds otherwise than the compiled one."""
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@njit(cache=True)
 def compose(x, y, theta, other_x, other_y, other_theta):
     """Return, as (x, y, theta), a pose given in the frame of the pose (x, y, theta) in that one's parent frame."""
     c, s = math.cos(theta), math.sin(theta)

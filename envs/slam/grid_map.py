@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+from numba import njit
 
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
+from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from .cells import unvisited_word
@@ -13,6 +15,12 @@ from .params import TinySlamParams
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: an estimate that has run away must not take all memory."""
+
+
+@njit(cache=True, error_model="numpy")
+def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
+    """Tell whether two poses lie `min_distance` [m] or `min_angle` [rad] or more apart."""
+    return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
 class GridMap:
@@ -30,30 +38,28 @@ class GridMap:
         self.directions = np.vstack([np.cos(angles), np.sin(angles)])
         """Shape (2, num_beams), cosine and sine of the beams in the base frame."""
         self.unvisited = unvisited_word(params.unvisited)
-        self._kind = {"avg": AVG, "base": BASE, "report": REPORT}[params.cell]
+        self.kind = {"avg": AVG, "base": BASE, "report": REPORT}[params.cell]
         width, height = (math.ceil(size / params.resolution) for size in (params.map_width, params.map_height))
-        self._corner = (-(width // 2), -(height // 2))
+        self.corner = (-(width // 2), -(height // 2))
         self.words = np.full((height, width), self.unvisited, dtype=np.int32)
         """Shape (height, width), int32: the cells."""
         self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
         """The same as an occupancy grid, always up to date."""
-        self._last_pose: Pose2D | None = None
+        self.last_drawn: Pose2D | None = None
         reach = math.ceil(lidar.range_max / params.resolution) + 2
         self._ends = np.empty((lidar.num_beams, 2))
         self._new_cells = np.empty((lidar.num_beams * reach, 2), dtype=np.int32)
 
     @property
     def _origin(self) -> tuple[float, float]:
-        return self._corner[0] * self._params.resolution, self._corner[1] * self._params.resolution
+        return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
     def offer(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
         """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`."""
-        last, params = self._last_pose, self._params
-        if last is not None:
-            distance = math.hypot(pose.x - last.x, pose.y - last.y)
-            if distance < params.draw_distance and abs(wrap_angle(pose.theta - last.theta)) < params.draw_angle:
-                return self._new_cells[:0]
-        self._last_pose = pose
+        last, params = self.last_drawn, self._params
+        if last is not None and not has_moved(*last, *pose, params.draw_distance, params.draw_angle):
+            return self._new_cells[:0]
+        self.last_drawn = pose
         return self.draw(ranges, pose, quality)
 
     def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
@@ -73,7 +79,7 @@ class GridMap:
         scan = (ranges, self.directions, self._lidar.range_max, params.skip_exceeding)
         x, y = self.to_cells(*sensor)
         touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
-        if self._grow_to_hold(*touched):
+        if self.grow_to_hold(*touched):
             x, y = self.to_cells(*sensor)
             beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
         count = draw_scan(
@@ -84,7 +90,7 @@ class GridMap:
             self._ends,
             x,
             y,
-            self._kind,
+            self.kind,
             params.estimator == "area",
             params.occupied_prob,
             params.empty_prob,
@@ -97,13 +103,13 @@ class GridMap:
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""
-        return x / self._params.resolution - self._corner[0], y / self._params.resolution - self._corner[1]
+        return x / self._params.resolution - self.corner[0], y / self._params.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
         """Undo `to_cells`."""
-        return (x + self._corner[0]) * self._params.resolution, (y + self._corner[1]) * self._params.resolution
+        return (x + self.corner[0]) * self._params.resolution, (y + self.corner[1]) * self._params.resolution
 
-    def _grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
+    def grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
         """Enlarge the map such that it has the given columns and rows; return whether it had to be."""
         height, width = self.words.shape
         left, right = _growth(width, col_min, col_max)
@@ -119,7 +125,7 @@ class GridMap:
         margins = ((low, high), (left, right))
         self.words = np.pad(self.words, margins, constant_values=self.unvisited)
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
-        self._corner = (self._corner[0] - left, self._corner[1] - low)
+        self.corner = (self.corner[0] - left, self.corner[1] - low)
         self.grid.origin = self._origin
         return True
 
