@@ -39,8 +39,8 @@ class NavigatorParams:
     """How far beyond that nearness to obstacles costs [m]."""
     cost_scaling_factor: float = 4.0
     """Rate at which that cost decays with the distance [1/m]."""
-    goal_tolerance: float = 0.2
-    """Distance at which a goal counts as reached [m]."""
+    goal_tolerance: float = 1.6
+    """Distance at which a goal counts as reached, in radii of the robot and at most 0.2 m."""
     marking_range: float = 2.5
     """Obstacles seen this near are marked in plans, whatever the map says of them [m] (Nav2's `obstacle_max_range`);
     legs of chairs are too thin to last in a map."""
@@ -131,6 +131,7 @@ class Navigator:
         ]
         self.tightness = 0
         """How small the robot is in the plans of its goal; see `survey`."""
+        self._goal_tolerance = min(params.goal_tolerance * robot.radius, 0.2)
         self._memory = ObstacleMemory(robot, control_period)
         self._obstacles = np.empty((0, 2))
         self._follower = PathFollower(robot, control_period)
@@ -185,7 +186,7 @@ class Navigator:
     def replan(self, survey: Survey) -> bool:
         """Plan the way to the goal anew; False if there is none any more."""
         assert self.goal is not None
-        path = plan_path(survey.costmap, survey.pose[:2], self.goal, tolerance=self._params.goal_tolerance)
+        path = plan_path(survey.costmap, survey.pose[:2], self.goal, tolerance=self._goal_tolerance)
         if path is None:
             return False
         self._follower.set_path(path)
@@ -206,7 +207,7 @@ class Navigator:
         if self.status is not Status.DRIVING:
             return self._action(Twist(0.0, 0.0))
         assert self.goal is not None
-        if math.hypot(pose.x - self.goal[0], pose.y - self.goal[1]) <= self._params.goal_tolerance:
+        if math.hypot(pose.x - self.goal[0], pose.y - self.goal[1]) <= self._goal_tolerance:
             self.status = Status.REACHED
             return self._action(Twist(0.0, 0.0))
         if self._is_stuck(pose):

@@ -27,8 +27,8 @@ class FollowerParams:
 
     lookahead_time: float = 1.5
     """Lookahead over speed [s]."""
-    min_lookahead: float = 0.25
-    """Least lookahead [m]."""
+    min_lookahead: float = 2.0
+    """Least lookahead, in radii of the robot and at most 0.25 m."""
     max_lookahead: float = 0.9
     """Greatest lookahead [m]."""
     rotate_from: float = 0.785
@@ -43,8 +43,10 @@ class FollowerParams:
     """Least speed to which curvature and nearness slow the robot down, as a fraction of the limit."""
     nearness_time: float = 0.6
     """Obstacles nearer to the footprint than is driven in this time at full speed slow the robot down [s]."""
-    margin: float = 0.03
-    """Distance that is kept between footprint and obstacles [m]."""
+    margin: float = 0.2
+    """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m."""
+    sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
+    """Angles by which the robot steers past what stands between it and the carrot, on either side [rad]."""
     braking: float = 0.5
     """Share of the robot's greatest deceleration that braking counts on."""
 
@@ -101,6 +103,9 @@ class PathFollower:
         self._robot = robot
         self._period = control_period
         self._params = params
+        self._min_lookahead = min(params.min_lookahead * robot.radius, 0.25)
+        self._reach = robot.radius + min(params.margin * robot.radius, 0.03)
+        self._side = 1.0
         self._path = np.empty((0, 2))
         self._index = 0
         self._rotating = False
@@ -130,7 +135,7 @@ class PathFollower:
         self._index = _nearest_index(self._path, pose.x, pose.y, self._index, 40)
         self.blocked = False
         reach = params.lookahead_time * max(abs(speed), params.min_speed * robot.max_v)
-        reach = min(max(reach, params.min_lookahead), params.max_lookahead)
+        reach = min(max(reach, self._min_lookahead), params.max_lookahead)
         carrot, free = self._carrot(pose, reach, obstacles)
         angle = math.atan2(carrot[1], carrot[0])
         if abs(angle) > (params.rotate_until if self._rotating else params.rotate_from):
@@ -157,18 +162,38 @@ class PathFollower:
         rate = min(math.sqrt(2.0 * params.braking * robot.max_acc_w * abs(angle)), 0.5 * abs(angle) / self._period)
         return Twist(0.0, math.copysign(min(rate, robot.max_w, params.max_rotation), angle))
 
-    def _carrot(self, pose: Pose2D, reach: float, obstacles: np.ndarray) -> tuple[tuple[float, float], float]:
+    def _carrot(self, pose: Pose2D, lookahead: float, obstacles: np.ndarray) -> tuple[tuple[float, float], float]:
         """Return the point to steer for, base frame [m], and how far its arc is free [m]."""
         c, s = math.cos(pose.theta), math.sin(pose.theta)
-        look = self._braking_distance(self._robot.max_v) + self._params.margin
         while True:
-            dx, dy = self._path[_carrot_index(self._path, pose.x, pose.y, self._index, reach)] - pose[:2]
-            x, y = c * dx + s * dy, c * dy - s * dx
-            curvature = 2.0 * y / max(x * x + y * y, 1e-6)
-            free = free_distance(obstacles, curvature, self._robot.radius + self._params.margin, max(reach, look))
-            if free >= reach or reach <= self._params.min_lookahead:
-                return (x, y), free
-            reach = max(0.6 * reach, self._params.min_lookahead)
+            dx, dy = self._path[_carrot_index(self._path, pose.x, pose.y, self._index, lookahead)] - pose[:2]
+            carrot = (c * dx + s * dy, c * dy - s * dx)
+            free = self._free(carrot, lookahead, obstacles)
+            if free >= lookahead:
+                return carrot, free
+            if lookahead <= self._min_lookahead:
+                return self._sidestep(carrot, free, obstacles)
+            lookahead = max(0.6 * lookahead, self._min_lookahead)
+
+    def _sidestep(
+        self, carrot: tuple[float, float], free: float, obstacles: np.ndarray
+    ) -> tuple[tuple[float, float], float]:
+        """Return a point beside the carrot whose arc is free, on the side taken last if possible; else the carrot."""
+        for offset in self._params.sidesteps:
+            for side in (self._side, -self._side):
+                c, s = math.cos(side * offset), math.sin(side * offset)
+                beside = (c * carrot[0] - s * carrot[1], s * carrot[0] + c * carrot[1])
+                free_beside = self._free(beside, self._min_lookahead, obstacles)
+                if free_beside >= self._min_lookahead:
+                    self._side = side
+                    return beside, free_beside
+        return carrot, free
+
+    def _free(self, carrot: tuple[float, float], lookahead: float, obstacles: np.ndarray) -> float:
+        """Return how far the arc to a point (base frame [m]) is free, looking at least as far as braking takes [m]."""
+        curvature = 2.0 * carrot[1] / max(carrot[0] ** 2 + carrot[1] ** 2, 1e-6)
+        look = max(lookahead, self._braking_distance(self._robot.max_v) + 0.03)
+        return free_distance(obstacles, curvature, self._reach, look)
 
     def _regulated_speed(self, curvature: float, free: float, obstacles: np.ndarray) -> float:
         """Return the forward speed [m/s] for an arc of which `free` metres are free."""
