@@ -13,8 +13,9 @@ from envs.slam import Belief
 
 DECISION_PERIOD = 1.0
 """Time between two looks at the map [s]."""
-LOOK_RADIUS = 0.75
-"""Frontier cells this near to where the robot has stood to look at them, or to a goal that failed, are given up [m]."""
+LOOK_RADIUS = 3.0
+"""Frontier cells this near to where the robot has stood to look at them, or to a goal that failed, are given up, in
+radii of the robot and at most 0.75 m."""
 GOAL_RADIUS = 0.4
 """A goal is worth its way as long as there is a frontier this near to the one that it was chosen for [m]."""
 RETRY_RADIUS = 0.5
@@ -55,6 +56,8 @@ class GoalExplorer(ABC):
         """Prepare for a new episode; see `Explorer`."""
         self._robot = robot
         self._navigator = Navigator(robot, control_period, rng)
+        self._look_radius = min(LOOK_RADIUS * robot.radius, 0.75)
+        self._has_looked_around = False
         self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
         self._countdown = 0
         self._goal: Goal | None = None
@@ -71,7 +74,7 @@ class GoalExplorer(ABC):
             return np.zeros(2, dtype=np.float32)
         navigator.sense(observation)
         self._countdown -= 1
-        if navigator.status is not Status.DRIVING or self._countdown <= 0:
+        if not navigator.is_busy and (navigator.status is not Status.DRIVING or self._countdown <= 0):
             self._countdown = self._decision_steps
             self._consider(navigator, belief)
         return navigator.act(observation, belief)
@@ -84,7 +87,7 @@ class GoalExplorer(ABC):
             if navigator.status is Status.REACHED:
                 # What remains though the robot stands where it wanted to see it from.
                 gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
-                self._give_up(survey, survey.pose[:2], max(LOOK_RADIUS, gap + 0.25))
+                self._give_up(survey, survey.pose[:2], gap + self._look_radius)
             elif navigator.status is Status.FAILED:
                 self._fail(survey, self._goal)
             elif len(remaining) and navigator.replan(survey):
@@ -97,7 +100,10 @@ class GoalExplorer(ABC):
             if self._goal is not None:
                 self._set_out(navigator, again, self._goal, tightness)
                 return
-        self._end_reason = "no_reachable_frontier"
+        if self._has_looked_around:
+            self._end_reason = "no_reachable_frontier"
+        self._has_looked_around = True
+        navigator.look_around()
 
     def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
         """Look at the map, without the frontiers that have been given up."""
@@ -111,7 +117,8 @@ class GoalExplorer(ABC):
         path = survey.field.path(*goal.cell)
         assert path is not None
         x, y = survey.grid.centers(np.array(goal.cell))
-        navigator.drive_to((float(x), float(y)), path, tightness)
+        navigator.drive_to((float(x), float(y)), path, view=goal.frontier, tightness=tightness)
+        self._has_looked_around = False
 
     @abstractmethod
     def _choose(self, survey: Survey) -> Goal | None:
@@ -121,7 +128,7 @@ class GoalExplorer(ABC):
         """Take note that the robot did not get to a goal."""
         self._failures.append(goal.frontier)
         if self._num_failures(goal.frontier) >= MAX_FAILURES:
-            self._give_up(survey, goal.frontier, LOOK_RADIUS)
+            self._give_up(survey, goal.frontier, self._look_radius)
 
     def _num_failures(self, point: tuple[float, float]) -> int:
         """Return how often the robot did not get to a frontier (x, y), map frame [m]."""

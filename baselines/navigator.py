@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from baselines.obstacles import ObstacleMemory, free_distance
+from baselines.obstacles import ObstacleMemory, free_distance, mark_missing
 from baselines.path_follower import PathFollower
-from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
+from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.navigation import (
     Costmap,
     CostmapParams,
@@ -24,6 +24,11 @@ from envs.navigation import (
 from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import Belief
+
+SAME_OBSTACLE = 0.15
+"""Distance up to which an occupied cell of the map accounts for an obstacle in the scan [m]."""
+SPIN_RATE = 1.0
+"""Yaw rate of turns that are made to look around or to get free, where the robot can turn that fast [rad/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +47,8 @@ class NavigatorParams:
     goal_tolerance: float = 1.6
     """Distance at which a goal counts as reached, in radii of the robot and at most 0.2 m."""
     marking_range: float = 2.5
-    """Obstacles seen this near are marked in plans, whatever the map says of them [m] (Nav2's `obstacle_max_range`);
-    legs of chairs are too thin to last in a map."""
+    """Obstacles seen this near are marked in plans where the map misses them [m] (Nav2's `obstacle_max_range`): legs of
+    chairs are too thin to last in a map."""
     stall_time: float = 3.0
     """Time without moving or turning after which the robot tries to free itself [s]."""
     max_recoveries: int = 3
@@ -85,12 +90,11 @@ class Survey:
 
     @cached_property
     def costmap(self) -> Costmap:
-        """Costs of the observed part of the map, with the obstacles marked in it."""
-        marked = self.grid.data.copy()
-        cells = self.grid.cells(self._obstacles)
-        cells = cells[self.grid.contains(cells)]
-        marked[cells[:, 0], cells[:, 1]] = OCCUPIED
-        return make_costmap(OccupancyGrid(marked, self.grid.resolution, self.grid.origin), self._params)
+        """Costs of the observed part of the map, with the obstacles that it misses."""
+        grid = self.grid
+        reach = round(SAME_OBSTACLE / grid.resolution)
+        marked = mark_missing(grid.data, grid.cells(self._obstacles), reach, self._params.occupied_from)
+        return make_costmap(OccupancyGrid(marked, grid.resolution, grid.origin), self._params)
 
     @cached_property
     def frontier(self) -> np.ndarray:
@@ -136,7 +140,7 @@ class Navigator:
         self._obstacles = np.empty((0, 2))
         self._follower = PathFollower(robot, control_period)
         self._maneuvers: deque[tuple[Twist, int]] = deque()
-        self._recoveries = 0
+        self._view: tuple[float, float] | None = None
         self._set_goal(None)
 
     def _set_goal(self, goal: tuple[float, float] | None) -> None:
@@ -171,15 +175,33 @@ class Navigator:
         near = (self._obstacles**2).sum(axis=1) < self._params.marking_range**2
         return Survey(belief, params, self._obstacles[near])
 
-    def drive_to(self, goal: tuple[float, float], path: np.ndarray, tightness: int = 0) -> None:
+    @property
+    def is_busy(self) -> bool:
+        """Whether it is freeing itself or looking around, and no goal can change that."""
+        return bool(self._maneuvers)
+
+    def look_around(self) -> None:
+        """Turn once around on the spot."""
+        self._spin(2.0 * math.pi)
+
+    def drive_to(
+        self,
+        goal: tuple[float, float],
+        path: np.ndarray,
+        *,
+        view: tuple[float, float] | None = None,
+        tightness: int = 0,
+    ) -> None:
         """Take a new goal.
 
         Args:
             goal: where to go (x, y), map frame [m].
             path: the way there: shape (n, 2), n > 0, map frame [m].
+            view: what to have in the lidar's view in the end (x, y), map frame [m].
             tightness: of the survey that the way was found in.
         """
         self._set_goal(goal)
+        self._view = view
         self.tightness = tightness
         self._follower.set_path(path)
 
@@ -208,8 +230,10 @@ class Navigator:
             return self._action(Twist(0.0, 0.0))
         assert self.goal is not None
         if math.hypot(pose.x - self.goal[0], pose.y - self.goal[1]) <= self._goal_tolerance:
-            self.status = Status.REACHED
-            return self._action(Twist(0.0, 0.0))
+            turn = self._turn_to_view(pose)
+            if turn == 0.0:
+                self.status = Status.REACHED
+            return self._action(self._follower.rotate(turn))
         if self._is_stuck(pose):
             self.status = Status.FAILED
             return self._action(Twist(0.0, 0.0))
@@ -221,6 +245,15 @@ class Navigator:
     def _action(self, twist: Twist) -> np.ndarray:
         action = np.array([twist.v / self._robot.max_v, twist.w / self._robot.max_w], dtype=np.float32)
         return np.clip(action, -1.0, 1.0)
+
+    def _turn_to_view(self, pose: Pose2D) -> float:
+        """Return by how much to turn to get what the goal is to show well into the lidar's view [rad]; 0 if it is."""
+        lidar = self._robot.lidar
+        if self._view is None or lidar.fov > 2.0 * math.pi - 0.1:
+            return 0.0
+        away = pose.between(Pose2D(*self._view, 0.0))
+        bearing = wrap_angle(math.atan2(away.y, away.x) - lidar.mount.yaw)
+        return bearing if abs(bearing) > 0.4 * lidar.fov and math.hypot(away.x, away.y) > 0.05 else 0.0
 
     def _has_stalled(self, pose: Pose2D) -> bool:
         """Tell whether the robot has neither moved nor turned for too long."""
@@ -254,11 +287,16 @@ class Navigator:
         if room[sign] < 0.5 * reach and room[-sign] > room[sign]:
             sign = -sign
         speed = 0.4 * robot.max_v
-        turn = self._rng.uniform(0.5, 1.2) * (1.0 if self._rng.random() < 0.5 else -1.0)
-        rate = min(robot.max_w, 1.0)
         self._maneuvers.append((Twist(sign * speed, 0.0), max(1, round(reach / speed / self._period))))
-        self._maneuvers.append((Twist(0.0, math.copysign(rate, turn)), max(1, round(abs(turn) / rate / self._period))))
+        self._spin(self._rng.uniform(0.5, 1.2) * (1.0 if self._rng.random() < 0.5 else -1.0))
         self._stall_anchor = None
+
+    def _spin(self, angle: float) -> None:
+        """Plan to turn on the spot by `angle` [rad]."""
+        rate = min(self._robot.max_w, SPIN_RATE)
+        self._maneuvers.append(
+            (Twist(0.0, math.copysign(rate, angle)), max(1, round(abs(angle) / rate / self._period)))
+        )
 
     def _maneuver(self, obstacles: np.ndarray) -> Twist:
         """Return the next twist of what `_recover` has planned; skips straight parts that have become blocked."""

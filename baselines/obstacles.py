@@ -184,3 +184,28 @@ def free_distance(points, curvature, radius, distance):
             if gap < radius and gap < math.hypot(points[k, 0], points[k, 1]) - 1e-3:
                 return abs(distance) * (step - 1) / num_steps
     return abs(distance)
+
+
+@njit(cache=True, error_model="numpy")
+def mark_missing(data, cells, reach, occupied_from):
+    """Mark obstacles in a map that knows of none near them.
+
+    Args:
+        data: shape (height, width), int8, occupancy.
+        cells: shape (n, 2), int64, (row, column) of obstacles, also outside the map.
+        reach: distance up to which an occupied cell accounts for an obstacle [cells].
+        occupied_from: least occupancy that is an obstacle [percent].
+
+    Returns:
+        A copy with 100 in the cells of those that no occupied cell accounts for.
+    """
+    height, width = data.shape
+    marked = data.copy()
+    for k in range(cells.shape[0]):
+        row, col = cells[k]
+        if row < 0 or col < 0 or row >= height or col >= width:
+            continue
+        around = data[max(row - reach, 0) : row + reach + 1, max(col - reach, 0) : col + reach + 1]
+        if not (around >= occupied_from).any():
+            marked[row, col] = 100
+    return marked

@@ -43,8 +43,9 @@ class FollowerParams:
     """Least speed to which curvature and nearness slow the robot down, as a fraction of the limit."""
     nearness_time: float = 0.6
     """Obstacles nearer to the footprint than is driven in this time at full speed slow the robot down [s]."""
-    margin: float = 0.2
-    """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m."""
+    margin: float = 0.4
+    """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m. From it 1.5
+    standard deviations of the lidar's noise are taken: the nearest of a wall's many points lies that much too near."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Angles by which the robot steers past what stands between it and the carrot, on either side [rad]."""
     braking: float = 0.5
@@ -104,7 +105,7 @@ class PathFollower:
         self._period = control_period
         self._params = params
         self._min_lookahead = min(params.min_lookahead * robot.radius, 0.25)
-        self._reach = robot.radius + min(params.margin * robot.radius, 0.03)
+        self._reach = robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std
         self._side = 1.0
         self._path = np.empty((0, 2))
         self._index = 0
