@@ -96,6 +96,8 @@ class NetworkConfig(_Section):
     """Width of the hidden layer of the policy and of the value."""
     log_std: float = -0.5
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
+    speed: float = Field(default=0.0, ge=-1, le=1)
+    """First mean of the forward speed, as a fraction of the robot's limit: who stands still discovers little."""
 
 
 class EvaluationConfig(_Section):

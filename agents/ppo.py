@@ -36,7 +36,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         remaining = min(progress_remaining + 1.0 / config.num_updates, 1.0)
         return ppo.learning_rate * (remaining if ppo.anneal else 1.0)
 
-    return PPO(
+    model = PPO(
         MultiInputActorCriticPolicy,
         env,
         learning_rate=learning_rate,
@@ -54,6 +54,9 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         seed=config.seed,
         device="cpu",
     )
+    with torch.no_grad():
+        model.policy.action_net.bias[0] = config.network.speed
+    return model
 
 
 def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticPolicy:
