@@ -9,7 +9,8 @@ import tyro
 from rich.console import Console
 
 from benchmarks.arena.publish import publish, run_with_progress
-from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import terminal_table, to_json
 
 

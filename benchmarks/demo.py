@@ -18,7 +18,8 @@ from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.publish import publish, run_with_progress
 from benchmarks.arena.records import Row
-from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import Summary, terminal_table
 from benchmarks.arena.trace import Trace, trace_path
 from benchmarks.pictures import Film, save_gif

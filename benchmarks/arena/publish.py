@@ -9,11 +9,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.files import write_file
-from benchmarks.arena.plots import draw_world, short
+from benchmarks.arena.plots import draw_world
 from benchmarks.arena.records import Row
 from benchmarks.arena.report import build_report
-from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import Summary, summarise, to_json
+from benchmarks.arena.theme import short
 from benchmarks.arena.trace import load_traces, slug
 
 

@@ -10,11 +10,12 @@ from string import Template
 import numpy as np
 
 from benchmarks.arena.measures import BY_NAME, MEASURES
-from benchmarks.arena.plots import DARK, LIGHT, Picture, Theme, WorldPictures, short
+from benchmarks.arena.plots import Picture, WorldPictures
 from benchmarks.arena.records import Row
-from benchmarks.arena.runner import Settings
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.statistics import Estimate
 from benchmarks.arena.summary import COMPARED, Comparison, best_of, compare, pool, summarise, values_of
+from benchmarks.arena.theme import DARK, LIGHT, Theme, short
 
 Estimates = Mapping[str, Mapping[str, Estimate]]
 """Estimates by policy and measure."""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.arena.measures import MEASURES
-from benchmarks.arena.runner import Evaluation, Settings
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace
 from evaluate import evaluate
 

@@ -1,0 +1,57 @@
+"""Colours and names in pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours of a picture on light or on dark paper."""
+
+    paper: str
+    """Background."""
+    ink: str
+    """Text and walls."""
+    muted: str
+    """Axes, grid, and the policy `random`, which is there for reference."""
+    unknown: str
+    """Map cells that were never seen."""
+    error: str
+    """True walls over the map."""
+    lines: tuple[str, ...]
+    """One per policy, in order; told apart also by readers who do not see all colours."""
+    times: tuple[str, ...]
+    """From the first cells seen to the last."""
+
+    def colors(self, policies: Sequence[str]) -> dict[str, str]:
+        """Give every policy its colour."""
+        others = [policy for policy in policies if policy != "random"]
+        colors = {policy: self.lines[k % len(self.lines)] for k, policy in enumerate(others)}
+        return {policy: colors.get(policy, self.muted) for policy in policies}
+
+
+LIGHT = Theme(
+    paper="#ffffff",
+    ink="#1d2129",
+    muted="#7c838f",
+    unknown="#e7e9ed",
+    error="#d43d2a",
+    lines=("#1668b8", "#d2600c", "#16865c", "#8a4fc4", "#a67c00", "#bf3f7f"),
+    times=("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"),
+)
+DARK = Theme(
+    paper="#16191f",
+    ink="#e8eaee",
+    muted="#8b93a1",
+    unknown="#262b34",
+    error="#ff7a66",
+    lines=("#63adf2", "#f79a57", "#52cf9c", "#c39af2", "#e0bd4a", "#ee86b7"),
+    times=("#8a7a3a", "#4f8058", "#2f7480", "#2f5487"),
+)
+
+
+def short(policy: str) -> str:
+    """Return a policy's name for a legend: of `ppo:a/long/path` the kind and the last part."""
+    kind, _, path = policy.partition(":")
+    parts = [part for part in path.split("/") if part not in ("", "checkpoints")]
+    return f"{kind} {parts[-1]}" if parts and len(path) > 24 else policy
