@@ -6,6 +6,7 @@ Importing this package registers the environments under the namespace `lidarnaut
 import gymnasium
 
 _ENTRY_POINT = "envs.explore:ExploreEnv"
+_VECTOR_ENTRY_POINT = "envs.explore_vector:ExploreVectorEnv"
 
 _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/Explore-v0": (_ENTRY_POINT, {}),
@@ -20,4 +21,4 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
 
 for _id, (_entry_point, _kwargs) in _TABLE.items():
     if _id not in gymnasium.registry:
-        gymnasium.register(id=_id, entry_point=_entry_point, kwargs=_kwargs, order_enforce=True)
+        gymnasium.register(id=_id, entry_point=_entry_point, vector_entry_point=_VECTOR_ENTRY_POINT, kwargs=_kwargs)

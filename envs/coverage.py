@@ -77,7 +77,7 @@ def _sees(free, goals, row, col, reach):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _visible_from(free, goals, candidates, reach):
     """Return the cells among `candidates` that see, or are, one of the goals: shape (height, width), bool."""
     visible = goals.copy()

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.coverage import Coverage, explorable_area, map_iou
+from envs.coverage import Coverage, ExplorableArea, explorable_area, map_iou
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.observation import Trail, observation_space, observe
@@ -157,14 +157,15 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan: np.ndarray | None = None
         """Planned path for drawing, shape (n, 2), map frame [m]; set it from outside, `reset` clears it."""
         self._time_limit = time_limit
-        self._target_coverage = target_coverage
+        self.target_coverage = target_coverage
         self._start = start if isinstance(start, str) else Pose2D(*map(float, start))
-        self._weights = reward
-        self._resolution = map_resolution
-        self._simulator = make_simulator(physics, self.robot, self.control_period)
-        self._slam = make_slam(slam, self.robot.lidar, map_resolution)
-        self._slam_is_told_the_truth = slam == "truth"
-        self._odometry = WheelOdometry(self.robot)
+        self.weights = reward
+        self.resolution = map_resolution
+        self.simulator = make_simulator(physics, self.robot, self.control_period)
+        self.slam = make_slam(slam, self.robot.lidar, map_resolution)
+        self.slam_is_told_the_truth = slam == "truth"
+        self.odometry = WheelOdometry(self.robot)
+        self._next_place: tuple[World, ExplorableArea] | None = None
         self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = observation_space(self.robot)
@@ -174,21 +175,23 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Put the robot into a place it does not know and return the first observation and info."""
         super().reset(seed=seed)
-        self.world = self._sample_world(self.np_random)
-        area = explorable_area(self.world, self.robot, self._resolution)
+        if seed is not None:
+            self._next_place = None
+        self.world, area = self._next_place or self._draw_place()
+        self._next_place = None
         self._place(area)
         if self._time_limit is None:
             # Time to sweep the area twice with a swath of a metre at full speed, rounded to ten seconds.
             self.time_limit = 120.0 + 10.0 * round(0.2 * area.area / self.robot.max_v)
         simulator_rng, slam_rng = self.np_random.spawn(2)
-        self.reading = self._simulator.reset(self.world, self.start, simulator_rng)
-        self._state = self._simulator.state
-        self._odometry.reset(self.reading.ticks)
-        self._slam.reset(slam_rng)
-        self.belief = self._slam.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
+        self.reading = self.simulator.reset(self.world, self.start, simulator_rng)
+        self._state = self.simulator.state
+        self.odometry.reset(self.reading.ticks)
+        self.slam.reset(slam_rng)
+        self.belief = self.slam.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
         self.coverage = Coverage(area, self.start)
         self.coverage.update(self.belief)
-        self._trail = Trail()
+        self.trail = Trail()
         self._true_trail = Trail()
         self._remember()
         self._twist = Twist(0.0, 0.0)
@@ -210,17 +213,17 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._action = self._checked(action)
         command = Twist(float(self._action[0]) * self.robot.max_v, float(self._action[1]) * self.robot.max_w)
         touching = self.reading.bumper
-        self.reading = self._simulator.step(command)
-        before, self._state = self._state, self._simulator.state
+        self.reading = self.simulator.step(command)
+        before, self._state = self._state, self.simulator.state
         self._update_belief(before.pose)
         self._remember()
         self._path_length += distance(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
         self._collisions += self.reading.bumper and not touching
 
         gained = self.coverage.update(self.belief)
-        terminated = self.coverage.explored_fraction >= self._target_coverage
+        terminated = self.coverage.explored_fraction >= self.target_coverage
         truncated = not terminated and self.reading.time >= self.time_limit - 1e-6
-        weights = self._weights
+        weights = self.weights
         rewards = {
             "explored": weights.explored * gained,
             "time": weights.time * self.control_period,
@@ -234,6 +237,10 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self.render_mode == "human":
             self.render()
         return self._observe(), sum(rewards.values()), terminated, truncated, info
+
+    def prepare(self) -> None:
+        """Draw the place of the next episode ahead of time; a `reset` with a seed throws it away."""
+        self._next_place = self._next_place or self._draw_place()
 
     def render(self) -> np.ndarray | None:
         """Draw the truth beside what the robot believes; an array (height, width, 3), uint8, for `rgb_array`."""
@@ -253,7 +260,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 belief=self.belief,
                 ranges=self.reading.ranges,
                 trail=self._true_trail.positions,
-                believed_trail=self._trail.positions,
+                believed_trail=self.trail.positions,
                 plan=self.plan,
                 explored_fraction=self.coverage.explored_fraction,
                 time=self.reading.time,
@@ -263,12 +270,16 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def close(self) -> None:
         """Release the physics engine and the window."""
-        self._simulator.close()
+        self.simulator.close()
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
-    def _place(self, area: Any) -> None:
+    def _draw_place(self) -> tuple[World, ExplorableArea]:
+        world = self._sample_world(self.np_random)
+        return world, explorable_area(world, self.robot, self.resolution)
+
+    def _place(self, area: ExplorableArea) -> None:
         """Choose the start pose."""
         if self._start == "random":
             self.start = area.draw_pose(self.np_random)
@@ -290,19 +301,19 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def _update_belief(self, pose_before: Pose2D) -> None:
         """Feed the new scan to the SLAM, with the motion that it may know of."""
-        motion = self._odometry.update(self.reading.ticks)
+        motion = self.odometry.update(self.reading.ticks)
         self._twist = Twist(motion.x / self.control_period, motion.theta / self.control_period)
-        if self._slam_is_told_the_truth:
+        if self.slam_is_told_the_truth:
             motion = pose_before.between(self._state.pose)
-        self.belief = self._slam.update(self.reading.ranges, motion)
+        self.belief = self.slam.update(self.reading.ranges, motion)
 
     def _remember(self) -> None:
-        self._trail.append(self.belief.pose)
+        self.trail.append(self.belief.pose)
         self._true_trail.append(self._state.pose)
 
     def _observe(self) -> dict[str, np.ndarray]:
         elapsed = self.reading.time / self.time_limit
-        return observe(self.robot, self.reading, self.belief, self._trail, self._twist, self._action, elapsed)
+        return observe(self.robot, self.reading, self.belief, self.trail, self._twist, self._action, elapsed)
 
     def _info(self, rewards: dict[str, float]) -> dict[str, Any]:
         error = self.start.compose(self.belief.pose).between(self._state.pose)
@@ -315,5 +326,5 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             "collisions": self._collisions,
             "time": self.reading.time,
             "rewards": rewards,
-            "is_success": fraction >= self._target_coverage,
+            "is_success": fraction >= self.target_coverage,
         }

@@ -119,22 +119,27 @@ class Trail:
     """Positions that the robot believes to have passed, `TRAIL_SPACING` apart, in the map frame."""
 
     def __init__(self) -> None:
-        self._positions = np.empty((256, 2))
+        self.buffer = np.empty((256, 2))
+        """Shape (room, 2), float64: the positions, and room for more."""
         self._length = 0
 
     def append(self, pose: Pose2D) -> None:
         """Remember the position if it is far enough from the last one remembered."""
-        if not is_apart(self._positions, self._length, pose.x, pose.y):
+        if not is_apart(self.buffer, self._length, pose.x, pose.y):
             return
-        if self._length == len(self._positions):
-            self._positions = np.concatenate([self._positions, np.empty_like(self._positions)])
-        self._positions[self._length] = pose.x, pose.y
+        if self._length == len(self.buffer):
+            self.enlarge()
+        self.buffer[self._length] = pose.x, pose.y
         self._length += 1
+
+    def enlarge(self) -> None:
+        """Double the room for positions."""
+        self.buffer = np.concatenate([self.buffer, np.empty_like(self.buffer)])
 
     @property
     def positions(self) -> np.ndarray:
         """Shape (n, 2), float64 [m]; a view."""
-        return self._positions[: self._length]
+        return self.buffer[: self._length]
 
 
 def observe(

@@ -95,20 +95,21 @@ class KinematicSimulator:
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         self._robot = robot
-        self._drive = Drive.of(robot)
+        self.drive = Drive.of(robot)
         self._period = float(control_period)
-        self._substeps = count_substeps(self._drive, self._period)
+        self.substeps = count_substeps(self.drive, self._period)
         self._sensors = Sensors(robot)
-        self._state = np.zeros(STATE_SIZE)
+        self.row = np.zeros(STATE_SIZE)
+        """Shape (9,), float64: the state that `advance` moves on."""
         self._steps = 0
         self._world: World | None = None
-        self._rng = np.random.default_rng(0)
-        self._circles = np.empty((0, 3))
+        self.rng = np.random.default_rng(0)
+        self.circles = np.empty((0, 3))
 
     @property
     def state(self) -> TrueState:
         """The truth after the last `reset` or `step`."""
-        x, y, theta, _, _, _, _, v, w = self._state.tolist()
+        x, y, theta, _, _, _, _, v, w = self.row.tolist()
         return TrueState(Pose2D(x, y, theta), Twist(v, w))
 
     def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
@@ -119,9 +120,9 @@ class KinematicSimulator:
         """
         circles = world.circles_at(0.0)
         check_start(pose, self._robot.radius, world.segments, circles, world.name)
-        self._world, self._rng, self._circles, self._steps = world, rng, circles, 0
-        self._state[:] = 0.0
-        self._state[X], self._state[Y], self._state[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+        self._world, self.rng, self.circles, self._steps = world, rng, circles, 0
+        self.row[:] = 0.0
+        self.row[X], self.row[Y], self.row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
         return self._read(self._sensors.draw(rng), bumper=False)
 
     def step(self, command: Twist) -> Reading:
@@ -134,23 +135,23 @@ class KinematicSimulator:
         if self._world is None:
             raise RuntimeError("call reset before step")
         v, w = check_command(command)
-        noise = self._sensors.draw(self._rng)
+        noise = self._sensors.draw(self.rng)
         self._steps += 1
-        before = self._circles
+        before = self.circles
         if self._world.movers:
-            self._circles = self._world.circles_at(self._steps * self._period)
+            self.circles = self._world.circles_at(self._steps * self._period)
         touched = advance(
-            self._state,
+            self.row,
             v,
             w,
             noise[0][0],
             noise[0][1],
             self._period,
-            self._substeps,
-            self._drive,
+            self.substeps,
+            self.drive,
             self._world.segments,
             before,
-            self._circles,
+            self.circles,
         )
         return self._read(noise, touched)
 
@@ -159,7 +160,7 @@ class KinematicSimulator:
 
     def _read(self, noise: tuple[np.ndarray, np.ndarray], bumper: bool) -> Reading:
         assert self._world is not None
-        x, y, theta, _, _, left, right, _, w = self._state.tolist()
+        x, y, theta, _, _, left, right, _, w = self.row.tolist()
         return self._sensors.read(
             noise,
             self._steps * self._period,
@@ -168,5 +169,5 @@ class KinematicSimulator:
             w,
             bumper,
             self._world.segments,
-            self._circles,
+            self.circles,
         )

@@ -30,8 +30,8 @@ class GivenPoseSlam:
 
     def reset(self, rng: np.random.Generator) -> Belief:
         """Forget everything: an unknown map with the robot at its origin. Draws nothing from `rng`."""
-        self._map = GridMap(self.params, self._lidar)
-        self._belief = Belief(_ORIGIN, self._map.grid, _NO_CELLS)
+        self.map = GridMap(self.params, self._lidar)
+        self._belief = Belief(_ORIGIN, self.map.grid, _NO_CELLS)
         return self._belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
@@ -46,5 +46,5 @@ class GivenPoseSlam:
         """
         ranges = check_scan(ranges, motion, self._lidar)
         self._belief.pose = self._belief.pose.compose(motion)
-        self._belief.new_cells = self._map.offer(ranges, self._belief.pose, self.params.quality)
+        self._belief.new_cells = self.map.offer(ranges, self._belief.pose, self.params.quality)
         return self._belief

@@ -44,11 +44,11 @@ class TinySlam:
 
     def reset(self, rng: np.random.Generator) -> Belief:
         """Forget everything: an unknown map with the robot at its origin. Candidates are drawn from `rng`."""
-        self._rng = rng
-        self._map = GridMap(self.params, self._lidar)
+        self.rng = rng
+        self.map = GridMap(self.params, self._lidar)
         self._map_is_empty = True
         self._odometry = _ORIGIN
-        self._belief = Belief(_ORIGIN, self._map.grid, _NO_CELLS)
+        self._belief = Belief(_ORIGIN, self.map.grid, _NO_CELLS)
         return self._belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
@@ -65,7 +65,7 @@ class TinySlam:
         predicted = self._predict(motion)
         pose = predicted if self._map_is_empty else self._match(ranges, predicted)
         quality = self.params.raw_quality if pose is predicted else self.params.quality
-        self._belief.new_cells = self._map.offer(ranges, pose, quality)
+        self._belief.new_cells = self.map.offer(ranges, pose, quality)
         self._belief.pose = pose
         self._map_is_empty = False
         return self._belief
@@ -83,11 +83,11 @@ class TinySlam:
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
-        params, grid_map, mount = self.params, self._map, self._lidar.mount
+        params, grid_map, mount = self.params, self.map, self._lidar.mount
         count, farthest = project_hits(
             ranges, self._lidar.range_max, grid_map.directions, mount.x, mount.y, params.resolution, self._points
         )
-        self._rng.standard_normal(out=self._noise)
+        self.rng.standard_normal(out=self._noise)
         x, y, theta, cost, accepted, tried = match(
             grid_map.words,
             self._points,
@@ -113,7 +113,7 @@ class TinySlam:
         for observer in self.observers:
             observer.on_matching_start(predicted)
             for k, (x, y, theta, tested_cost, accepted) in enumerate(self._record[: tried + 1].tolist()):
-                tested = Pose2D(*self._map.to_metres(x, y), wrap_angle(theta)) if k else predicted
+                tested = Pose2D(*self.map.to_metres(x, y), wrap_angle(theta)) if k else predicted
                 observer.on_scan_test(tested, tested_cost)
                 if accepted and k:
                     observer.on_pose_update(tested, tested_cost)

@@ -1,0 +1,267 @@
+"""Many kinematic robots side by side: the step of `ExploreEnv` as two kernels over lanes.
+
+Each lane is an `ExploreEnv`, which does its resets. Between them its numbers live in rows of shared arrays; what
+differs in size from lane to lane (walls, maps, masks) stays where the environment put it, and is reached by its
+address. The kernels call the functions that the single environment calls.
+"""
+
+import math
+
+import numpy as np
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from envs.coverage import count_new
+from envs.geometry.pose import between, compose, distance, wrap_angle
+from envs.observation import FAR_PIXEL, NEAR_PIXEL, crop_map, fill_motion, is_apart, scale_scan
+from envs.robots.odometry import wheel_motion
+from envs.simulation.kinematic import LEFT_ANGLE, RIGHT_ANGLE, THETA, X, Y, advance
+from envs.simulation.sensors import OTHER_NORMALS, measure_ranges
+from envs.slam.grid_map import has_moved
+from envs.slam.map_update import beam_ends, draw_scan
+from envs.slam.matcher import match, project_hits
+
+
+@intrinsic
+def _as_pointer(typing_context, address):
+    """Turn an integer into the pointer that it is."""
+
+    def generate(context, builder, signature, args):
+        return builder.inttoptr(args[0], cgutils.voidptr_t)
+
+    return types.voidptr(address), generate
+
+
+@njit(cache=True)
+def _array(address, height, width, dtype):
+    """Return the C-contiguous array, shape (height, width), that lies at an address."""
+    return carray(_as_pointer(address), (height, width), dtype)  # type: ignore[call-arg]
+
+
+@njit(cache=True, error_model="numpy")
+def _drive(i, command, lanes, numbers):
+    """Move lane `i`, scan, and return the motion [m, m, rad] that its SLAM is told."""
+    state = lanes.state[i]
+    segments = _array(lanes.segments[i, 0], lanes.segments[i, 1], 4, np.float64)
+    before = _array(lanes.circles[i, 0], lanes.circles[i, 2], 3, np.float64)
+    after = _array(lanes.circles[i, 1], lanes.circles[i, 2], 3, np.float64)
+    x, y, theta = state[X], state[Y], state[THETA]
+    v = command[0] * numbers.drive.max_v
+    w = command[1] * numbers.drive.max_w
+    normals = lanes.normals[i]
+    touching = lanes.bumper[i]
+    lanes.bumper[i] = advance(
+        state,
+        v,
+        w,
+        normals[0],
+        normals[1],
+        numbers.period,
+        numbers.substeps,
+        numbers.drive,
+        segments,
+        before,
+        after,
+    )
+    lanes.collisions[i] += lanes.bumper[i] and not touching
+    lanes.path_length[i] += distance(state[X] - x, state[Y] - y)
+    lanes.steps[i] += 1
+    measure_ranges(
+        state[X],
+        state[Y],
+        state[THETA],
+        normals[OTHER_NORMALS:],
+        lanes.uniforms[i],
+        numbers.lidar,
+        segments,
+        after,
+        lanes.ranges[i],
+    )
+    left = math.floor(state[LEFT_ANGLE] * numbers.ticks_per_radian)
+    right = math.floor(state[RIGHT_ANGLE] * numbers.ticks_per_radian)
+    motion = wheel_motion(
+        left - lanes.ticks[i, 0], right - lanes.ticks[i, 1], numbers.metres_per_tick, numbers.odometry_track
+    )
+    lanes.ticks[i, 0], lanes.ticks[i, 1] = left, right
+    lanes.twist[i, 0], lanes.twist[i, 1] = motion[0] / numbers.period, motion[2] / numbers.period
+    if numbers.told_truth:
+        return between(x, y, theta, state[X], state[Y], state[THETA])
+    return motion
+
+
+@njit(cache=True, error_model="numpy")
+def _locate(i, motion, lanes, numbers, directions, points):
+    """Find lane `i`'s pose by its SLAM, and decide how the scan is to be drawn."""
+    x, y, theta = lanes.belief[i]
+    x, y, theta = compose(x, y, theta, motion[0], motion[1], motion[2])
+    quality = numbers.quality
+    if not numbers.told_pose:
+        words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
+        ranges, lidar, resolution = lanes.ranges[i], numbers.lidar, numbers.resolution
+        count, farthest = project_hits(
+            ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points
+        )
+        col, row = lanes.corner[i, 0], lanes.corner[i, 1]
+        best_x, best_y, best_theta, _, accepted, _ = match(
+            words,
+            points,
+            count,
+            farthest,
+            numbers.unvisited,
+            x / resolution - col,
+            y / resolution - row,
+            theta,
+            numbers.sigma_xy,
+            numbers.sigma_theta,
+            numbers.max_failed,
+            numbers.max_tries,
+            lanes.candidates[i],
+            np.empty((0, 5)),
+        )
+        if accepted:
+            x, y, theta = (best_x + col) * resolution, (best_y + row) * resolution, wrap_angle(best_theta)
+        else:
+            quality = numbers.raw_quality
+    lanes.belief[i, 0], lanes.belief[i, 1], lanes.belief[i, 2] = x, y, theta
+    drawn = lanes.drawn[i]
+    moved = has_moved(drawn[0], drawn[1], drawn[2], x, y, theta, numbers.draw_distance, numbers.draw_angle)
+    lanes.quality[i] = quality if moved else -1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _end_beams(i, lanes, numbers, directions, ends):
+    """Find where lane `i`'s beams end in its map; return the lidar's cell position and the extent of the scan."""
+    x, y, theta = lanes.belief[i]
+    c, s = math.cos(theta), math.sin(theta)
+    lidar, resolution = numbers.lidar, numbers.resolution
+    col = (x + c * lidar.mount_x - s * lidar.mount_y) / resolution - lanes.corner[i, 0]
+    row = (y + s * lidar.mount_x + c * lidar.mount_y) / resolution - lanes.corner[i, 1]
+    extent = beam_ends(
+        lanes.ranges[i], directions, lidar.range_max, numbers.skip_exceeding, col, row, c, s, resolution, ends
+    )
+    return col, row, extent
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def move_and_locate(thread, first, last, actions, active, lanes, numbers, directions, scratch):
+    """Drive active lanes for one control period, scan, and find the pose at which the scan fits the map.
+
+    Args:
+        thread: row of `scratch` to work in.
+        first: first lane.
+        last: lane after the last.
+        actions: shape (n, 2), float32.
+        active: shape (n,), bool: lanes to step.
+        lanes: all lanes, written.
+        numbers: what they share.
+        directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
+        scratch: room to work in.
+    """
+    for i in range(first, last):
+        if active[i]:
+            motion = _drive(i, actions[i], lanes, numbers)
+            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
+            if lanes.quality[i] >= 0.0:
+                _, _, extent = _end_beams(i, lanes, numbers, directions, scratch.ends[thread])
+                for k in range(4):
+                    lanes.touched[i, k] = extent[k]
+            else:
+                lanes.touched[i] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(i, lanes, numbers, directions, ends, new_cells):
+    """Draw lane `i`'s scan into its map, and count what became truly known."""
+    words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
+    occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
+    col, row, _ = _end_beams(i, lanes, numbers, directions, ends)
+    count = draw_scan(
+        words,
+        occupancy,
+        lanes.ranges[i],
+        numbers.lidar.range_max,
+        ends,
+        col,
+        row,
+        numbers.cell,
+        numbers.by_area,
+        numbers.occupied_prob,
+        numbers.empty_prob,
+        lanes.quality[i],
+        numbers.hole,
+        numbers.add_blur,
+        new_cells,
+    )
+    explorable = _array(lanes.area[i, 0], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
+    seen = _array(lanes.area[i, 1], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
+    lanes.gained[i] = count_new(
+        new_cells[:count],
+        lanes.corner[i, 0] * numbers.resolution,
+        lanes.corner[i, 1] * numbers.resolution,
+        numbers.resolution,
+        lanes.start[i, 0],
+        lanes.start[i, 1],
+        lanes.start[i, 2],
+        explorable,
+        lanes.area_frame[i, 0],
+        lanes.area_frame[i, 1],
+        lanes.area_frame[i, 2],
+        seen,
+    )
+    lanes.drawn[i] = lanes.belief[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _view(i, action, lanes, numbers, views):
+    """Compose lane `i`'s observation."""
+    x, y, theta = lanes.belief[i]
+    positions = _array(lanes.trail[i, 0], lanes.trail[i, 1] + 1, 2, np.float64)
+    if is_apart(positions, lanes.trail[i, 1], x, y):
+        positions[lanes.trail[i, 1], 0], positions[lanes.trail[i, 1], 1] = x, y
+        lanes.trail[i, 1] += 1
+    trail = positions[: lanes.trail[i, 1]]
+    occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
+    left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
+    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, NEAR_PIXEL, trail, views.map_near[i])
+    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, FAR_PIXEL, trail, views.map_far[i])
+    scale_scan(lanes.ranges[i], numbers.lidar.range_max, views.scan[i])
+    fill_motion(
+        lanes.twist[i, 0],
+        lanes.twist[i, 1],
+        numbers.drive.max_v,
+        numbers.drive.max_w,
+        action[0],
+        action[1],
+        lanes.bumper[i],
+        lanes.steps[i] * numbers.period / lanes.time_limit[i],
+        views.motion[i],
+    )
+    believed = compose(lanes.start[i, 0], lanes.start[i, 1], lanes.start[i, 2], x, y, theta)
+    state = lanes.state[i]
+    error = between(believed[0], believed[1], believed[2], state[X], state[Y], state[THETA])
+    lanes.pose_error[i, 0], lanes.pose_error[i, 1] = distance(error[0], error[1]), abs(error[2])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def draw_and_view(thread, first, last, actions, active, lanes, numbers, directions, scratch, views):
+    """Draw the scans of active lanes into their maps, and compose their observations.
+
+    Args:
+        thread: row of `scratch` to work in.
+        first: first lane.
+        last: lane after the last.
+        actions: shape (n, 2), float32.
+        active: shape (n,), bool: lanes to step.
+        lanes: all lanes, written; their maps have room for their scans.
+        numbers: what they share.
+        directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
+        scratch: room to work in.
+        views: observations, written.
+    """
+    for i in range(first, last):
+        if active[i]:
+            lanes.gained[i] = 0
+            if lanes.quality[i] >= 0.0:
+                _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
+            _view(i, actions[i], lanes, numbers, views)
