@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from baselines.goal_explorer import Goal, GoalExplorer
-from baselines.navigator import Survey
+from baselines.survey import Survey
 from baselines.viewpoints import find_viewpoint
 from envs.navigation import count_unknown, dbscan
 from envs.navigation.costmap import squared_distances

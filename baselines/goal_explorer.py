@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.navigator import Navigator, Status, Survey
+from baselines.navigator import Navigator, Status
+from baselines.survey import Survey
 from envs.navigation import clear_around
 from envs.robots import RobotParams
 from envs.slam import Belief

@@ -2,33 +2,19 @@
 
 import enum
 import math
-from collections import deque
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from baselines.obstacles import ObstacleMemory, free_distance, mark_missing
+from baselines.obstacles import ObstacleMemory
 from baselines.path_follower import PathFollower
-from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
-from envs.navigation import (
-    Costmap,
-    CostmapParams,
-    TravelField,
-    crop_to_known,
-    frontier_mask,
-    make_costmap,
-    plan_path,
-    travel_field,
-)
+from baselines.recovery import Dwell, Maneuvers
+from baselines.survey import Survey
+from envs.geometry import Pose2D, wrap_angle
+from envs.navigation import CostmapParams, plan_path
 from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import Belief
-
-SAME_OBSTACLE = 0.15
-"""Distance up to which an occupied cell of the map accounts for an obstacle in the scan [m]."""
-SPIN_RATE = 1.0
-"""Yaw rate of turns that are made to look around or to get free, where the robot can turn that fast [rad/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,41 +58,6 @@ class Status(enum.Enum):
     """It has given up."""
 
 
-class Survey:
-    """What the map says about travel from where the robot believes to be. Parts are computed when first asked for."""
-
-    def __init__(self, belief: Belief, params: CostmapParams, obstacles: np.ndarray | None = None) -> None:
-        """Look at a belief; nothing of it is kept alive but the array behind the map.
-
-        Args:
-            belief: what the robot believes.
-            params: how obstacles spread.
-            obstacles: shape (n, 2), float64, base frame [m]: what stands in the way though the map may not say so.
-        """
-        self.pose: Pose2D = belief.pose
-        self.grid: OccupancyGrid = crop_to_known(belief.grid)
-        self._params = params
-        self._obstacles = np.empty((0, 2)) if obstacles is None else self.pose.transform(obstacles)
-
-    @cached_property
-    def costmap(self) -> Costmap:
-        """Costs of the observed part of the map, with the obstacles that it misses."""
-        grid = self.grid
-        reach = round(SAME_OBSTACLE / grid.resolution)
-        marked = mark_missing(grid.data, grid.cells(self._obstacles), reach, self._params.occupied_from)
-        return make_costmap(OccupancyGrid(marked, grid.resolution, grid.origin), self._params)
-
-    @cached_property
-    def frontier(self) -> np.ndarray:
-        """Frontier cells, shape of the grid, bool."""
-        return frontier_mask(self.grid)
-
-    @cached_property
-    def field(self) -> TravelField | None:
-        """Ways from the robot to everywhere through known space."""
-        return travel_field(self.costmap, self.pose[:2])
-
-
 class Navigator:
     """Drives a robot to one goal at a time."""
 
@@ -127,7 +78,6 @@ class Navigator:
         """
         self._robot = robot
         self._period = control_period
-        self._rng = rng
         self._params = params
         radii = [robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)]
         self._costmap_params = [
@@ -139,7 +89,7 @@ class Navigator:
         self._memory = ObstacleMemory(robot, control_period)
         self._obstacles = np.empty((0, 2))
         self._follower = PathFollower(robot, control_period)
-        self._maneuvers: deque[tuple[Twist, int]] = deque()
+        self._maneuvers = Maneuvers(robot, control_period, rng)
         self._view: tuple[float, float] | None = None
         self._set_goal(None)
 
@@ -149,10 +99,8 @@ class Navigator:
         self.status = Status.IDLE if goal is None else Status.DRIVING
         """Where it stands with that."""
         self._recoveries = 0
-        self._stall_anchor: Pose2D | None = None
-        self._stall_steps = 0
-        self._stuck_anchor: Pose2D | None = None
-        self._stuck_steps = 0
+        self._stall = Dwell(0.25 * self._robot.radius + 0.02, 0.3)
+        self._stuck = Dwell(self._params.stuck_distance)
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -182,7 +130,7 @@ class Navigator:
 
     def look_around(self) -> None:
         """Turn once around on the spot."""
-        self._spin(2.0 * math.pi)
+        self._maneuvers.spin(2.0 * math.pi)
 
     def drive_to(
         self,
@@ -225,7 +173,7 @@ class Navigator:
         if motion[4] > 0.5 and not self._maneuvers:
             self._recover(obstacles, backwards=motion[2] >= 0.0)
         if self._maneuvers:
-            return self._action(self._maneuver(obstacles))
+            return self._action(self._maneuvers.next(obstacles))
         if self.status is not Status.DRIVING:
             return self._action(Twist(0.0, 0.0))
         assert self.goal is not None
@@ -234,12 +182,12 @@ class Navigator:
             if turn == 0.0:
                 self.status = Status.REACHED
             return self._action(self._follower.rotate(turn))
-        if self._is_stuck(pose):
+        if self._stuck.update(pose) * self._period > self._params.stuck_time:
             self.status = Status.FAILED
             return self._action(Twist(0.0, 0.0))
-        if self._has_stalled(pose):
+        if self._stall.update(pose) * self._period > self._params.stall_time:
             self._recover(obstacles, backwards=True)
-            return self._action(self._maneuver(obstacles))
+            return self._action(self._maneuvers.next(obstacles))
         return self._action(self._follower.command(pose, float(motion[0]) * robot.max_v, obstacles))
 
     def _action(self, twist: Twist) -> np.ndarray:
@@ -255,58 +203,10 @@ class Navigator:
         bearing = wrap_angle(math.atan2(away.y, away.x) - lidar.mount.yaw)
         return bearing if abs(bearing) > 0.4 * lidar.fov and math.hypot(away.x, away.y) > 0.05 else 0.0
 
-    def _has_stalled(self, pose: Pose2D) -> bool:
-        """Tell whether the robot has neither moved nor turned for too long."""
-        anchor = self._stall_anchor
-        if anchor is not None:
-            away = anchor.between(pose)
-            if math.hypot(away.x, away.y) < 0.25 * self._robot.radius + 0.02 and abs(away.theta) < 0.3:
-                self._stall_steps += 1
-                return self._stall_steps * self._period > self._params.stall_time
-        self._stall_anchor, self._stall_steps = pose, 0
-        return False
-
-    def _is_stuck(self, pose: Pose2D) -> bool:
-        """Tell whether the robot has stayed about the same place for too long, whatever it did there."""
-        anchor = self._stuck_anchor
-        if anchor is not None and math.hypot(pose.x - anchor.x, pose.y - anchor.y) < self._params.stuck_distance:
-            self._stuck_steps += 1
-            return self._stuck_steps * self._period > self._params.stuck_time
-        self._stuck_anchor, self._stuck_steps = pose, 0
-        return False
-
-    def _recover(self, obstacles: np.ndarray, backwards: bool) -> None:
-        """Count an attempt, and plan to leave straight on (to the other side if there is more room) and to turn."""
+    def _recover(self, obstacles: np.ndarray, *, backwards: bool) -> None:
+        """Get free; after too many attempts the goal has failed."""
         self._recoveries += 1
         if self._recoveries > self._params.max_recoveries and self.status is Status.DRIVING:
             self.status = Status.FAILED
-        robot = self._robot
-        reach = 0.5 * robot.radius + 0.1
-        room = {sign: free_distance(obstacles, 0.0, robot.radius, sign * reach) for sign in (-1.0, 1.0)}
-        sign = -1.0 if backwards else 1.0
-        if room[sign] < 0.5 * reach and room[-sign] > room[sign]:
-            sign = -sign
-        speed = 0.4 * robot.max_v
-        self._maneuvers.append((Twist(sign * speed, 0.0), max(1, round(reach / speed / self._period))))
-        self._spin(self._rng.uniform(0.5, 1.2) * (1.0 if self._rng.random() < 0.5 else -1.0))
-        self._stall_anchor = None
-
-    def _spin(self, angle: float) -> None:
-        """Plan to turn on the spot by `angle` [rad]."""
-        rate = min(self._robot.max_w, SPIN_RATE)
-        self._maneuvers.append(
-            (Twist(0.0, math.copysign(rate, angle)), max(1, round(abs(angle) / rate / self._period)))
-        )
-
-    def _maneuver(self, obstacles: np.ndarray) -> Twist:
-        """Return the next twist of what `_recover` has planned; skips straight parts that have become blocked."""
-        twist, steps = self._maneuvers[0]
-        look = twist.v * self._period * 2.0
-        if twist.v != 0.0 and free_distance(obstacles, 0.0, self._robot.radius, look) < 0.5 * abs(look):
-            self._maneuvers.popleft()
-            return Twist(0.0, 0.0)
-        if steps <= 1:
-            self._maneuvers.popleft()
-        else:
-            self._maneuvers[0] = (twist, steps - 1)
-        return twist
+        self._maneuvers.back_off(obstacles, backwards=backwards)
+        self._stall.restart()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
-from baselines.navigator import Survey
+from baselines.survey import Survey
 from baselines.viewpoints import find_viewpoint
 from envs.navigation import frontier_clusters
 

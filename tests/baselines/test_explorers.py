@@ -7,7 +7,8 @@ import pytest
 import envs  # noqa: F401
 from baselines import EXPLORERS, FrontierExplorer, FrontierParams, NearestExplorer, make_explorer
 from baselines.goal_explorer import Goal
-from baselines.navigator import Navigator, Status, Survey
+from baselines.navigator import Navigator, Status
+from baselines.survey import Survey
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams
 from envs.robots import load_robot
@@ -223,3 +224,16 @@ def test_a_goal_within_the_tolerance_is_reached():
     navigator = driving_navigator()
     act(navigator, observation_of(), Belief(Pose2D(1.9, 0.0, 0.0), hall(), NO_CELLS))
     assert navigator.status is Status.REACHED
+
+
+def test_a_lidar_that_sees_no_full_turn_is_turned_to_what_is_to_be_seen():
+    mouse = load_robot("raspimouse")
+    belief = Belief(Pose2D(0.0, 0.0, 0.0), hall(), NO_CELLS)
+    observation = {"scan": np.ones(mouse.lidar.num_beams, dtype=np.float32), "motion": np.zeros(6, dtype=np.float32)}
+    for view, turns in (((1.0, 0.0), False), ((-1.0, 0.1), True)):
+        navigator = Navigator(mouse, 0.1, np.random.default_rng(0))
+        navigator.drive_to((0.0, 0.0), np.zeros((1, 2)), view=view)
+        action = act(navigator, observation, belief)
+        assert (navigator.status is Status.DRIVING) == turns
+        assert (action[1] > 0.0) == turns
+        assert action[0] == 0.0
