@@ -7,7 +7,6 @@ drive. Run `python -m benchmarks.slam_drive --help`.
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -167,16 +166,21 @@ def main(
     for seed in range(seeds):
         result = drive(place, machine, physics, estimator, seed, 60.0 * minutes)
         results.append(result)
-        print(_row(str(seed), result.path_length, lambda key, result=result: getattr(result, key)))
-    print(_row("med", 0.0, lambda key: float(np.median([getattr(result, key) for result in results]))))
+        print(_row(str(seed), [result]))
+    print(_row("med", results))
     if json_path is not None:
         json_path.write_text(json.dumps([asdict(result) for result in results], indent=2) + "\n")
 
 
-def _row(name: str, path_length: float, value: Callable[[str], float]) -> str:
-    position = f"{value('slam_position'):7.3f} {value('odometry_position'):9.3f}"
-    heading = f"{value('slam_heading'):7.2f} {value('odometry_heading'):9.2f}"
-    return f"{name:>4} {path_length:6.1f}  | {position}  | {heading}  | {value('map_iou'):.2f}"
+def _row(name: str, results: list[DriveErrors]) -> str:
+    """Return a line of the table, with medians over the drives."""
+
+    def median(field: str) -> float:
+        return float(np.median([getattr(result, field) for result in results]))
+
+    position = f"{median('slam_position'):7.3f} {median('odometry_position'):9.3f}"
+    heading = f"{median('slam_heading'):7.2f} {median('odometry_heading'):9.2f}"
+    return f"{name:>4} {median('path_length'):6.1f}  | {position}  | {heading}  | {median('map_iou'):.2f}"
 
 
 if __name__ == "__main__":
