@@ -78,7 +78,7 @@ class Bookkeeper(BaseCallback):
         for name, value in row.items():
             if isinstance(value, float):
                 self.logger.record(f"evaluation/{name}", value)
-        write_evaluations(self._run, self.evaluations)
+        write_evaluations(self._run, self.evaluations, f"{self._config.experiment}, seed {self._config.seed}")
 
     def _append(self, policy: str, episodes: list[Episode]) -> dict[str, int | float | str]:
         row: dict[str, int | float | str] = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import gymnasium
 import numpy as np
-import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from agents.config import TrainingConfig
 from agents.lanes import Observations, make_environment, stack
+from agents.ppo import mean_action
 from baselines.episode import run_episode
 from baselines.explorer import Explorer
 
@@ -53,21 +53,13 @@ class Evaluator:
     def policy(self, policy: ActorCriticPolicy) -> list[Episode]:
         """Measure a policy's mean action; draws nothing from the global generators."""
         policy.set_training_mode(False)
-        return run_episodes(self._envs, lambda observations: mean_action(policy, observations), self._seeds)
+        return run_episodes(self._envs, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0), self._seeds)
 
     def explorer(self, name: str) -> list[Episode]:
         """Measure an explorer that does not learn."""
         from baselines import make_explorer  # brings scikit-learn, which a training without references need not load
 
         return [run_explorer(self._envs[0], make_explorer(name), seed) for seed in self._seeds]
-
-
-def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.ndarray:
-    """Return the most likely actions, shape (batch, num_actions), float32, clipped to [-1, 1]."""
-    with torch.no_grad():
-        tensors = {key: torch.as_tensor(value) for key, value in observations.items()}
-        actions = policy.get_distribution(tensors).mode()
-    return actions.clamp(-1.0, 1.0).numpy()
 
 
 def run_episodes(

@@ -8,7 +8,7 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from agents.checkpoint import Record, load_checkpoint
-from agents.ppo import build_policy
+from agents.ppo import build_policy, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from envs.robots import RobotParams
 from envs.slam import Belief
@@ -35,6 +35,7 @@ class PPOExplorer:
         self._record = record
         self._name = name
         self._deterministic = deterministic
+        self._std = policy.log_std.detach().exp().numpy()
 
     @classmethod
     def load(cls, path: str | Path, *, deterministic: bool = True) -> "PPOExplorer":
@@ -94,11 +95,10 @@ class PPOExplorer:
 
     def _decide(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         self._check(observation)
-        with torch.no_grad():
-            tensors = {key: torch.as_tensor(value[None]) for key, value in observation.items()}
-            mean = self._policy.get_distribution(tensors).mode()[0].numpy()
-            std = self._policy.log_std.exp().numpy()
-        action = mean if self._deterministic else mean + std * self._rng.standard_normal(mean.shape)
+        batch = {key: value[None] for key, value in observation.items()}
+        action = mean_action(self._policy, batch)[0]
+        if not self._deterministic:
+            action = action + self._std * self._rng.standard_normal(action.shape)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
     def _check(self, observation: dict[str, np.ndarray]) -> None:

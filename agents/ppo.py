@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
@@ -20,6 +20,7 @@ from agents.checkpoint import (
     check_tensors,
 )
 from agents.config import NetworkConfig, TrainingConfig
+from agents.lanes import Observations
 from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
 
@@ -55,7 +56,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         device="cpu",
     )
     with torch.no_grad():
-        model.policy.action_net.bias[0] = config.network.speed
+        model.policy.get_parameter("action_net.bias")[0] = config.network.speed
     return model
 
 
@@ -74,6 +75,14 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
     policy.load_state_dict(checkpoint.policy)
     policy.set_training_mode(False)
     return policy
+
+
+def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.ndarray:
+    """Return the policy's mean actions, shape (batch, num_actions), float32; they may lie outside [-1, 1]."""
+    with torch.no_grad():
+        tensors = {key: torch.as_tensor(value) for key, value in observations.items()}
+        actions = policy.get_distribution(tensors).mode()
+    return actions.numpy()
 
 
 def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, int | float | str]]) -> Checkpoint:

@@ -77,14 +77,14 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
     return run
 
 
-def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]]) -> None:
-    """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`."""
+def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]], title: str) -> None:
+    """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     write_file(run / "evaluations.csv", table.getvalue())
-    draw_learning_curve({"PPO": rows}, run.name, run / "learning_curve.png")
+    draw_learning_curve({"PPO": rows}, title, run / "learning_curve.png")
 
 
 def _record(run: Path, config: TrainingConfig) -> None:

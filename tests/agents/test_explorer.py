@@ -6,7 +6,9 @@ import torch
 
 from agents.explorer import PPOExplorer
 from agents.lanes import make_environment
+from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
+from agents.vector import ParallelVecEnv
 from tests.agents.fake_env import BEAMS
 
 
@@ -88,3 +90,12 @@ def test_what_does_not_fit_is_told(tiny_run, env):
     del observation["map_far"]
     with pytest.raises(CheckpointError, match=r"needs observations .*map_far Box\(0, 255, \(3, 40, 40\), uint8\)"):
         explorer.act(observation, None)
+
+
+def test_an_untrained_policy_drives_ahead_as_told(tiny_config, env):
+    network = tiny_config.network.model_copy(update={"speed": 0.6})
+    vector = ParallelVecEnv([lambda: env])
+    model = build_model(tiny_config.model_copy(update={"network": network}), vector)
+    speed, turn = mean_action(model.policy, vector.reset())[0]
+    assert speed == pytest.approx(0.6, abs=0.1)
+    assert turn == pytest.approx(0.0, abs=0.1)

@@ -1,0 +1,48 @@
+from functools import partial
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from agents.config import EnvironmentConfig
+from agents.lane_vec_env import LaneVecEnv
+from agents.lanes import make_environment
+from agents.vector import ParallelVecEnv
+
+QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
+
+
+def make_lanes(mode=AutoresetMode.SAME_STEP):
+    arguments = QUICK.model_dump(exclude={"id"})
+    return gymnasium.make_vec(QUICK.id, 3, split="train", autoreset_mode=mode, **arguments)
+
+
+def test_lanes_give_what_single_environments_give():
+    ours, theirs = LaneVecEnv(make_lanes()), ParallelVecEnv([partial(make_environment, QUICK, "train")] * 3)
+    for env in (ours, theirs):
+        env.seed(11)
+    first, expected = ours.reset(), theirs.reset()
+    assert all((first[key] == expected[key]).all() for key in expected)
+    ended = 0
+    for action in np.random.default_rng(0).uniform(-1, 1, (32, 3, 2)).astype(np.float32):
+        (seen, rewards, dones, infos), (expected, wanted, ends, their_infos) = ours.step(action), theirs.step(action)
+        assert all((seen[key] == expected[key]).all() for key in expected)
+        np.testing.assert_array_equal(rewards, wanted)
+        np.testing.assert_array_equal(dones, ends)
+        for info, other in zip(infos, their_infos, strict=True):
+            assert set(info) == set(other)
+            if info:
+                ended += 1
+                last, other_last = info.pop("terminal_observation"), other.pop("terminal_observation")
+                assert all((last[key] == other_last[key]).all() for key in other_last)
+                assert info == {**other, "episode": pytest.approx(other["episode"])}
+    assert ended == 6
+    ours.close()
+
+
+def test_other_autoresets_are_refused():
+    env = make_lanes(AutoresetMode.NEXT_STEP)
+    with pytest.raises(ValueError, match="SAME_STEP"):
+        LaneVecEnv(env)
+    env.close()
