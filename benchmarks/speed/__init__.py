@@ -1,0 +1,1 @@
+"""What `benchmarks.throughput` measures, and how."""

@@ -1,0 +1,157 @@
+"""The designs whose throughput is compared, each behind the same two calls."""
+
+import contextlib
+import dataclasses
+import multiprocessing
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple, Protocol
+
+import gymnasium
+import numpy as np
+
+from benchmarks.naive import NaiveExploreEnv
+from benchmarks.speed.halls import Hall
+from envs.robots import RobotParams, load_robot
+
+HOLD = 10
+"""Steps for which an action is held: at white noise a robot would tremble on the spot."""
+NUM_ACTIONS = 500
+"""Actions of a lane before they start again."""
+SUBPROCESSES = 2
+"""Processes of `subproc`."""
+
+
+class Design(NamedTuple):
+    """What is measured, and on how much of the machine."""
+
+    name: Literal["naive", "bullet", "kinematic", "vector", "subproc"]
+    """`naive`: `benchmarks.naive`. `bullet` and `kinematic`: the single environment under either physics. `vector`:
+    `ExploreVectorEnv`. `subproc`: the single kinematic environment in stable-baselines3's `SubprocVecEnv`."""
+    lanes: int = 1
+    """How many environments step together."""
+    cores: int = 1
+    """How many cores they may use."""
+
+
+class Drive(Protocol):
+    """Robots under way in one design."""
+
+    def step(self, count: int) -> None:
+        """Step every lane `count` times."""
+        ...
+
+    def close(self) -> None:
+        """Release what the design holds."""
+        ...
+
+
+def benchmark_robot(num_beams: int = 360) -> RobotParams:
+    """Return a TurtleBot3 Burger whose lidar sees 10 m far."""
+    robot = load_robot("turtlebot3_burger")
+    lidar = dataclasses.replace(robot.lidar, num_beams=num_beams, range_max=10.0)
+    return dataclasses.replace(robot, lidar=lidar)
+
+
+def open_drive(
+    design: Design, hall: Hall, slam: str, robot: RobotParams | None = None, map_resolution: float = 0.05
+) -> Drive:
+    """Start driving in the middle of a hall.
+
+    Args:
+        design: which design.
+        hall: where.
+        slam: "tinyslam" or "truth".
+        robot: who; None for `benchmark_robot()`.
+        map_resolution: side of a map cell [m]; the naive design has 0.05 m alone.
+    """
+    import envs  # noqa: F401  (registers the environments)
+
+    robot = robot or benchmark_robot()
+    if design.name == "naive":
+        return SingleDrive(NaiveExploreEnv(hall, robot, slam))
+    arguments: dict[str, Any] = {
+        "world": hall.world,
+        "robot": robot,
+        "physics": "bullet" if design.name == "bullet" else "kinematic",
+        "slam": slam,
+        "start": "spawn",
+        "map_resolution": map_resolution,
+    }
+    if design.name == "vector":
+        mode = "vector_entry_point"
+        return VectorDrive(gymnasium.make_vec("lidarnaut/Explore-v0", design.lanes, mode, **arguments))
+    if design.name == "subproc":
+        return SubprocDrive(design.lanes, arguments)
+    return SingleDrive(gymnasium.make("lidarnaut/Explore-v0", **arguments))
+
+
+def make_actions(lanes: int) -> Iterator[np.ndarray]:
+    """Yield actions without end, shape (lanes, 2), float32: forward, turning either way; the same at every run."""
+    rng = np.random.default_rng(0)
+    table = rng.uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, lanes, 2)).astype(np.float32)
+    while True:
+        for actions in table:
+            for _ in range(HOLD):
+                yield actions
+
+
+class SingleDrive:
+    """One environment."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        self._env = env
+        self._actions = make_actions(1)
+        env.reset(seed=0)
+
+    def step(self, count: int) -> None:
+        for _ in range(count):
+            _, _, terminated, truncated, _ = self._env.step(next(self._actions)[0])
+            if terminated or truncated:
+                self._env.reset()
+
+    def close(self) -> None:
+        self._env.close()
+
+
+class VectorDrive:
+    """A Gymnasium vector environment."""
+
+    def __init__(self, env: gymnasium.vector.VectorEnv) -> None:
+        self._env = env
+        self._actions = make_actions(env.num_envs)
+        env.reset(seed=0)
+
+    def step(self, count: int) -> None:
+        for _ in range(count):
+            self._env.step(next(self._actions))
+
+    def close(self) -> None:
+        self._env.close()
+
+
+class SubprocDrive:
+    """Single environments in processes of their own, under stable-baselines3's `SubprocVecEnv`."""
+
+    def __init__(self, lanes: int, arguments: dict[str, Any]) -> None:
+        from stable_baselines3.common.vec_env import SubprocVecEnv
+
+        # Imported once in the process that the others are forked from.
+        multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
+        self._env = SubprocVecEnv([lambda: _make_registered(arguments)] * lanes, start_method="forkserver")
+        self._actions = make_actions(lanes)
+        self._env.seed(0)
+        self._env.reset()
+
+    def step(self, count: int) -> None:
+        for _ in range(count):
+            self._env.step(next(self._actions))
+
+    def close(self) -> None:
+        with contextlib.suppress(EOFError, BrokenPipeError):
+            self._env.close()
+
+
+def _make_registered(arguments: dict[str, Any]) -> gymnasium.Env:
+    import envs  # noqa: F401  (registers the environments)
+
+    return gymnasium.make("lidarnaut/Explore-v0", **arguments)

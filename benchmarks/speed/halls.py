@@ -1,0 +1,99 @@
+"""Halls full of crates: worlds of any number of bodies, the same at every run."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.worlds import World
+
+SIDE = 16.0
+"""Inner length and width of a hall [m]."""
+GAP = 0.35
+"""Least distance between two bodies: the robots of the benchmark pass everywhere [m]."""
+FREE_AROUND_SPAWN = 0.7
+"""Nothing stands nearer to the middle of the hall [m]."""
+PACKING = 0.45
+"""Share of the floor that the largest bodies would take, each with half the gap around it."""
+PILLARS = 10
+"""Every so manieth body is round."""
+WALL = 0.2
+"""Thickness of the hall's walls [m]."""
+
+
+class Box(NamedTuple):
+    """An upright box that stands on the floor."""
+
+    x: float
+    """Centre [m]."""
+    y: float
+    """Centre [m]."""
+    yaw: float
+    """Direction of its length [rad]."""
+    length: float
+    """[m]"""
+    width: float
+    """[m]"""
+
+    def outline(self) -> np.ndarray:
+        """Return its four sides, shape (4, 4), (x0, y0, x1, y1) [m]."""
+        corners = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (self.length, self.width)
+        corners = Pose2D(self.x, self.y, self.yaw).transform(corners)
+        return np.hstack([corners, np.roll(corners, -1, axis=0)])
+
+
+class Hall(NamedTuple):
+    """A closed square hall, as a world and as the boxes that it is made of."""
+
+    world: World
+    """The hall: four inner faces of walls, the outlines of the crates, and the pillars as circles."""
+    boxes: tuple[Box, ...]
+    """Crates and walls. The pillars are `world.circles`."""
+
+
+def make_hall(num_bodies: int) -> Hall:
+    """Scatter bodies over a hall, one in ten of them a pillar and the others crates, and leave room to pass everywhere.
+
+    Args:
+        num_bodies: crates and pillars; the more, the smaller.
+
+    Raises:
+        RuntimeError: so many find no place.
+    """
+    rng = np.random.default_rng(num_bodies)
+    largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
+    placed = np.empty((0, 3))
+    for _ in range(1000 * num_bodies):
+        if len(placed) == num_bodies:
+            break
+        radius = rng.uniform(0.6, 1.0) * largest
+        x, y = rng.uniform(-0.5 * SIDE + GAP + radius, 0.5 * SIDE - GAP - radius, 2)
+        distances = np.hypot(placed[:, 0] - x, placed[:, 1] - y) - placed[:, 2]
+        if (distances >= radius + GAP).all() and math.hypot(x, y) >= radius + FREE_AROUND_SPAWN:
+            placed = np.vstack([placed, [x, y, radius]])
+    else:
+        raise RuntimeError(f"{num_bodies} bodies do not fit into a hall of {SIDE} m x {SIDE} m")
+    crates = []
+    for x, y, radius in np.delete(placed, np.s_[::PILLARS], axis=0).tolist():
+        # The corners of a crate lie on its circle, which keeps it clear of its neighbours however it is turned.
+        diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
+        size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
+        crates.append(Box(x, y, float(rng.uniform(-math.pi, math.pi)), *size))
+    pillars = placed[::PILLARS] * (1.0, 1.0, 0.5)
+    half = 0.5 * SIDE
+    world = World(
+        name=f"hall_{num_bodies}",
+        segments=np.vstack([Box(0.0, 0.0, 0.0, SIDE, SIDE).outline(), *(crate.outline() for crate in crates)]),
+        circles=np.ascontiguousarray(pillars),
+        spawns=(Pose2D(0.0, 0.0, 0.0),),
+        bounds=(-half, -half, half, half),
+    )
+    middle, length = half + 0.5 * WALL, SIDE + 2.0 * WALL
+    walls = (
+        Box(0.0, middle, 0.0, length, WALL),
+        Box(0.0, -middle, 0.0, length, WALL),
+        Box(middle, 0.0, 0.0, WALL, SIDE),
+        Box(-middle, 0.0, 0.0, WALL, SIDE),
+    )
+    return Hall(world, (*crates, *walls))

@@ -1,0 +1,98 @@
+"""Results for people: tables on the terminal, and a plot."""
+
+import itertools
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.speed.results import BODIES, SLAMS, Results
+from benchmarks.speed.targets import targets
+
+AXES = {
+    "beams": "beams of a scan",
+    "map_cells": "cells along each side of a map of 20 m",
+    "lanes": "lanes",
+}
+"""What the panels of the plot are about."""
+COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
+"""Of the lines."""
+
+
+def print_results(results: Results, console: Console) -> None:
+    """Print everything as tables."""
+    console.print(_speeds(results))
+    console.print(_kernels(results))
+    console.print(_targets(results))
+    console.print(f"A further lane of the vector environment takes {results.state_bytes_per_lane / 1024:,.0f} KiB.")
+    if results.busy:
+        console.print(
+            "The machine was busy with other programs: these figures are too low, and ratios uncertain.", style="bold"
+        )
+
+
+def _speeds(results: Results) -> Table:
+    columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
+    table = Table(
+        title="Steps per second, all lanes together, and how often naive's", box=box.SIMPLE, padding=(0, 1, 0, 0)
+    )
+    for heading in ("design", "lanes", "cores"):
+        table.add_column(heading, justify="left" if heading == "design" else "right")
+    for world, slam in columns:
+        table.add_column(f"{world}\n{slam}", justify="right", no_wrap=True)
+    cells: dict[tuple[str, int, int], dict[tuple[str, str], str]] = {}
+    for row in results.rows:
+        entry = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
+        line = cells.setdefault((row["design"], row["lanes"], row["cores"]), {})
+        line[row["world"], row["slam"]] = entry
+    for (design, lanes, cores), line in cells.items():
+        table.add_row(design, str(lanes), str(cores), *(line.get(column, "") for column in columns))
+    return table
+
+
+def _kernels(results: Results) -> Table:
+    table = Table("kernel", title="Microseconds per call, on one core", box=box.SIMPLE)
+    for heading in ("compiled", "NumPy", "ratio"):
+        table.add_column(heading, justify="right")
+    for row in results.kernels:
+        ratio = row["us_reference"] / row["us"]
+        table.add_row(row["kernel"], f"{row['us']:.1f}", f"{row['us_reference']:,.0f}", f"{ratio:.0f}")
+    return table
+
+
+def _targets(results: Results) -> Table:
+    table = Table("target", title="Targets, the worse of the halls each", box=box.SIMPLE)
+    for heading in ("wanted", "measured", ""):
+        table.add_column(heading, justify="right")
+    for target in targets(results):
+        bound = "at most" if target.at_most else "at least"
+        verdict = "met" if target.met else "missed"
+        table.add_row(target.name, f"{bound} {target.wanted:,g}", f"{target.measured:,.4g}", verdict)
+    return table
+
+
+def plot_growth(results: Results, path: Path) -> None:
+    """Draw how the cost of a step grows, and write it as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    panels = FigureCanvasAgg(figure).figure.subplots(1, len(results.growth), sharey=True, squeeze=False)[0]
+    for panel, (key, points) in zip(panels, results.growth.items(), strict=True):
+        for slam, colour in COLOURS.items():
+            line = [(point["at"], point["us"]) for point in points if point["slam"] == slam]
+            panel.plot(*zip(*line, strict=True), marker="o", markersize=4, color=colour, label=slam)
+        ticks = sorted({point["at"] for point in points})
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_xticks(ticks, [str(tick) for tick in ticks])
+        panel.minorticks_off()
+        panel.set_xlabel(AXES[key])
+        panel.grid(alpha=0.3)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].yaxis.set_major_formatter("{x:g}")
+    panels[0].set_ylabel("time for a step of one lane [µs]")
+    panels[0].legend(frameon=False, title="pose from")
+    figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
+    figure.savefig(path, dpi=150, metadata={"Software": None})

@@ -1,0 +1,200 @@
+"""Processes that measure, each confined to a number of cores.
+
+How many threads Numba starts and on which cores a process runs is decided once for a process, so that each number of
+cores has a process of its own. A process waits without using a core while another one measures.
+"""
+
+import contextlib
+import gc
+import multiprocessing
+import os
+import signal
+import time
+import traceback
+import tracemalloc
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+from benchmarks.speed.designs import Design, Drive, benchmark_robot, open_drive
+from benchmarks.speed.halls import Hall, make_hall
+from benchmarks.speed.kernels import make_kernels, time_kernel
+
+WARM_UP = 20_000
+"""Steps of all lanes together before anything is measured, but at least 20 and at most 100 of each lane."""
+STATE_LANES = (4, 12)
+"""Numbers of lanes whose memory is compared."""
+
+
+class Sample(NamedTuple):
+    """One measurement."""
+
+    steps_per_second: float
+    """Steps of all lanes together, by the clock on the wall [1/s]."""
+    share: float
+    """Time that the process computed, over that on the wall and its cores."""
+
+
+class Bench:
+    """What runs in a process that measures."""
+
+    def __init__(self) -> None:
+        self._halls: dict[int, Hall] = {}
+        self._drives: dict[Design, Drive] = {}
+
+    def open(self, designs: list[Design], num_bodies: int, slam: str) -> None:
+        """Set designs going in a hall, in place of those before."""
+        self.close()
+        hall = self._hall(num_bodies)
+        for design in designs:
+            self._drives[design] = open_drive(design, hall, slam)
+            _warm_up(self._drives[design], design)
+        # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
+        gc.collect()
+        gc.freeze()
+
+    def measure(self, design: Design, seconds: float) -> Sample:
+        """Drive on for about so many seconds."""
+        return _measure(self._drives[design], design, seconds)
+
+    def close(self) -> None:
+        """Stop all designs."""
+        for drive in self._drives.values():
+            drive.close()
+        self._drives.clear()
+        gc.unfreeze()
+        gc.collect()
+
+    def measure_alone(
+        self,
+        design: Design,
+        num_bodies: int,
+        slam: str,
+        num_beams: int,
+        map_resolution: float,
+        seconds: float,
+        repeats: int,
+    ) -> float:
+        """Return the median steps per second of a design with another lidar or map."""
+        drive = open_drive(design, self._hall(num_bodies), slam, benchmark_robot(num_beams), map_resolution)
+        try:
+            _warm_up(drive, design)
+            samples = [_measure(drive, design, seconds).steps_per_second for _ in range(repeats)]
+        finally:
+            drive.close()
+        return sorted(samples)[repeats // 2]
+
+    def measure_kernels(self, num_bodies: int, seconds: float, repeats: int) -> list[tuple[str, float, float]]:
+        """Return name, time, and time of the reference of every kernel [us]."""
+        kernels = make_kernels(self._hall(num_bodies))
+        return [(kernel.name, *time_kernel(kernel, seconds, repeats)) for kernel in kernels]
+
+    def measure_state(self, num_bodies: int, slam: str) -> int:
+        """Return how much memory a further lane of the vector environment takes, observations included [bytes]."""
+        hall = self._hall(num_bodies)
+        open_drive(Design("vector", 1), hall, slam).close()  # fills what all lanes share
+        sizes = []
+        for lanes in STATE_LANES:
+            gc.collect()
+            tracemalloc.start()
+            drive = open_drive(Design("vector", lanes), hall, slam)
+            drive.step(1)
+            gc.collect()
+            sizes.append(tracemalloc.get_traced_memory()[0])
+            drive.close()
+            tracemalloc.stop()
+        return round((sizes[1] - sizes[0]) / (STATE_LANES[1] - STATE_LANES[0]))
+
+    def _hall(self, num_bodies: int) -> Hall:
+        if num_bodies not in self._halls:
+            self._halls[num_bodies] = make_hall(num_bodies)
+        return self._halls[num_bodies]
+
+
+def _warm_up(drive: Drive, design: Design) -> None:
+    drive.step(min(max(WARM_UP // design.lanes, 20), 100))
+
+
+def _measure(drive: Drive, design: Design, seconds: float) -> Sample:
+    count, elapsed = 0, 0.0
+    computing, start = time.process_time(), time.perf_counter()
+    while elapsed < seconds:
+        drive.step(5 if design.lanes < 64 else 1)
+        count += 5 if design.lanes < 64 else 1
+        elapsed = time.perf_counter() - start
+    share = (time.process_time() - computing) / (elapsed * design.cores)
+    return Sample(count * design.lanes / elapsed, share)
+
+
+class Worker:
+    """A `Bench` in a process of its own."""
+
+    def __init__(self, cores: list[int]) -> None:
+        """Start the process.
+
+        Args:
+            cores: those that it and its threads and processes may use.
+        """
+        context = multiprocessing.get_context("spawn")
+        self._pipe, far_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far_end, cores))
+        with _environment(NUMBA_NUM_THREADS=str(len(cores)), OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1"):
+            self._process.start()
+        far_end.close()
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """Call a method of the bench and wait for what it returns.
+
+        Raises:
+            RuntimeError: it failed there; the message says where.
+        """
+        self._pipe.send((method, arguments))
+        try:
+            result, failure = self._pipe.recv()
+        except EOFError:
+            self._process.join()
+            raise RuntimeError(f"a measuring process died with exit code {self._process.exitcode}") from None
+        if failure is not None:
+            raise RuntimeError(f"a measuring process failed:\n{failure}")
+        return result
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.close()
+        self._process.join(timeout=10.0)
+        if self._process.is_alive():
+            self._process.terminate()
+
+
+def _serve(pipe: Connection, cores: list[int]) -> None:
+    """Answer calls until the other end of the pipe closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the run closes its workers.
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, cores)
+    bench = Bench()
+    while True:
+        try:
+            method, arguments = pipe.recv()
+        except (EOFError, ConnectionResetError):
+            break
+        try:
+            result, failure = getattr(bench, method)(*arguments), None
+        except Exception:
+            result, failure = None, traceback.format_exc()
+        pipe.send((result, failure))
+    bench.close()
+
+
+@contextlib.contextmanager
+def _environment(**variables: str) -> Iterator[None]:
+    """Set environment variables for a while."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,215 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from scipy import ndimage
+
+from benchmarks import throughput
+from benchmarks.naive import NaiveExploreEnv
+from benchmarks.naive_physics import NaivePhysics
+from benchmarks.naive_slam import NaiveSlam
+from benchmarks.speed.designs import Design, benchmark_robot, make_actions
+from benchmarks.speed.halls import GAP, Box, make_hall
+from benchmarks.speed.kernels import make_kernels
+from benchmarks.speed.references import advance_in_numpy
+from benchmarks.speed.report import plot_growth
+from benchmarks.speed.results import Effort, Results
+from benchmarks.speed.targets import targets
+from envs.explore import ExploreEnv
+from envs.geometry import Pose2D
+from envs.geometry.raycast import cast_rays
+from envs.robots import WheelOdometry
+from envs.simulation import Twist, make_simulator
+from envs.simulation.contact import clearance
+from envs.simulation.drive import Drive
+from envs.simulation.kinematic import advance
+from envs.slam import load_params, make_slam
+from envs.slam.cells import counts, probabilities
+from envs.worlds import rasterize
+
+
+@pytest.fixture(scope="module")
+def hall():
+    return make_hall(50)
+
+
+@pytest.mark.parametrize("num_bodies", [50, 300])
+def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
+    hall = make_hall(num_bodies)
+    crates, walls = hall.boxes[:-4], hall.boxes[-4:]
+    assert len(crates) + len(hall.world.circles) == num_bodies
+    np.testing.assert_array_equal(hall.world.segments, make_hall(num_bodies).world.segments)
+    # The world's segments are the boxes' outlines, and the walls' inner faces.
+    np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([crate.outline() for crate in crates]))
+    assert np.abs(hall.world.segments[:4]).min() == min(abs(wall.x + wall.y) - 0.1 for wall in walls)
+    # A robot that fits somewhere outside of crates and pillars gets there.
+    raster = rasterize(hall.world, 0.05)
+    distances = ndimage.distance_transform_edt(raster.data == 0) * 0.05
+    pieces, _ = ndimage.label(distances > benchmark_robot().radius)
+    cells = np.argwhere(pieces > 0)
+    points = raster.centers(cells)
+    solid = np.zeros(len(points), dtype=bool)
+    for x, y, yaw, length, width in crates:
+        solid |= (np.abs(Pose2D(x, y, yaw).inverse().transform(points)) < (0.5 * length, 0.5 * width)).all(axis=1)
+    for x, y, radius in hall.world.circles:
+        solid |= np.hypot(*(points - (x, y)).T) < radius
+    assert len(np.unique(pieces[tuple(cells[~solid].T)])) == 1
+    assert np.count_nonzero(~solid) * 0.05**2 > 100.0
+    assert clearance(0.0, 0.0, hall.world.segments, hall.world.circles) > GAP
+
+
+def test_a_box_is_outlined_where_it_stands():
+    sides = [[0, 4, 0, 0], [0, 0, 2, 0], [2, 0, 2, 4], [2, 4, 0, 4]]
+    np.testing.assert_allclose(Box(1.0, 2.0, math.pi / 2, 4.0, 2.0).outline(), sides, atol=1e-12)
+
+
+def drive_both(hall, told_truth, steps):
+    """Give NaiveSlam and the project's own SLAM the same scans, motions and draws; return both and the true pose."""
+    robot = benchmark_robot()
+    simulator, wheels = make_simulator("kinematic", robot, 0.1), WheelOdometry(robot)
+    naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not told_truth)
+    own = make_slam("truth" if told_truth else "tinyslam", robot.lidar)
+    for slam in (naive, own):
+        slam.reset(np.random.default_rng(1))
+    reading, motion = simulator.reset(hall.world, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0)), Pose2D(0, 0, 0)
+    wheels.reset(reading.ticks)
+    actions = make_actions(1)
+    for _ in range(steps):
+        new = naive.update(reading.ranges, motion)
+        belief = own.update(reading.ranges, motion)
+        assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.new_cells.tolist()}
+        truth = simulator.state.pose
+        v, w = next(actions)[0].tolist()
+        reading = simulator.step(Twist(v * robot.max_v, w * robot.max_w))
+        motion = wheels.update(reading.ticks)
+        if told_truth:
+            motion = truth.between(simulator.state.pose)
+    return naive, own, truth
+
+
+@pytest.mark.parametrize("told_truth", [False, True])
+def test_naive_slam_is_the_same_slam(hall, told_truth):
+    naive, own, truth = drive_both(hall, told_truth, steps=80)
+    np.testing.assert_allclose(naive.pose, own.belief.pose, atol=1e-9)
+    assert math.hypot(naive.pose.x - truth.x, naive.pose.y - truth.y) < (1e-9 if told_truth else 0.05)
+    words = own.map.words
+    np.testing.assert_array_equal(naive.counts, counts(words))
+    np.testing.assert_allclose(naive.values, probabilities(words), atol=1e-4)
+    assert naive.scans_drawn > 10
+
+
+def test_naive_lidar_sees_what_cast_rays_sees(hall):
+    robot = benchmark_robot()
+    robot = replace(robot, lidar=replace(robot.lidar, noise_std=0.0, resolution=0.0))
+    lidar, pose = robot.lidar, Pose2D(0.2, -0.3, 0.4)
+    physics = NaivePhysics(hall, robot, 0.1)
+    seen = physics.scan(pose, np.random.default_rng(0))
+    physics.close()
+    sensor, ranges = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0)), np.empty(360)
+    geometry = (lidar.angle_min, lidar.angle_increment, lidar.range_max)
+    cast_rays(*sensor, *geometry, hall.world.segments, hall.world.circles, ranges)
+    assert np.mean(np.abs(np.nan_to_num(seen - ranges, posinf=9.0)) < 0.003) > 0.98  # but for grazing beams
+
+
+@pytest.mark.filterwarnings("ignore:.*Step info are not equal")  # PyBullet's contacts outlive a reset, by a trace
+def test_naive_environment_does_the_job_of_ours(hall):
+    """Same place, robot and actions: PyBullet at 240 Hz drives about as our kinematics do, and the maps fill alike."""
+    naive = NaiveExploreEnv(hall, benchmark_robot())
+    own = ExploreEnv(world=hall.world, robot=benchmark_robot(), physics="kinematic", start="spawn")
+    check_env(naive, skip_render_check=True)
+    actions, fractions = make_actions(1), []
+    for env in (naive, own):
+        env.reset(seed=0)
+    assert naive.time_limit == own.time_limit
+    total = [0.0, 0.0]
+    for _ in range(150):
+        action = next(actions)[0]
+        steps = [env.step(action) for env in (naive, own)]
+        total = [sum_ + step[1] for sum_, step in zip(total, steps)]
+        for step in steps:
+            assert step[4]["pose_error"][0] < 0.05
+        fractions = [step[4]["explored_fraction"] for step in steps]
+    assert fractions[0] == pytest.approx(fractions[1], abs=0.02)
+    assert total[0] == pytest.approx(total[1], rel=0.1)
+    assert 0.05 < np.mean(steps[0][0]["map"][1] > 0) <= 1.0
+    naive.close()
+    own.close()
+
+
+def test_every_kernel_computes_what_its_reference_does(hall):
+    kernels = make_kernels(hall)
+    assert {"cast_rays", "match", "draw_scan", "crop_map", "count_new", "advance"} == {k.name for k in kernels}
+    for kernel in kernels:
+        result, reference = kernel.result().astype(float), kernel.reference().astype(float)
+        assert len(np.unique(result)) > 1
+        np.testing.assert_allclose(result, reference, atol=1e-4, err_msg=kernel.name)
+
+
+def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
+    robot, circles = benchmark_robot(), hall.world.circles
+    state = np.array([7.86, 0.0, 0.4, 0.22, 0.0, 0.0, 0.0, 0.22, 0.0])
+    for _ in range(5):
+        expected = advance_in_numpy(state, (0.22, 0.5), (0.3, -1.0), 0.1, 6, robot, hall.world.segments, circles)
+        arguments = (0.22, 0.5, 0.3, -1.0, 0.1, 6, Drive.of(robot), hall.world.segments, circles, circles)
+        touched = advance(state, *arguments)
+        np.testing.assert_allclose(state, expected, atol=1e-12)
+    assert touched
+
+
+def test_a_run_measures_every_design_and_writes_what_is_documented(tmp_path, monkeypatch):
+    designs = (
+        Design("naive"),
+        Design("bullet"),
+        Design("kinematic"),
+        Design("vector", 16),
+        Design("vector", 16, cores=2),
+        Design("subproc", 2),
+    )
+    effort = Effort(seconds=0.02, repeats=1, designs=designs, growth=False, bodies=(50,), slams=("truth",))
+    monkeypatch.setattr(throughput, "QUICK", effort)
+    throughput.main(json_file=tmp_path / "speed.json", quick=True)
+    written = json.loads((tmp_path / "speed.json").read_text())
+    rows = written["rows"]
+    keys = ["design", "world", "slam", "lanes", "cores", "steps_per_second", "ratio_to_naive"]
+    assert all(list(row) == keys for row in rows)
+    measured = [(row["design"], row["lanes"], row["cores"]) for row in rows]
+    assert measured[:4] == [tuple(design) for design in designs[:4]]
+    assert rows[0]["ratio_to_naive"] == 1.0
+    for row in rows:
+        assert row["ratio_to_naive"] == pytest.approx(row["steps_per_second"] / rows[0]["steps_per_second"])
+        assert 5 < row["steps_per_second"] < 1e6
+    assert rows[2]["ratio_to_naive"] > 3  # the kinematic environment, whatever else the machine does
+    assert all(list(row) == ["kernel", "us", "us_reference"] for row in written["kernels"])
+    assert all(0 < row["us"] < row["us_reference"] for row in written["kernels"])
+    assert 800_000 < written["state_bytes_per_lane"] < 4_000_000  # two arrays of 400 x 400 cells at least
+
+
+def made_up(speed):
+    results = Results(state_bytes_per_lane=2**19)
+    for hall in ("hall_50", "hall_300"):
+        for design, lanes, cores in (("naive", 1, 1), ("bullet", 1, 1), ("vector", 256, 1), ("vector", 256, 2)):
+            row = {"design": design, "world": hall, "slam": "tinyslam", "lanes": lanes, "cores": cores}
+            results.rows.append({**row, "steps_per_second": speed(hall, design, cores), "ratio_to_naive": 1.0})
+    return results
+
+
+def test_targets_take_the_worse_hall_and_leave_out_what_was_not_measured():
+    speeds = {"naive": 300.0, "bullet": 4500.0, "vector": 12000.0}
+    results = made_up(lambda hall, design, cores: speeds[design] * cores**0.9 * (0.5 if hall == "hall_300" else 1.0))
+    found = {target.name.split(" [")[0]: target for target in targets(results)}
+    assert found["vector, 256 lanes, one core, tinyslam"].measured == 6000.0
+    assert not found["vector, 256 lanes, one core, tinyslam"].met
+    assert found["bullet over naive, tinyslam"].measured == pytest.approx(15.0)
+    assert found["vector on two cores over one, tinyslam"].met
+    assert found["state of a lane, 400 x 400 cells"].met
+    assert "vector, 256 lanes, one core, truth" not in found
+    assert "vector, 1024 lanes over 1, tinyslam" not in found
+
+
+def test_growth_is_drawn(tmp_path):
+    points = [{"slam": slam, "at": at, "us": 0.3 * at} for slam in ("tinyslam", "truth") for at in (90, 180)]
+    plot_growth(Results(growth={"beams": points, "lanes": points}), tmp_path / "growth.png")
+    assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
