@@ -3,7 +3,7 @@
 import dataclasses
 import difflib
 import math
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -45,6 +45,15 @@ class EnvironmentConfig(_Section):
     """Explored fraction that ends the episode."""
     reward: dict[str, float] = Field(default_factory=lambda: dataclasses.asdict(RewardWeights()))
     """Weights of the reward's terms; those left out keep the environment's own."""
+
+    vectorization: Literal["lanes", "sync", "async"] = "lanes"
+    """How many run side by side: in compiled lanes (kinematic physics only), one after the other, or in a process
+    each."""
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The environment's own arguments."""
+        return self.model_dump(exclude={"id", "vectorization"})
 
     @field_validator("reward")
     @classmethod
@@ -131,10 +140,6 @@ class TrainingConfig(_Section):
     """Seed of everything."""
     num_envs: PositiveInt = 16
     """Environments that run side by side."""
-    processes: int = Field(default=0, ge=0)
-    """Processes that the environments are spread over; 0 runs them in this one."""
-    start_method: Literal["forkserver", "spawn"] = "forkserver"
-    """How these processes are started."""
     torch_threads: PositiveInt = 1
     """Threads of torch. More than one slows small networks down."""
     environment: EnvironmentConfig = EnvironmentConfig()
@@ -159,8 +164,6 @@ class TrainingConfig(_Section):
             raise ValueError(
                 f"ppo.batch_size {self.ppo.batch_size} does not divide num_envs * ppo.num_steps = {self.rollout_steps}"
             )
-        if self.processes > self.num_envs:
-            raise ValueError(f"processes {self.processes} exceed num_envs {self.num_envs}")
         return self
 
     @property

@@ -2,19 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from agents.config import TrainingConfig
-from agents.lanes import Observations, make_environment, stack
 from agents.ppo import mean_action
+from agents.vector import Observations, make_env, make_vector
 from baselines.episode import run_episode
 from baselines.explorer import Explorer
+from envs.explore import ExploreEnv
 
-MAX_LANES = 10
-"""Environments that an evaluation runs side by side, for the sake of batched network passes."""
+ELAPSED = 5
+"""Index in the observation `motion` of the share of the time limit that has passed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,60 +44,76 @@ class Evaluator:
     """Runs the same episodes, on worlds of the test split, for whoever is to be measured."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        self._seeds = range(config.evaluation.episodes)
-        lanes = min(config.evaluation.episodes, MAX_LANES)
-        self._envs = [make_environment(config.environment, "test") for _ in range(lanes)]
+        self._config = config
+        self._num_episodes = config.evaluation.episodes
+        self._vector = make_vector(config.environment, "test", self._num_episodes)
 
     def close(self) -> None:
         """Close the environments."""
-        for env in self._envs:
-            env.close()
+        self._vector.close()
 
     def policy(self, policy: ActorCriticPolicy) -> list[Episode]:
         """Measure a policy's mean action; draws nothing from the global generators."""
         policy.set_training_mode(False)
-        return run_episodes(self._envs, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0), self._seeds)
+        return run_episodes(self._vector, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0))
 
     def explorer(self, name: str) -> list[Episode]:
         """Measure an explorer that does not learn."""
         from baselines import make_explorer  # brings scikit-learn, which a training without references need not load
 
-        return [run_explorer(self._envs[0], make_explorer(name), seed) for seed in self._seeds]
+        env = make_env(self._config.environment, "test")
+        episodes = [run_explorer(env, make_explorer(name), seed) for seed in range(self._num_episodes)]
+        env.close()
+        return episodes
 
 
 def run_episodes(
-    envs: Sequence[gymnasium.Env], act: Callable[[Observations], np.ndarray], seeds: Sequence[int]
+    vector: VectorEnv[Observations, np.ndarray, np.ndarray], act: Callable[[Observations], np.ndarray]
 ) -> list[Episode]:
-    """Run an episode per seed, as many at once as there are environments.
+    """Run one episode in each environment, environment i seeded with i.
 
     Args:
-        envs: environments of one kind.
-        act: gives the actions, shape (batch, num_actions), for a batch of observations.
-        seeds: passed to `reset`.
+        vector: environments that reset in the same step; those that end early go on unheeded.
+        act: gives the actions, shape (num_envs, num_actions), for a batch of observations.
 
     Returns:
-        The episodes in the order of `seeds`.
+        The episodes by environment.
     """
+    observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
+    first_area = np.array(info["explored_area"])
     episodes: dict[int, Episode] = {}
-    waiting = list(reversed(seeds))
-    running = [_Running(env, waiting.pop()) for env in envs[: len(seeds)]]
-    while running:
-        actions = act(stack([lane.observation for lane in running]))
-        for lane, action in zip(list(running), actions, strict=True):
-            episode = lane.step(action)
-            if episode is None:
-                continue
-            episodes[lane.seed] = episode
-            running.remove(lane)
-            if waiting:
-                running.append(_Running(lane.env, waiting.pop()))
-    return [episodes[seed] for seed in seeds]
+    integral, elapsed = np.zeros(vector.num_envs), np.zeros(vector.num_envs)
+    while len(episodes) < vector.num_envs:
+        observations, _, terminated, truncated, info = vector.step(act(observations))
+        fractions, now = np.array(info["explored_fraction"]), observations["motion"][:, ELAPSED].astype(np.float64)
+        done = np.flatnonzero(np.asarray(terminated) | np.asarray(truncated)).tolist()
+        for i in done:
+            fractions[i] = info["final_info"]["explored_fraction"][i]
+            now[i] = info["final_obs"][i]["motion"][ELAPSED]
+        integral += fractions * (now - elapsed)
+        elapsed = now
+        for i in done:
+            if i not in episodes:
+                final = {name: float(info["final_info"][name][i]) for name in _FINAL}
+                episodes[i] = Episode(
+                    explored_fraction=final["explored_fraction"],
+                    explored_area=final["explored_area"],
+                    gained_area=final["explored_area"] - float(first_area[i]),
+                    area_under_curve=float(integral[i] + fractions[i] * (1.0 - now[i])),
+                    path_length=final["path_length"],
+                    collisions=final["collisions"],
+                    success=final["is_success"],
+                )
+    return [episodes[i] for i in range(vector.num_envs)]
+
+
+_FINAL = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
 
 
 def run_explorer(env: gymnasium.Env, explorer: Explorer, seed: int) -> Episode:
     """Run one episode with an explorer that sees observations and beliefs."""
     episode = run_episode(env, explorer, seed)
-    area = env.unwrapped.coverage.area.area  # type: ignore[attr-defined]
+    area = cast(ExploreEnv, env.unwrapped).coverage.area.area
     return Episode(
         explored_fraction=episode.explored_fraction,
         explored_area=episode.explored_fraction * area,
@@ -114,34 +133,3 @@ def summarise(episodes: Sequence[Episode]) -> dict[str, float]:
     for name, q in (("q25", 0.25), ("q75", 0.75)):
         summary[f"explored_fraction_{name}"] = float(np.quantile(fractions, q))
     return summary
-
-
-class _Running:
-    """An episode under way."""
-
-    def __init__(self, env: gymnasium.Env, seed: int) -> None:
-        self.env = env
-        self.seed = seed
-        self.observation, info = env.reset(seed=seed)
-        self._first_area = float(info["explored_area"])
-        self._time_limit = float(env.unwrapped.time_limit)  # type: ignore[attr-defined]
-        self._last_time = 0.0
-        self._integral = 0.0
-
-    def step(self, action: np.ndarray) -> Episode | None:
-        """Take a step; return the episode once it has ended."""
-        self.observation, _, terminated, truncated, info = self.env.step(action)
-        fraction, time = float(info["explored_fraction"]), float(info["time"])
-        self._integral += fraction * (time - self._last_time)
-        self._last_time = time
-        if not (terminated or truncated):
-            return None
-        return Episode(
-            explored_fraction=fraction,
-            explored_area=float(info["explored_area"]),
-            gained_area=float(info["explored_area"]) - self._first_area,
-            area_under_curve=(self._integral + fraction * max(self._time_limit - time, 0.0)) / self._time_limit,
-            path_length=float(info["path_length"]),
-            collisions=float(info["collisions"]),
-            success=float(info["is_success"]),
-        )

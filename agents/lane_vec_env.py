@@ -1,4 +1,4 @@
-"""The native vector environment as stable-baselines3 wants it."""
+"""Vector environments of Gymnasium as stable-baselines3 wants them."""
 
 from typing import Any, NoReturn
 
@@ -7,13 +7,14 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.lanes import Observations
+from agents.vector import Observations
 
 
 class LaneVecEnv(VecEnv):
-    """Adapts a Gymnasium vector environment that resets lanes in the same step.
+    """Adapts a Gymnasium vector environment that resets lanes in the same step: native lanes, sync or async.
 
-    `infos` are filled for lanes whose episode ended, and empty for all others: stable-baselines3 looks at nothing else.
+    Lane i is seeded with seed + i, whatever runs it. `infos` are filled for lanes whose episode ended, and empty for
+    all others: stable-baselines3 looks at nothing else.
     """
 
     def __init__(self, env: gymnasium.vector.VectorEnv) -> None:
@@ -29,11 +30,15 @@ class LaneVecEnv(VecEnv):
             )
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._returns = np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, dtype=np.int64)
 
     def reset(self) -> Observations:
         """Start an episode in every lane, with the seeds of the last call of `seed`."""
         observations, _ = self.env.reset(seed=self._seeds)  # type: ignore[arg-type]  # one per lane is allowed
         self._reset_seeds()
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -43,10 +48,12 @@ class LaneVecEnv(VecEnv):
     def step_wait(self) -> tuple[Observations, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Step every lane."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
-        dones = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        dones = np.asarray(terminated) | np.asarray(truncated)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for lane in np.flatnonzero(dones).tolist():
-            infos[lane] = _end_of_episode(info, lane, bool(truncated[lane] and not terminated[lane]))
+            infos[lane] = self._end_of_episode(info, lane, bool(truncated[lane] and not terminated[lane]))
         return observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -72,18 +79,17 @@ class LaneVecEnv(VecEnv):
     def _refuse(self) -> NoReturn:
         raise NotImplementedError("lanes are rows of arrays and no objects; reach into them through `env`")
 
-
-def _end_of_episode(info: dict[str, Any], lane: int, cut_short: bool) -> dict[str, Any]:
-    """Return what stable-baselines3 and its callbacks look for in a lane whose episode ended."""
-    final = info["final_info"]
-    return {
-        "episode": {
-            "r": float(info["episode"]["r"][lane]),
-            "l": int(info["episode"]["l"][lane]),
-            "explored_fraction": float(final["explored_fraction"][lane]),
-            "collisions": float(final["collisions"][lane]),
-        },
-        "is_success": bool(final["is_success"][lane]),
-        "terminal_observation": info["final_obs"][lane],
-        "TimeLimit.truncated": cut_short,
-    }
+    def _end_of_episode(self, info: dict[str, Any], lane: int, cut_short: bool) -> dict[str, Any]:
+        """Return what stable-baselines3 and its callbacks look for in a lane whose episode ended."""
+        final = info["final_info"]
+        episode = {"r": float(self._returns[lane]), "l": int(self._lengths[lane])}
+        for name in ("explored_fraction", "collisions"):
+            episode[name] = float(final[name][lane])
+        self._returns[lane] = 0.0
+        self._lengths[lane] = 0
+        return {
+            "episode": episode,
+            "is_success": bool(final["is_success"][lane]),
+            "terminal_observation": info["final_obs"][lane],
+            "TimeLimit.truncated": cut_short,
+        }

@@ -20,9 +20,9 @@ from agents.checkpoint import (
     check_tensors,
 )
 from agents.config import NetworkConfig, TrainingConfig
-from agents.lanes import Observations
 from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
+from agents.vector import Observations
 
 MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 """What Adam keeps for each weight."""

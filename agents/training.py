@@ -1,14 +1,10 @@
 """A training from its first step, or from a checkpoint, to its last."""
 
-from functools import partial
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from stable_baselines3.common.vec_env import VecEnv
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.callbacks import Bookkeeper, ProgressBar
@@ -16,10 +12,9 @@ from agents.checkpoint import Checkpoint, load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
 from agents.lane_vec_env import LaneVecEnv
-from agents.lanes import make_environment
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
-from agents.vector import ParallelVecEnv
+from agents.vector import make_vector
 
 
 def train(
@@ -45,7 +40,7 @@ def train(
     source = None if resume is None else find_checkpoint(resume)
     checkpoint = None if source is None else load_checkpoint(source)
     evaluator = Evaluator(config)
-    env = make_vec_env(config)
+    env = LaneVecEnv(make_vector(config.environment, "train", config.num_envs))
     try:
         model = build_model(config, env)
         if checkpoint is None or source is None:
@@ -69,22 +64,6 @@ def train(
         evaluator.close()
         env.close()
     return run
-
-
-def make_vec_env(config: TrainingConfig) -> VecEnv:
-    """Make the environments of a training: lanes where the environment has them, else single ones side by side.
-
-    Lanes run kinematic physics; a training with `processes` asks for single environments.
-    """
-    import envs  # noqa: F401  (registers the environments)
-
-    spec = gymnasium.registry.get(config.environment.id)
-    if spec and spec.vector_entry_point and config.environment.physics == "kinematic" and not config.processes:
-        arguments = config.environment.model_dump(exclude={"id"})
-        mode = AutoresetMode.SAME_STEP
-        return LaneVecEnv(gymnasium.make_vec(spec, config.num_envs, split="train", autoreset_mode=mode, **arguments))
-    makers = [partial(make_environment, config.environment, "train")] * config.num_envs
-    return ParallelVecEnv(makers, config.processes, config.start_method)
 
 
 def _check_same_network(config: TrainingConfig, checkpoint: Checkpoint, source: Path) -> None:

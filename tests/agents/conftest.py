@@ -8,7 +8,7 @@ TINY = {
     "experiment": "tiny",
     "total_steps": 768,
     "num_envs": 4,
-    "environment": {"id": ID, "time_limit": 4.0},
+    "environment": {"id": ID, "vectorization": "sync", "time_limit": 4.0},
     "ppo": {"num_steps": 32, "batch_size": 64, "num_epochs": 2},
     "evaluation": {"every": 256, "episodes": 3, "references": []},
     "checkpoints": {"every": 256, "keep": 2},

@@ -4,7 +4,6 @@ import json
 import os
 import resource
 import shutil
-from functools import partial
 
 import numpy as np
 import pytest
@@ -13,17 +12,17 @@ import torch
 
 from agents import files
 from agents.checkpoint import load_checkpoint, save_checkpoint
-from agents.lanes import make_environment
+from agents.lane_vec_env import LaneVecEnv
 from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
-from agents.vector import ParallelVecEnv
+from agents.vector import make_vector
 
 
 @pytest.fixture
 def fresh_model(tiny_config):
     def make(**changes):
         config = tiny_config.model_copy(update=changes)
-        return build_model(config, ParallelVecEnv([partial(make_environment, config.environment, "train")] * 4))
+        return build_model(config, LaneVecEnv(make_vector(config.environment, "train", 4)))
 
     return make
 

@@ -43,7 +43,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("checkpoints", "every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
         ("ppo", "batch_size", 48, r"ppo.batch_size 48 does not divide .* 128"),
         (None, "experiment", "../up", r"experiment: .*pattern"),
-        (None, "start_method", "fork", r"start_method: .*'forkserver' or 'spawn', got 'fork'"),
+        ("environment", "vectorization", "fork", r"vectorization: .*'lanes', 'sync' or 'async', got 'fork'"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named_with_what_is_allowed(tiny_data, section, key, value, message):

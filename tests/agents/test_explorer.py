@@ -5,16 +5,16 @@ import pytest
 import torch
 
 from agents.explorer import PPOExplorer
-from agents.lanes import make_environment
+from agents.lane_vec_env import LaneVecEnv
 from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
-from agents.vector import ParallelVecEnv
+from agents.vector import make_env, make_vector
 from tests.agents.fake_env import BEAMS
 
 
 @pytest.fixture
 def env(tiny_config):
-    return make_environment(tiny_config.environment, "test")
+    return make_env(tiny_config.environment, "test")
 
 
 def ready(explorer, env, seed=0, period=None):
@@ -92,9 +92,9 @@ def test_what_does_not_fit_is_told(tiny_run, env):
         explorer.act(observation, None)
 
 
-def test_an_untrained_policy_drives_ahead_as_told(tiny_config, env):
+def test_an_untrained_policy_drives_ahead_as_told(tiny_config):
     network = tiny_config.network.model_copy(update={"speed": 0.6})
-    vector = ParallelVecEnv([lambda: env])
+    vector = LaneVecEnv(make_vector(tiny_config.environment, "train", 4))
     model = build_model(tiny_config.model_copy(update={"network": network}), vector)
     speed, turn = mean_action(model.policy, vector.reset())[0]
     assert speed == pytest.approx(0.6, abs=0.1)

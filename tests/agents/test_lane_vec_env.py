@@ -1,5 +1,3 @@
-from functools import partial
-
 import gymnasium
 import numpy as np
 import pytest
@@ -7,19 +5,18 @@ from gymnasium.vector import AutoresetMode
 
 from agents.config import EnvironmentConfig
 from agents.lane_vec_env import LaneVecEnv
-from agents.lanes import make_environment
-from agents.vector import ParallelVecEnv
+from agents.vector import make_vector
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
 
 
 def make_lanes(mode=AutoresetMode.SAME_STEP):
-    arguments = QUICK.model_dump(exclude={"id"})
-    return gymnasium.make_vec(QUICK.id, 3, split="train", autoreset_mode=mode, **arguments)
+    return gymnasium.make_vec(QUICK.id, 3, split="train", autoreset_mode=mode, **QUICK.arguments)
 
 
 def test_lanes_give_what_single_environments_give():
-    ours, theirs = LaneVecEnv(make_lanes()), ParallelVecEnv([partial(make_environment, QUICK, "train")] * 3)
+    singles = QUICK.model_copy(update={"vectorization": "sync"})
+    ours, theirs = (LaneVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
     for env in (ours, theirs):
         env.seed(11)
     first, expected = ours.reset(), theirs.reset()
