@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import tyro
 
 from agents.config import TrainingConfig
@@ -39,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
         return 130
-    except (ConfigError, CheckpointError, ValueError) as error:
+    except (ConfigError, CheckpointError, ValueError, OSError, gymnasium.error.Error) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     print(f"results are in {run}")

@@ -46,7 +46,9 @@ class Evaluator:
     def __init__(self, config: TrainingConfig) -> None:
         self._config = config
         self._num_episodes = config.evaluation.episodes
-        self._vector = make_vector(config.environment, "test", self._num_episodes)
+        # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
+        sync = {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
+        self._vector = make_vector(config.environment.model_copy(update=sync), "test", self._num_episodes)
 
     def close(self) -> None:
         """Close the environments."""

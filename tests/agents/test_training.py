@@ -13,9 +13,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from agents.checkpoint import load_checkpoint
 from agents.config_files import ConfigError, dump_config, load_config, parse_config
 from agents.evaluation import run_episodes
+from agents.explorer import PPOExplorer
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
 from agents.vector import make_env, make_vector
+from baselines.episode import run_episode
 
 ROOT = Path(__file__).parents[2]
 
@@ -168,3 +170,34 @@ def test_an_evaluation_gives_what_single_episodes_give(tiny_config):
         assert episode.explored_fraction == fractions[-1]
         assert episode.gained_area == info["explored_area"] - first_area > 0
         assert episode.area_under_curve == pytest.approx(np.mean(fractions))
+
+
+def test_a_checkpoint_for_another_lidar_is_refused(tiny_config, tiny_run, monkeypatch):
+    monkeypatch.setattr("tests.agents.fake_env.BEAMS", 72)
+    message = r"needs scan Box\(0, 1, \(36,\), float32\) \(here: Box\(0.0, 1.0, \(72,\), float32\)\)"
+    with pytest.raises(CheckpointError, match=message):
+        train(tiny_config, resume=tiny_run, progress=False)
+
+
+def test_the_whole_way_on_the_real_environment(tmp_path):
+    """Lanes train, evaluate and save; the policy then drives a single environment."""
+    config = parse_config(
+        {
+            "experiment": "real",
+            "total_steps": 64,
+            "num_envs": 2,
+            "environment": {"world": "rooms", "world_size": [6, 6], "time_limit": 4},
+            "ppo": {"num_steps": 32, "batch_size": 32},
+            "evaluation": {"episodes": 2, "references": ["random"]},
+        },
+        "real",
+    )
+    run = train(config, run=tmp_path / "real", progress=False)
+    rows = load_checkpoint(find_checkpoint(run)).record.evaluations
+    assert [row["policy"] for row in rows] == ["random", "ppo", "ppo"]
+    assert all(0 < row["area_under_curve"] <= row["explored_fraction"] < 1 for row in rows)
+    env = make_env(config.environment, "test")
+    for seed in range(2):
+        episode = run_episode(env, PPOExplorer.load(run), seed)
+        assert episode.duration == pytest.approx(4.0)
+    env.close()
