@@ -33,6 +33,21 @@ class Design(NamedTuple):
     """How many cores they may use."""
 
 
+class Case(NamedTuple):
+    """A design at work."""
+
+    design: Design
+    """Which design."""
+    num_bodies: int
+    """Crates and pillars in the hall."""
+    slam: str
+    """"tinyslam" or "truth"."""
+    num_beams: int = 360
+    """Beams of a scan."""
+    map_resolution: float = 0.05
+    """Side of a map cell [m]; the naive design has 0.05 m alone."""
+
+
 class Drive(Protocol):
     """Robots under way in one design."""
 
@@ -52,30 +67,20 @@ def benchmark_robot(num_beams: int = 360) -> RobotParams:
     return dataclasses.replace(robot, lidar=lidar)
 
 
-def open_drive(
-    design: Design, hall: Hall, slam: str, robot: RobotParams | None = None, map_resolution: float = 0.05
-) -> Drive:
-    """Start driving in the middle of a hall.
-
-    Args:
-        design: which design.
-        hall: where.
-        slam: "tinyslam" or "truth".
-        robot: who; None for `benchmark_robot()`.
-        map_resolution: side of a map cell [m]; the naive design has 0.05 m alone.
-    """
+def open_drive(case: Case, hall: Hall) -> Drive:
+    """Start driving in the middle of a hall, which must be the one that the case names."""
     import envs  # noqa: F401  (registers the environments)
 
-    robot = robot or benchmark_robot()
+    design, robot = case.design, benchmark_robot(case.num_beams)
     if design.name == "naive":
-        return SingleDrive(NaiveExploreEnv(hall, robot, slam))
+        return SingleDrive(NaiveExploreEnv(hall, robot, case.slam))
     arguments: dict[str, Any] = {
         "world": hall.world,
         "robot": robot,
         "physics": "bullet" if design.name == "bullet" else "kinematic",
-        "slam": slam,
+        "slam": case.slam,
         "start": "spawn",
-        "map_resolution": map_resolution,
+        "map_resolution": case.map_resolution,
     }
     if design.name == "vector":
         mode = "vector_entry_point"

@@ -91,6 +91,11 @@ def plot_growth(results: Results, path: Path) -> None:
         panel.set_xlabel(AXES[key])
         panel.grid(alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
+    times = [point["us"] for points in results.growth.values() for point in points]
+    steps = [mantissa * 10.0**power for power in range(-1, 7) for mantissa in (1, 2, 5)]
+    low, high = max(step for step in steps if step <= min(times)), min(step for step in steps if step >= max(times))
+    panels[0].set_ylim(low, high)
+    panels[0].set_yticks([step for step in steps if low <= step <= high])
     panels[0].yaxis.set_major_formatter("{x:g}")
     panels[0].set_ylabel("time for a step of one lane [µs]")
     panels[0].legend(frameon=False, title="pose from")

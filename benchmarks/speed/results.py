@@ -4,13 +4,13 @@ import itertools
 import os
 import platform
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.speed.designs import SUBPROCESSES, Design
+from benchmarks.speed.designs import SUBPROCESSES, Case, Design
 from benchmarks.speed.worker import Worker
 
 BODIES = (50, 300)
@@ -97,63 +97,69 @@ def run(effort: Effort, note: Callable[[str], object]) -> Results:
         shares: list[float] = []
         for num_bodies, slam in itertools.product(effort.bodies, effort.slams):
             note(f"{len(designs)} designs in a hall of {num_bodies} bodies, {slam}")
-            results.rows += _rows(workers, designs, num_bodies, slam, effort, shares)
-        results.busy = statistics.median(shares) < BUSY
+            cases = [Case(design, num_bodies, slam) for design in designs]
+            results.rows += _rows(_measure(workers, cases, effort, shares))
         for num_bodies in effort.bodies:
             note(f"kernels in a hall of {num_bodies} bodies")
             for name, us, reference in workers[1].call("measure_kernels", num_bodies, 0.1 * effort.seconds, 5):
                 results.kernels.append({"kernel": f"{name} (hall_{num_bodies})", "us": us, "us_reference": reference})
         note("memory")
         results.state_bytes_per_lane = workers[1].call("measure_state", effort.bodies[0], "tinyslam")
-        if effort.growth:
-            for key, slam, at, speed in _growth(workers[1], effort, note):
-                results.growth.setdefault(key, []).append({"slam": slam, "at": at, "us": 1e6 / speed})
+        for key, slam in itertools.product(GROWTH if effort.growth else (), SLAMS):
+            note(f"how cost grows with {key.replace('_', ' ')}, {slam}")
+            points = {at: _grown(key, at, slam) for at in GROWTH[key]}
+            speeds = _measure(workers, list(points.values()), effort, shares)
+            lines = [{"slam": slam, "at": at, "us": 1e6 / speeds[case]} for at, case in points.items()]
+            results.growth.setdefault(key, []).extend(lines)
+        results.busy = statistics.median(shares) < BUSY
     finally:
         for worker in workers.values():
             worker.close()
     return results
 
 
-def _rows(
-    workers: dict[int, Worker], designs: list[Design], num_bodies: int, slam: str, effort: Effort, shares: list[float]
-) -> list[dict[str, Any]]:
-    """Measure designs in turn, such that whatever else the machine does meets all alike."""
+def _measure(workers: dict[int, Worker], cases: list[Case], effort: Effort, shares: list[float]) -> dict[Case, float]:
+    """Measure cases in turn, such that whatever else the machine does meets all alike.
+
+    Returns:
+        The median steps per second of each; the shares of the cores that were had are appended to `shares`.
+    """
     for count, worker in workers.items():
-        worker.call("open", [design for design in designs if design.cores == count], num_bodies, slam)
-    speeds: dict[Design, list[float]] = {design: [] for design in designs}
+        worker.call("open", [case for case in cases if case.design.cores == count])
+    speeds: dict[Case, list[float]] = {case: [] for case in cases}
     for _ in range(effort.repeats):
-        for design in designs:
-            sample = workers[design.cores].call("measure", design, effort.seconds)
-            speeds[design].append(sample.steps_per_second)
-            if design.name in ("naive", "bullet", "kinematic"):
+        for case in cases:
+            sample = workers[case.design.cores].call("measure", case, effort.seconds)
+            speeds[case].append(sample.steps_per_second)
+            if case.design.cores == 1 and case.design.name != "subproc":
                 shares.append(sample.share)
     for worker in workers.values():
         worker.call("close")
-    medians = {design: statistics.median(values) for design, values in speeds.items()}
+    return {case: statistics.median(values) for case, values in speeds.items()}
+
+
+def _rows(speeds: dict[Case, float]) -> list[dict[str, Any]]:
+    """Return the rows of cases that share hall and SLAM, `naive` among them."""
+    naive = next(speed for case, speed in speeds.items() if case.design.name == "naive")
     return [
         {
-            "design": design.name,
-            "world": f"hall_{num_bodies}",
-            "slam": slam,
-            "lanes": design.lanes,
-            "cores": design.cores,
+            "design": case.design.name,
+            "world": f"hall_{case.num_bodies}",
+            "slam": case.slam,
+            "lanes": case.design.lanes,
+            "cores": case.design.cores,
             "steps_per_second": speed,
-            "ratio_to_naive": speed / medians[Design("naive")],
+            "ratio_to_naive": speed / naive,
         }
-        for design, speed in medians.items()
+        for case, speed in speeds.items()
     ]
 
 
-def _growth(worker: Worker, effort: Effort, note: Callable[[str], object]) -> Iterator[tuple[str, str, int, float]]:
-    """Yield along what cost grows, the SLAM, how far it is, and steps per second."""
-    for key, values in GROWTH.items():
-        note(f"how cost grows with {key.replace('_', ' ')}")
-        for slam, at in itertools.product(SLAMS, values):
-            design = Design("vector", at if key == "lanes" else GROWTH_LANES)
-            beams = at if key == "beams" else 360
-            resolution = MAP_SIDE / (at if key == "map_cells" else 400)
-            arguments = (design, BODIES[0], slam, beams, resolution, 0.5 * effort.seconds, 3)
-            yield key, slam, at, worker.call("measure_alone", *arguments)
+def _grown(key: str, at: int, slam: str) -> Case:
+    """Return the case in which what `key` of `GROWTH` names has grown to `at`."""
+    beams = at if key == "beams" else 360
+    cells = at if key == "map_cells" else 400
+    return Case(Design("vector", at if key == "lanes" else GROWTH_LANES), BODIES[0], slam, beams, MAP_SIDE / cells)
 
 
 def _machine(num_cores: int) -> dict[str, str]:

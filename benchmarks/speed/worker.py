@@ -16,11 +16,11 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from benchmarks.speed.designs import Design, Drive, benchmark_robot, open_drive
+from benchmarks.speed.designs import Case, Design, Drive, open_drive
 from benchmarks.speed.halls import Hall, make_hall
 from benchmarks.speed.kernels import make_kernels, time_kernel
 
-WARM_UP = 20_000
+WARM_UP = 5000
 """Steps of all lanes together before anything is measured, but at least 20 and at most 100 of each lane."""
 STATE_LANES = (4, 12)
 """Numbers of lanes whose memory is compared."""
@@ -40,49 +40,38 @@ class Bench:
 
     def __init__(self) -> None:
         self._halls: dict[int, Hall] = {}
-        self._drives: dict[Design, Drive] = {}
+        self._drives: dict[Case, Drive] = {}
 
-    def open(self, designs: list[Design], num_bodies: int, slam: str) -> None:
-        """Set designs going in a hall, in place of those before."""
+    def open(self, cases: list[Case]) -> None:
+        """Set cases going, in place of those before."""
         self.close()
-        hall = self._hall(num_bodies)
-        for design in designs:
-            self._drives[design] = open_drive(design, hall, slam)
-            _warm_up(self._drives[design], design)
+        for case in cases:
+            self._drives[case] = open_drive(case, self._hall(case.num_bodies))
+            self._drives[case].step(min(max(WARM_UP // case.design.lanes, 20), 100))
         # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
         gc.collect()
         gc.freeze()
 
-    def measure(self, design: Design, seconds: float) -> Sample:
+    def measure(self, case: Case, seconds: float) -> Sample:
         """Drive on for about so many seconds."""
-        return _measure(self._drives[design], design, seconds)
+        drive, design = self._drives[case], case.design
+        at_once = 5 if design.lanes < 64 else 1
+        count, elapsed = 0, 0.0
+        computing, start = time.process_time(), time.perf_counter()
+        while elapsed < seconds:
+            drive.step(at_once)
+            count += at_once
+            elapsed = time.perf_counter() - start
+        share = (time.process_time() - computing) / (elapsed * design.cores)
+        return Sample(count * design.lanes / elapsed, share)
 
     def close(self) -> None:
-        """Stop all designs."""
+        """Stop all cases."""
         for drive in self._drives.values():
             drive.close()
         self._drives.clear()
         gc.unfreeze()
         gc.collect()
-
-    def measure_alone(
-        self,
-        design: Design,
-        num_bodies: int,
-        slam: str,
-        num_beams: int,
-        map_resolution: float,
-        seconds: float,
-        repeats: int,
-    ) -> float:
-        """Return the median steps per second of a design with another lidar or map."""
-        drive = open_drive(design, self._hall(num_bodies), slam, benchmark_robot(num_beams), map_resolution)
-        try:
-            _warm_up(drive, design)
-            samples = [_measure(drive, design, seconds).steps_per_second for _ in range(repeats)]
-        finally:
-            drive.close()
-        return sorted(samples)[repeats // 2]
 
     def measure_kernels(self, num_bodies: int, seconds: float, repeats: int) -> list[tuple[str, float, float]]:
         """Return name, time, and time of the reference of every kernel [us]."""
@@ -92,12 +81,12 @@ class Bench:
     def measure_state(self, num_bodies: int, slam: str) -> int:
         """Return how much memory a further lane of the vector environment takes, observations included [bytes]."""
         hall = self._hall(num_bodies)
-        open_drive(Design("vector", 1), hall, slam).close()  # fills what all lanes share
+        open_drive(Case(Design("vector"), num_bodies, slam), hall).close()  # fills what all lanes share
         sizes = []
         for lanes in STATE_LANES:
             gc.collect()
             tracemalloc.start()
-            drive = open_drive(Design("vector", lanes), hall, slam)
+            drive = open_drive(Case(Design("vector", lanes), num_bodies, slam), hall)
             drive.step(1)
             gc.collect()
             sizes.append(tracemalloc.get_traced_memory()[0])
@@ -109,21 +98,6 @@ class Bench:
         if num_bodies not in self._halls:
             self._halls[num_bodies] = make_hall(num_bodies)
         return self._halls[num_bodies]
-
-
-def _warm_up(drive: Drive, design: Design) -> None:
-    drive.step(min(max(WARM_UP // design.lanes, 20), 100))
-
-
-def _measure(drive: Drive, design: Design, seconds: float) -> Sample:
-    count, elapsed = 0, 0.0
-    computing, start = time.process_time(), time.perf_counter()
-    while elapsed < seconds:
-        drive.step(5 if design.lanes < 64 else 1)
-        count += 5 if design.lanes < 64 else 1
-        elapsed = time.perf_counter() - start
-    share = (time.process_time() - computing) / (elapsed * design.cores)
-    return Sample(count * design.lanes / elapsed, share)
 
 
 class Worker:
