@@ -54,10 +54,13 @@ def evaluate(
         sys.exit(2)
     try:
         rows = run_with_progress(evaluation, jobs, messages)
+        summary = publish(rows, settings, out)
     except KeyboardInterrupt:
         messages.print(f"Interrupted. The finished episodes are in {out}; the same command goes on from there.")
         sys.exit(130)
-    summary = publish(rows, settings, out)
+    except OSError as error:
+        messages.print(f"evaluate.py: {error}; the same command goes on from what is in {out}", style="red")
+        sys.exit(2)
     if json:
         print(json_format.dumps(to_json(summary), indent=1))
         return

@@ -41,6 +41,31 @@ class RewardWeights:
     completed: float = 10.0
     """Once, when the target coverage is reached."""
 
+    def __post_init__(self) -> None:
+        for name, weight in dataclasses.asdict(self).items():
+            if not math.isfinite(weight):
+                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+
+    def terms(self, gained: Any, touching: Any, completed: Any, period: float) -> dict[str, Any]:
+        """Return the reward terms of a step, or arrays of them.
+
+        Args:
+            gained: area that became truly known [m2].
+            touching: whether the robot touched anything.
+            completed: whether the target coverage is reached.
+            period: length of the step [s].
+        """
+        return {
+            "explored": self.explored * gained,
+            "time": self.time * period,
+            "collision": self.collision * period * touching,
+            "completed": self.completed * completed,
+        }
+
+
+REWARD_TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
+"""Names of the reward's terms, in the order in which they are summed."""
+
 
 class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Explore an unknown place with a lidar robot.
@@ -140,12 +165,12 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         if not 0 < target_coverage <= 1:
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
-        if not (start in ("random", "spawn") if isinstance(start, str) else len(start) == 3):
+        is_pose = not isinstance(start, str) and len(start) == 3 and all(map(math.isfinite, start))
+        if not (is_pose or start in ("random", "spawn")):
             raise ValueError(f"start must be 'random', 'spawn' or (x, y, theta), got {start!r}")
         if not isinstance(reward, RewardWeights):
-            terms = [field.name for field in dataclasses.fields(RewardWeights)]
-            if unknown := sorted(set(reward) - set(terms)):
-                raise ValueError(f"reward has unknown terms {unknown}; allowed are {terms}")
+            if unknown := sorted(set(reward) - set(REWARD_TERMS)):
+                raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
             reward = RewardWeights(**reward)
         self._sample_world = world_sampler(world, split=split, size=world_size)
         world_name = world if isinstance(world, str) else world.name
@@ -201,8 +226,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan = None
         if self.render_mode == "human":
             self.render()
-        rewards = dict.fromkeys((field.name for field in dataclasses.fields(RewardWeights)), 0.0)
-        return self._observe(), self._info(rewards)
+        return self._observe(), self._info(dict.fromkeys(REWARD_TERMS, 0.0))
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for one control period.
@@ -223,13 +247,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         gained = self.coverage.update(self.belief)
         terminated = self.coverage.explored_fraction >= self.target_coverage
         truncated = not terminated and self.reading.time >= self.time_limit - 1e-6
-        weights = self.weights
-        rewards = {
-            "explored": weights.explored * gained,
-            "time": weights.time * self.control_period,
-            "collision": weights.collision * self.control_period if self.reading.bumper else 0.0,
-            "completed": weights.completed if terminated else 0.0,
-        }
+        rewards = self.weights.terms(gained, self.reading.bumper, terminated, self.control_period)
         info = self._info(rewards)
         if terminated or truncated:
             info["map_iou"] = map_iou(self.belief.grid, self.coverage.area, self.start)
@@ -274,6 +292,10 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the window behind when pickled."""
+        return {**self.__dict__, "_renderer": None}
 
     def _draw_place(self) -> tuple[World, ExplorableArea]:
         world = self._sample_world(self.np_random)

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from envs.coverage import map_iou
-from envs.explore import ExploreEnv
+from envs.explore import REWARD_TERMS, ExploreEnv
 from envs.lanes import Lanes, Numbers, Scratch, Views, draw_and_view, move_and_locate
 from envs.simulation import KinematicSimulator
 from envs.simulation.sensors import LidarNumbers
@@ -23,8 +23,8 @@ from envs.slam import GivenPoseSlam, TinySlam
 class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
     """`ExploreEnv` in many lanes, with kinematic physics.
 
-    Lane i does exactly, to the last bit, what a single environment seeded with seed + i does. Observations are fresh
-    arrays each step. Places for coming episodes are prepared in a background thread.
+    Lane i does exactly, to the last bit, what a single environment with `physics="kinematic"` does that is seeded with
+    seed + i. Observations are fresh arrays each step. Places for coming episodes are prepared in a background thread.
 
     `info` holds arrays with an entry per lane, each with its mask (`_time` beside `time`); what belongs to the end of
     an episode (`map_iou`, `end_reason`, `episode` with return `r`, length `l` and duration `t`) is masked for the lanes
@@ -128,7 +128,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 raise ValueError(f"reset_mask must have shape ({self.num_envs},), dtype bool and select a lane")
         views = self._new_views()
-        rewards = {name: np.zeros(self.num_envs) for name in ("explored", "time", "collision", "completed")}
+        rewards = {name: np.zeros(self.num_envs) for name in REWARD_TERMS}
         for i in np.flatnonzero(mask).tolist():
             self._reset_lane(i, seeds[i], views)
         for i in np.flatnonzero(~mask).tolist():
@@ -163,7 +163,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
 
         self._num_seen[active] += self._lanes.gained[active]
         rewards, terminated, truncated = self._judge(active)
-        total = rewards["explored"] + rewards["time"] + rewards["collision"] + rewards["completed"]
+        total = np.asarray(sum(rewards.values()))
         self._returns += total
         self._ended = terminated | truncated
         self._views = views
@@ -201,8 +201,10 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         actions = np.ascontiguousarray(actions, dtype=np.float32)
         if actions.shape != (self.num_envs, 2):
             raise ValueError(f"actions must have shape ({self.num_envs}, 2), got {actions.shape}")
-        if not (np.abs(actions) <= 1.0).all():
-            raise ValueError("actions must be finite and lie in [-1, 1]")
+        wrong = ~(np.abs(actions) <= 1.0).all(axis=1)
+        if wrong.any():
+            lane = int(np.argmax(wrong))
+            raise ValueError(f"actions must be finite and lie in [-1, 1], got {actions[lane]} in lane {lane}")
         return actions
 
     def _reset_lane(self, i: int, seed: int | None, views: Views) -> None:
@@ -277,15 +279,10 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
     def _judge(self, active: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         """Return the reward terms, and which lanes terminate and truncate."""
         lanes, env, period = self._lanes, self.envs[0], self._numbers.period
-        weights = env.weights
         terminated = active & (self._fractions >= env.target_coverage)
         late = (lanes.steps * period >= lanes.time_limit - 1e-6) | (lanes.steps >= self._max_steps)
-        rewards = {
-            "explored": np.where(active, weights.explored * (lanes.gained * self._cell_area), 0.0),
-            "time": np.where(active, weights.time * period, 0.0),
-            "collision": np.where(active & lanes.bumper, weights.collision * period, 0.0),
-            "completed": np.where(terminated, weights.completed, 0.0),
-        }
+        terms = env.weights.terms(lanes.gained * self._cell_area, lanes.bumper, terminated, period)
+        rewards = {name: np.where(active, term, 0.0) for name, term in terms.items()}
         return rewards, terminated, active & late & ~terminated
 
     @property

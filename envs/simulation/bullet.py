@@ -50,6 +50,10 @@ class BulletSimulator:
         self._world: World
         self._steps = -1
 
+    def __reduce__(self) -> tuple[type["BulletSimulator"], tuple[RobotParams, float]]:
+        """Pickle as a new simulator: what happens in PyBullet stays there."""
+        return BulletSimulator, (self._robot, self._period)
+
     @property
     def state(self) -> TrueState:
         """The truth after the last `reset` or `step`."""
