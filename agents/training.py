@@ -1,5 +1,6 @@
 """A training from its first step, or from a checkpoint, to its last."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +40,10 @@ def train(
     torch.set_num_threads(config.torch_threads)
     source = None if resume is None else find_checkpoint(resume)
     checkpoint = None if source is None else load_checkpoint(source)
-    evaluator = Evaluator(config)
-    env = LaneVecEnv(make_vector(config.environment, "train", config.num_envs))
-    try:
+    with (
+        contextlib.closing(Evaluator(config)) as evaluator,
+        contextlib.closing(LaneVecEnv(make_vector(config.environment, "train", config.num_envs))) as env,
+    ):
         model = build_model(config, env)
         if checkpoint is None or source is None:
             run = new_run(config, run)
@@ -60,9 +62,6 @@ def train(
             model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
             keeper.finish()
         model.logger.close()
-    finally:
-        evaluator.close()
-        env.close()
     return run
 
 

@@ -68,7 +68,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     command = [sys.executable, str(ROOT / "train.py")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     killed = subprocess.run(
-        [*command, "--config", "deadly.yaml"], cwd=tmp_path, env=environment, capture_output=True, timeout=60
+        [*command, "--config", "deadly.yaml"], cwd=tmp_path, env=environment, capture_output=True, timeout=300
     )
     assert killed.returncode == -9, killed.stderr.decode()
     (run,) = (tmp_path / "runs").iterdir()
@@ -82,7 +82,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
 
     resumed = subprocess.run(
         [*command, "--resume", str(run), "--environment.world", "rooms"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60,
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert resumed.returncode == 0, resumed.stderr
     assert str(run) in resumed.stdout
