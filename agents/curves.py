@@ -32,7 +32,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4), dpi=120, layout="constrained")
+    figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(title)
     measures = {
         "explored_fraction": "explored share of the place",
@@ -56,7 +56,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0, top=1 if measure == "explored_fraction" else None)
         axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path)
 
 
