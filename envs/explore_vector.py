@@ -238,6 +238,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         self._point_to_map(i)
         self._num_explorable[i] = np.count_nonzero(area.explorable)
         self._num_seen[i] = np.count_nonzero(env.coverage.seen)
+        env.belief.new_cells = env.belief.new_cells[:0].copy()
         self._ended[i] = False
         self._preparations[i] = self._preparer.submit(env.prepare)
 

@@ -46,9 +46,8 @@ class GridMap:
         self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
         """The same as an occupancy grid, always up to date."""
         self.last_drawn: Pose2D | None = None
-        reach = math.ceil(lidar.range_max / params.resolution) + 2
+        self._most_cells = lidar.num_beams * (math.ceil(lidar.range_max / params.resolution) + 2)
         self._ends = np.empty((lidar.num_beams, 2))
-        self._new_cells = np.empty((lidar.num_beams * reach, 2), dtype=np.int32)
 
     @property
     def _origin(self) -> tuple[float, float]:
@@ -58,7 +57,7 @@ class GridMap:
         """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`."""
         last, params = self.last_drawn, self._params
         if last is not None and not has_moved(*last, *pose, params.draw_distance, params.draw_angle):
-            return self._new_cells[:0]
+            return np.empty((0, 2), dtype=np.int32)
         self.last_drawn = pose
         return self.draw(ranges, pose, quality)
 
@@ -71,7 +70,7 @@ class GridMap:
             quality: weight of the scan, from 0 to 1.
 
         Returns:
-            Shape (k, 2), int32, (row, column) of the cells that became known; overwritten by the next scan.
+            Shape (k, 2), int32, (row, column) of the cells that became known.
         """
         params, mount = self._params, self._lidar.mount
         c, s = math.cos(pose.theta), math.sin(pose.theta)
@@ -82,6 +81,8 @@ class GridMap:
         if self.grow_to_hold(*touched):
             x, y = self.to_cells(*sensor)
             beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        # Made anew for each scan: only what is written takes memory, and the result stays as it is.
+        new_cells = np.empty((self._most_cells, 2), dtype=np.int32)
         count = draw_scan(
             self.words,
             self.grid.data,
@@ -97,9 +98,9 @@ class GridMap:
             quality,
             params.hole_width / params.resolution,
             params.blur == "add",
-            self._new_cells,
+            new_cells,
         )
-        return self._new_cells[:count]
+        return new_cells[:count].copy()
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""
