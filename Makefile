@@ -2,7 +2,7 @@ PYTHON ?= python3.11
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install demo test check format clean
+.PHONY: install demo test check format clean clean-cache
 
 install: $(INSTALLED)
 
@@ -27,5 +27,9 @@ format: install
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:
+# Compiled kernels: Numba does not notice when a kernel that another one calls has changed.
+clean-cache:
+	find envs baselines agents benchmarks tests -name __pycache__ -prune -exec rm -rf {} +
+
+clean: clean-cache
 	rm -rf .venv build *.egg-info
