@@ -77,8 +77,13 @@ class DriveErrors:
     """The same distance for wheel odometry alone [m]."""
     odometry_heading: float
     """The same error for wheel odometry alone [deg]."""
+    slam_position_aligned: float
+    """Root mean square distance left [m] once the estimated trajectory is laid over the true one as well as it goes:
+    what is wrong within the map, without its turn against the start."""
     map_iou: float
     """Agreement of the map's occupied cells with the walls, within 0.1 m, from 0 to 1."""
+    map_iou_aligned: float
+    """The same after that alignment."""
 
 
 def drive(
@@ -107,7 +112,7 @@ def drive(
     belief = slam.update(reading.ranges, Pose2D(0.0, 0.0, 0.0))
     odometry = Pose2D(0.0, 0.0, 0.0)
     truth = start
-    errors = []
+    errors, poses = [], []
     path_length = 0.0
     for _ in range(round(duration / control_period)):
         before = truth
@@ -118,7 +123,10 @@ def drive(
         belief = slam.update(reading.ranges, motion)
         path_length += math.hypot(truth.x - before.x, truth.y - before.y)
         errors.append((*pose_error(belief.pose, start, truth), *pose_error(odometry, start, truth)))
+        poses.append((*belief.pose[:2], *truth[:2]))
     simulator.close()
+    believed, true = np.split(np.array(poses), 2, axis=1)
+    frame = alignment(believed, true)
     rms = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
     return DriveErrors(
         seed=seed,
@@ -127,7 +135,9 @@ def drive(
         slam_heading=math.degrees(rms[1]),
         odometry_position=rms[2],
         odometry_heading=math.degrees(rms[3]),
+        slam_position_aligned=float(np.sqrt(np.mean(np.sum((frame.transform(believed) - true) ** 2, axis=1)))),
         map_iou=map_iou(belief.grid, area, start),
+        map_iou_aligned=map_iou(belief.grid, area, frame),
     )
 
 
@@ -135,6 +145,19 @@ def pose_error(believed: Pose2D, start: Pose2D, truth: Pose2D) -> tuple[float, f
     """Return distance [m] and angle [rad] between a pose believed, as seen from the start, and the true one."""
     error = start.compose(believed).between(truth)
     return math.hypot(error.x, error.y), abs(wrap_angle(error.theta))
+
+
+def alignment(believed: np.ndarray, true: np.ndarray) -> Pose2D:
+    """Return the frame in which positions come closest to others, in the least squares sense.
+
+    Args:
+        believed: shape (n, 2), in the frame sought [m].
+        true: shape (n, 2), in the world frame [m].
+    """
+    u, v = believed - believed.mean(axis=0), true - true.mean(axis=0)
+    theta = math.atan2(float(np.sum(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])), float(np.sum(u * v)))
+    x, y = true.mean(axis=0) - Pose2D(0.0, 0.0, theta).transform(believed.mean(axis=0))
+    return Pose2D(float(x), float(y), theta)
 
 
 def main(
@@ -161,8 +184,8 @@ def main(
     estimator = make_slam(slam, machine.lidar, RESOLUTION)
     results = []
     print(f"{machine.name} in {place.name}, {physics} physics, {slam}, {minutes:g} min per drive")
-    print("seed   path  | position RMSE [m]  | heading RMSE [deg] | map")
-    print("        [m]  |   slam  odometry   |   slam  odometry   | IoU")
+    print("seed   path  |     position RMSE [m]      | heading RMSE [deg] |    map IoU")
+    print("        [m]  |   slam (aligned) odometry  |   slam  odometry   |      (aligned)")
     for seed in range(seeds):
         result = drive(place, machine, physics, estimator, seed, 60.0 * minutes)
         results.append(result)
@@ -178,9 +201,12 @@ def _row(name: str, results: list[DriveErrors]) -> str:
     def median(field: str) -> float:
         return float(np.median([getattr(result, field) for result in results]))
 
-    position = f"{median('slam_position'):7.3f} {median('odometry_position'):9.3f}"
+    position = (
+        f"{median('slam_position'):7.3f}   ({median('slam_position_aligned'):.3f}) {median('odometry_position'):9.3f}"
+    )
     heading = f"{median('slam_heading'):7.2f} {median('odometry_heading'):9.2f}"
-    return f"{name:>4} {median('path_length'):6.1f}  | {position}  | {heading}  | {median('map_iou'):.2f}"
+    iou = f"{median('map_iou'):.2f}   ({median('map_iou_aligned'):.2f})"
+    return f"{name:>4} {median('path_length'):6.1f}  | {position}  | {heading}  | {iou}"
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.slam_drive import drive
+from benchmarks.slam_drive import alignment, drive
+from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.slam import make_slam
 from envs.worlds import load_world
@@ -17,3 +18,10 @@ def test_a_minute_in_turtlebot3_world(physics):
     assert result.slam_heading < 1.5
     assert result.map_iou > 0.9
     assert np.isfinite(result.odometry_position)
+    assert result.slam_position_aligned < result.slam_position
+
+
+def test_alignment_finds_the_frame():
+    points = np.random.default_rng(2).normal(size=(30, 2))
+    frame = Pose2D(3.0, -1.0, 2.5)
+    np.testing.assert_allclose(alignment(points, frame.transform(points)), frame)
