@@ -1,4 +1,4 @@
-"""The extended Kalman filter of seed 4. Environments fuse with it too, so its home is below theirs and this is its name here."""
+"""The extended Kalman filter of seed 4; environments fuse with it too, so it lives below them."""
 
 from envs.localization.ekf import KINDS, Ekf, EkfParams, Estimate, Kind, Measurement, Verdict
 

@@ -1,10 +1,10 @@
 """An extended Kalman filter over pose and velocity that survives late, missing and wrong measurements.
 
-State, prediction and measurements are those of seed 4 (equations 1 to 10): position, heading, forward speed and yaw rate;
-a map's pose, wheel encoders and a compass, each whenever it has something to say. Three things are done otherwise:
-covariances are corrected in Joseph's form, which keeps them positive definite; the step from one measurement to the next
-is cut into short ones, because equation (3) drives straight for a whole step; and measurements are put in order by the
-time at which they were taken, not by the time at which they arrive.
+State, prediction and measurements are those of seed 4 (equations 1 to 10): position, heading, forward speed and yaw
+rate; a map's pose, wheel encoders and a compass, each whenever it has something to say. Three things are done
+otherwise: covariances are corrected in Joseph's form, which keeps them positive definite; the step from one measurement
+to the next is cut into short ones, because equation (3) drives straight for a whole step; and measurements are put in
+order by the time at which they were taken, not by the time at which they arrive.
 """
 
 import bisect
@@ -125,7 +125,7 @@ def predict(state, covariance, duration, noise, max_step):
         noise: shape (5,), float64, spectral densities of what disturbs the state [unit^2/s].
         max_step: longest step [s].
     """
-    num_steps = min(max(int(math.ceil(duration / max_step - 1e-6)), 1), MAX_STEPS)
+    num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps
     for _ in range(num_steps):
         c, s = math.cos(state[THETA]), math.sin(state[THETA])

@@ -25,7 +25,10 @@ def measure(time, kind, *values):
     return Measurement(time, kind, np.array(values, dtype=float), NOISE[kind])
 
 
-def started(params=EkfParams(), pose=ORIGIN, **velocity):
+DEFAULTS = EkfParams()
+
+
+def started(params=DEFAULTS, pose=ORIGIN, **velocity):
     ekf = Ekf(params)
     ekf.reset(pose, START, **velocity)
     return ekf
