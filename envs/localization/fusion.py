@@ -1,0 +1,108 @@
+"""One pose out of everything that a robot senses: a localiser, wheels and a compass, fused by name."""
+
+from collections import deque
+
+import numpy as np
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.robots import RobotParams, WheelOdometry
+from envs.simulation import Reading
+
+from .ekf import STATE_SIZE, Ekf, EkfParams, Estimate, Kind, Measurement
+from .localizer import Localizer
+from .measurements import CompassMeter, WheelMeter
+
+FUSIONS: dict[str, tuple[Kind, ...]] = {
+    "encoder": ("encoder",),
+    "encoder_compass": ("encoder", "compass"),
+    "amcl": (),
+    "full": ("map", "encoder", "compass"),
+}
+"""Names of fusions, and the kinds of measurement that the filter listens to. `amcl` filters nothing: it is the localiser's
+own pose, which moves along with odometry between two corrections."""
+START_STD = (0.01, 0.01, 0.005, 0.01, 0.01)
+"""How well the start is known: standard deviations of x, y, heading, speed and yaw rate [m, m, rad, m/s, rad/s]."""
+LEAST_MAP_STD = (0.015, 0.015, 0.003)
+"""Answers of a localiser err together for seconds, because the map does: none counts for more than one with these
+standard deviations of x, y and heading [m, m, rad]."""
+
+
+def make_filter(robot: RobotParams) -> Ekf:
+    """Return a Kalman filter for a robot, which may speed up or slow down at any time by as much as it can."""
+    return Ekf(EkfParams(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w))
+
+
+class FusedPose:
+    """Where a robot takes itself to be. Never sees the truth."""
+
+    def __init__(self, robot: RobotParams, localizer: Localizer, fusion: str = "full", latency: float = 0.1) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: whose sensors are read.
+            localizer: finds the robot on the map.
+            fusion: one of `FUSIONS`.
+            latency: how late the localiser's answers reach the filter [s].
+
+        Raises:
+            ValueError: the fusion is unknown, or the robot lacks the compass that it needs.
+        """
+        if fusion not in FUSIONS:
+            raise ValueError(f"unknown fusion {fusion!r}; choose one of {', '.join(FUSIONS)}")
+        if fusion == "encoder_compass" and not robot.imu.has_compass:
+            raise ValueError(f"fusion {fusion!r} needs a compass, and robot {robot.name!r} has none")
+        self.localizer = localizer
+        self.ekf = make_filter(robot)
+        self.measurements: list[Measurement] = []
+        """What has become known with the last reading, of every kind and whether the filter listens to it or not."""
+        self._kinds = FUSIONS[fusion]
+        self._latency = latency
+        self._has_compass = robot.imu.has_compass
+        self._odometry, self._wheels, self._compass = WheelOdometry(robot), WheelMeter(robot), CompassMeter(robot)
+        self._on_the_way: deque[tuple[float, Measurement]] = deque()
+
+    def reset(
+        self, occupancy: OccupancyGrid, north: float, pose: Pose2D, reading: Reading, rng: np.random.Generator
+    ) -> Estimate:
+        """Start at rest on a map.
+
+        Args:
+            occupancy: the map.
+            north: what the compass reads in the direction of the map's x axis [rad].
+            pose: where the robot is, map frame.
+            reading: the first.
+            rng: noise of the localiser is drawn from it.
+        """
+        self._odometry.reset(reading.ticks)
+        self._wheels.reset(reading.time, reading.ticks)
+        self._compass.reset(reading.time, north)
+        self._on_the_way.clear()
+        covariance = np.diag(np.square(START_STD))
+        self.localizer.reset(occupancy, pose, rng, covariance=covariance[:3, :3])
+        self.localizer.update(reading.ranges, Pose2D(0.0, 0.0, 0.0))
+        self.ekf.reset(pose, covariance, time=reading.time)
+        self.measurements = []
+        return Estimate(reading.time, pose, 0.0, 0.0, covariance)
+
+    def update(self, reading: Reading) -> Estimate:
+        """Take in a reading and say where the robot is."""
+        motion = self._odometry.update(reading.ticks)
+        located = self.localizer.update(reading.ranges, motion)
+        wheels = self._wheels.update(reading.time, reading.ticks)
+        self.measurements = [wheels]
+        if self._has_compass:
+            self.measurements.append(self._compass.update(reading.time, reading.heading))
+        if located.is_corrected and not located.is_lost:
+            covariance = located.covariance + np.diag(np.square(LEAST_MAP_STD))
+            found = Measurement(reading.time, "map", np.array(located.pose), covariance)
+            self._on_the_way.append((reading.time + self._latency, found))
+        while self._on_the_way and self._on_the_way[0][0] <= reading.time + 1e-9:
+            self.measurements.append(self._on_the_way.popleft()[1])
+        if not self._kinds:
+            both = np.zeros((STATE_SIZE, STATE_SIZE))
+            both[:3, :3], both[3:, 3:] = located.covariance, wheels.covariance
+            return Estimate(reading.time, located.pose, *wheels.values.tolist(), both)
+        for measurement in self.measurements:
+            if measurement.kind in self._kinds:
+                self.ekf.add(measurement)
+        return self.ekf.estimate(reading.time)
