@@ -76,9 +76,9 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     height, width = costs.shape
     stride = np.uint32(width + 2)
     open_weights = np.zeros((height + 2) * (width + 2), dtype=np.uint8)
-    for row in range(height):
-        for col in range(width):
-            open_weights[(row + 1) * stride + col + 1] = weights[costs[row, col]]
+    for r in range(height):
+        for c in range(width):
+            open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
     touching = np.uint8(weights[COST_INSCRIBED])
     travel = np.full(open_weights.size, UNREACHED, dtype=np.int32)
     came_by = np.full(open_weights.size, NO_STEP, dtype=np.uint8)
