@@ -130,7 +130,8 @@ class LayeredCostmap:
             params: how obstacles spread.
             obstacles: what scans do.
         """
-        self._static = static
+        self.static = static
+        """The map."""
         self._params = params
         self._obstacles = obstacles
         self._inflation = Inflation.of(params, static.resolution)
@@ -172,7 +173,7 @@ class LayeredCostmap:
             raise ValueError(f"ranges must have shape ({lidar.num_beams},), got {ranges.shape}")
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         x, y = self._in_cells(sensor.x, sensor.y)
-        resolution = self._static.resolution
+        resolution = self.static.resolution
         marking, clearing = self._obstacles.marking_range / resolution, self._obstacles.clearing_range / resolution
         beams = lidar.angle_min, lidar.angle_increment, ranges / resolution
         mark_and_clear(self._layer, self._is_static, x, y, sensor.theta, *beams, marking, clearing)
@@ -180,8 +181,8 @@ class LayeredCostmap:
 
     def mark(self, points: np.ndarray) -> None:
         """Mark obstacles that no scan shows, as what the bumper touched: shape (n, 2), map frame [m]."""
-        cells = self._static.cells(points)
-        for row, col in cells[self._static.contains(cells)]:
+        cells = self.static.cells(points)
+        for row, col in cells[self.static.contains(cells)]:
             if not self._is_static[row, col]:
                 self._layer[row, col] = OCCUPIED
                 self._spoil(col + 0.5, row + 0.5, 1.0)
@@ -194,13 +195,13 @@ class LayeredCostmap:
 
     def clear_around(self, x: float, y: float, radius: float) -> None:
         """Forget what scans have found within a square around (x, y), map frame, of half the side `radius` [m]."""
-        (col, row), reach = self._in_cells(x, y), radius / self._static.resolution
+        (col, row), reach = self._in_cells(x, y), radius / self.static.resolution
         top, left, bottom, right = self._window(col, row, reach)
         self._layer[top:bottom, left:right] = UNKNOWN
         self._spoil(col, row, reach)
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
-        (x0, y0), resolution = self._static.origin, self._static.resolution
+        (x0, y0), resolution = self.static.origin, self.static.resolution
         return (x - x0) / resolution, (y - y0) / resolution
 
     def _window(self, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
@@ -222,7 +223,7 @@ class LayeredCostmap:
         """Bring the costs up to date after a change of the layer within a window [cells]."""
         inner = np.s_[top:bottom, left:right]
         self._combined.data[inner] = combine(
-            self._static.data[inner], self._layer[inner], np.int8(self._params.occupied_from)
+            self.static.data[inner], self._layer[inner], np.int8(self._params.occupied_from)
         )
         # Costs change up to the inflation's reach beyond it, and depend on what lies as far beyond that.
         reach = self._inflation.reach
