@@ -18,6 +18,7 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/ExploreAisles-v0": (_ENTRY_POINT, {"world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (_ENTRY_POINT, {"world": "caves"}),
     "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
+    "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),
 }
 
 for _id, (_entry_point, _kwargs) in _TABLE.items():

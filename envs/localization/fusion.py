@@ -18,13 +18,14 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Names of fusions, and the kinds of measurement that the filter listens to. `amcl` filters nothing: it is the localiser's
-own pose, which moves along with odometry between two corrections."""
+"""Names of fusions, and the kinds of measurement that the filter listens to. `amcl` filters nothing: it is the
+localiser's own pose, which moves along with odometry between two corrections."""
 START_STD = (0.01, 0.01, 0.005, 0.01, 0.01)
 """How well the start is known: standard deviations of x, y, heading, speed and yaw rate [m, m, rad, m/s, rad/s]."""
-LEAST_MAP_STD = (0.015, 0.015, 0.003)
-"""Answers of a localiser err together for seconds, because the map does: none counts for more than one with these
-standard deviations of x, y and heading [m, m, rad]."""
+LEAST_MAP_STD = (0.04, 0.04, 0.003)
+"""Standard deviations of x, y and heading [m, m, rad] that are added to those of a localiser's answer. Answers are not
+independent: where the map is 8 mm off they all are, and a filter that averages hundreds of them must not come to
+believe that it knows better. With this much, errors are as large as the filter says."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
@@ -55,6 +56,8 @@ class FusedPose:
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
         """What has become known with the last reading, of every kind and whether the filter listens to it or not."""
+        self.located: Estimate
+        """The localiser's own answer to the last reading, with speeds by the encoders."""
         self._kinds = FUSIONS[fusion]
         self._latency = latency
         self._has_compass = robot.imu.has_compass
@@ -82,7 +85,8 @@ class FusedPose:
         self.localizer.update(reading.ranges, Pose2D(0.0, 0.0, 0.0))
         self.ekf.reset(pose, covariance, time=reading.time)
         self.measurements = []
-        return Estimate(reading.time, pose, 0.0, 0.0, covariance)
+        self.located = Estimate(reading.time, pose, 0.0, 0.0, covariance)
+        return self.located
 
     def update(self, reading: Reading) -> Estimate:
         """Take in a reading and say where the robot is."""
@@ -98,10 +102,12 @@ class FusedPose:
             self._on_the_way.append((reading.time + self._latency, found))
         while self._on_the_way and self._on_the_way[0][0] <= reading.time + 1e-9:
             self.measurements.append(self._on_the_way.popleft()[1])
+        both = np.zeros((STATE_SIZE, STATE_SIZE))
+        both[:3, :3], both[3:, 3:] = located.covariance, wheels.covariance
+        v, w = wheels.values.tolist()
+        self.located = Estimate(reading.time, located.pose, v, w, both)
         if not self._kinds:
-            both = np.zeros((STATE_SIZE, STATE_SIZE))
-            both[:3, :3], both[3:, 3:] = located.covariance, wheels.covariance
-            return Estimate(reading.time, located.pose, *wheels.values.tolist(), both)
+            return self.located
         for measurement in self.measurements:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)

@@ -1,4 +1,4 @@
-"""What sensors say, as measurements for the filter: values with a time and a covariance that follows from the sensor."""
+"""What sensors say, as measurements for the filter: values, a time, and a covariance that follows from the sensor."""
 
 import math
 
