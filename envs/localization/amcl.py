@@ -44,9 +44,9 @@ class Amcl:
         self._lidar = lidar
         self._motion_model = DifferentialDrive(params)
         self._known: OccupancyGrid | None = None
-        self._bins = np.empty(params.max_particles, dtype=np.int32)
-        self._bin_of_slot = np.empty(params.max_particles, dtype=np.int32)
-        self._members = np.empty(params.max_particles)
+        self._bins = np.empty(params.most_particles, dtype=np.int32)
+        self._bin_of_slot = np.empty(params.most_particles, dtype=np.int32)
+        self._members = np.empty(params.most_particles)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
 
     @property
@@ -87,7 +87,7 @@ class Amcl:
         self._prepare(occupancy)
         self.rng = rng
         if pose is None:
-            self._particles = self._anywhere(self.params.max_particles)
+            self._particles = self._anywhere(self.params.global_particles or self.params.max_particles)
         else:
             self._check_pose(pose, occupancy)
             self._particles = self._around(pose, covariance)
@@ -123,7 +123,7 @@ class Amcl:
             self._moved = _ORIGIN
             self._correct(ranges)
             if params.relocalize and self._is_hopeless():
-                self._particles = self._anywhere(params.max_particles)
+                self._particles = self._anywhere(params.global_particles or params.max_particles)
                 self._begin()
                 self._correct(ranges)
             self._estimate = self._corrected
@@ -242,13 +242,15 @@ class Amcl:
             mean, mean_covariance = pose, covariance.copy()
         else:
             mean = Pose2D(*mean_and_covariance(particles, weights, 1.0, mean_covariance))
-        if ranges is not None:
+        has_won = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
+        if not has_won:
+            self._fits.clear()
+        elif ranges is not None:
             share, hits = self._field.fit(ranges, pose)
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
-        is_lost = weight < 0.5 or spread > self.params.lost_spread or fit < self.params.lost_fit
+        is_lost = not has_won or fit < self.params.lost_fit
         return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
 
     def _is_hopeless(self) -> bool:

@@ -142,8 +142,8 @@ def count_near(field, near, points, num_points, x, y, theta):
     c, s = math.cos(theta), math.sin(theta)
     count = 0
     for k in range(num_points):
-        col = int(math.floor(c * points[0, k] - s * points[1, k] + x))
-        row = int(math.floor(s * points[0, k] + c * points[1, k] + y))
+        col = math.floor(c * points[0, k] - s * points[1, k] + x)
+        row = math.floor(s * points[0, k] + c * points[1, k] + y)
         if row >= 0 and col >= 0 and row < height and col < width and field[row, col] >= near:
             count += 1
     return count
@@ -192,9 +192,10 @@ class LikelihoodField:
         self.border = max(reach, far)
         self.field = np.pad(entry(distances), self.border - far, constant_values=entry(params.max_distance))
         self.near = int(entry(min(params.lost_distance, params.max_distance)))
-        self.corner = tuple(corner - self.border * resolution for corner in occupancy.origin)
+        x, y = occupancy.origin
+        self.corner = x - self.border * resolution, y - self.border * resolution
         self.resolution = resolution
-        self._sums = np.empty(params.max_particles, dtype=np.int32)
+        self._sums = np.empty(params.most_particles, dtype=np.int32)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return what weighs particles by a scan.

@@ -26,8 +26,8 @@ class PoseEstimate:
     mean_covariance: np.ndarray
     """Shape (3, 3), float64: covariance of the whole cloud around `mean`."""
     fit: float
-    """Share of the hits of recent scans that lie near an obstacle of the map if seen from `pose`; NaN before the
-    first scan with enough hits."""
+    """Share of the hits of recent scans that lie near an obstacle of the map if seen from `pose`; NaN while
+    no hypothesis has won, and before the first scan with enough hits."""
     is_lost: bool
     """Whether `pose` must not be trusted: no hypothesis has won yet, or scans and map do not belong together there."""
     is_corrected: bool

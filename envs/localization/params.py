@@ -14,7 +14,10 @@ class AmclParams:
     min_particles: int = 500
     """Least number of particles."""
     max_particles: int = 2000
-    """Greatest number of particles, and the number with which global localisation starts."""
+    """Greatest number of particles, and the number to start with around a given pose."""
+    global_particles: int | None = None
+    """Particles to start with where nothing is known of the pose; None for `max_particles`. The first scan that is
+    used leaves `max_particles` of them at most."""
     kld_err: float = 0.05
     """How far the cloud's distribution may be from the true one (Kullback-Leibler); Nav2's `pf_err`."""
     kld_z: float = 0.99
@@ -84,6 +87,8 @@ class AmclParams:
         for field in ("min_particles", "max_beams", "resample_interval", "lost_updates"):
             self._require(getattr(self, field) >= 1, field, "must be at least 1")
         self._require(self.max_particles >= self.min_particles, "max_particles", "must be at least min_particles")
+        few = self.global_particles is not None and self.global_particles < self.min_particles
+        self._require(not few, "global_particles", "must be at least min_particles, or None")
         self._require(self.sensor in get_args(SensorModel), "sensor", f"must be one of {get_args(SensorModel)}")
         for field in ("kld_err", "kld_z", "bin_size", "sigma_hit", "max_distance", "squash", "lost_spread"):
             self._require(0 < getattr(self, field) < math.inf, field, "must be positive")
@@ -103,9 +108,30 @@ class AmclParams:
         if not condition:
             raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
 
+    @property
+    def most_particles(self) -> int:
+        """Greatest number of particles at any time."""
+        return max(self.max_particles, self.global_particles or 0)
+
 
 PRESETS: dict[str, AmclParams] = {
     "nav2": AmclParams(),
+    "default": AmclParams(
+        max_particles=5000,
+        global_particles=100_000,
+        alpha1=0.05,
+        alpha2=0.05,
+        alpha3=0.05,
+        alpha4=0.05,
+        sensor="likelihood_field_prob",
+        sigma_hit=0.1,
+        squash=4.0,
+        update_min_d=0.1,
+        update_min_a=0.1,
+        lost_fit=0.8,
+        lost_updates=10,
+        relocalize=True,
+    ),
     "seed2": AmclParams(
         max_particles=3000,
         kld_err=0.02,
