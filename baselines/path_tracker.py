@@ -14,6 +14,9 @@ LOOKAHEAD_TIME = 0.75
 MIN_TURN_TIME = 1.0
 """Arcs whose radius is driven through in less than this at full speed are driven more slowly [s]."""
 
+ROTATE_FROM = 1.6
+"""Angle from which the robot stops and turns on the spot [rad]: a rounded corner of 90 degrees is driven through."""
+
 
 class PathTracker:
     """Drives a route with the path follower. Sees the scan, the filter's speeds and the fused pose; never the truth."""
@@ -28,7 +31,7 @@ class PathTracker:
         """
         self._robot = robot
         self._obstacles = ObstacleMemory(robot, control_period)
-        params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME)
+        params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
         self._follower = PathFollower(robot, control_period, params)
         self._follower.set_path(route.points)
 
