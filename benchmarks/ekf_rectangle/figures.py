@@ -31,7 +31,7 @@ def draw_figures(drives: Sequence[Drive], labels: Mapping[str, str], folder: Pat
     with plt.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
         _save(_draw_position(drives[0], labels), folder / "ekf_position.png")
         _save(_draw_heading(drives[0], labels), folder / "ekf_heading.png")
-        _save(_draw_errors(drives), folder / "ekf_errors.png")
+        _save(_draw_errors(drives, labels), folder / "ekf_errors.png")
 
 
 def _save(figure: Any, path: Path) -> None:
@@ -60,7 +60,7 @@ def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
     axes.set_title(
         f"Position on the map made beforehand ({drive.physics} physics, seed {drive.seed}); the paper's 5 and 6"
     )
-    axes.legend(loc="center", frameon=True)
+    figure.legend(loc="outside lower center", ncols=5, frameon=False)
     return figure
 
 
@@ -76,8 +76,8 @@ def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Any:
     return figure
 
 
-def _draw_errors(drives: Sequence[Drive]) -> Any:
-    """Figures 8 to 10: errors of the full fusion, all drives, beside the paper's greatest."""
+def _draw_errors(drives: Sequence[Drive], labels: Mapping[str, str]) -> Any:
+    """Figures 8 to 10: errors of the localiser alone and of the full fusion, all drives, and the paper's greatest."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure, grid = plt.subplots(
         3,
@@ -91,20 +91,21 @@ def _draw_errors(drives: Sequence[Drive]) -> Any:
     rows = (("x error [mm]", 1e3, "max_x"), ("y error [mm]", 1e3, "max_y"), ("heading error [deg]", 180 / np.pi, ""))
     for k, (label, scale, key) in enumerate(rows):
         for axes, name in zip(grid[k], physics):
-            for drive in drives:
-                if drive.physics == name:
-                    error = scale * drive.error(DRIVER)[:, k]
-                    axes.plot(drive.time, error, color=COLOURS[DRIVER], lw=0.7, alpha=0.45)
+            for fusion in ("amcl", DRIVER):
+                for drive in (drive for drive in drives if drive.physics == name):
+                    error = scale * drive.error(fusion)[:, k]
+                    axes.plot(drive.time, error, color=COLOURS[fusion], lw=0.7, alpha=0.3)
+                axes.plot([], [], color=COLOURS[fusion], label=labels[fusion])
             bound = scale * PAPER[key] if key else PAPER["heading_rmse"]
             what = "paper's greatest error" if key else "paper's RMSE (its greatest error is 3.3)"
             axes.axhline(bound, color=LIGHT.error, lw=1.0, ls=":", label=what)
             axes.axhline(-bound, color=LIGHT.error, lw=1.0, ls=":")
             axes.axhline(0.0, color=LIGHT.muted, lw=0.6)
         grid[k, 0].set_ylabel(label)
-        grid[k, 0].legend(frameon=False, loc="upper right", fontsize=8)
+        grid[k, -1].legend(loc="upper right", fontsize=7, framealpha=0.8)
     for axes, name in zip(grid[0], physics):
-        axes.set_title(f"{name} physics, {sum(drive.physics == name for drive in drives)} drives")
+        axes.set_title(f"{name} physics, drives: {sum(drive.physics == name for drive in drives)}")
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
-    figure.suptitle("Errors of the full fusion; the paper's figures 8 to 10")
+    figure.suptitle("Errors of AMCL alone and of the full fusion; the paper's figures 8 to 10")
     return figure
