@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams, WheelOdometry
 from envs.route import Progress, Route, steer
 from envs.simulation import Reading, make_simulator
@@ -89,7 +89,20 @@ def make_route_map(
         mapper.go_on(reading, before.between(truth) if slam == "truth" else None)
         steps_left -= 1
     simulator.close()
-    return RouteMap(mapper.slam.belief.grid, mapper.north, np.array(mapper.poses))
+    poses, grid = np.array(mapper.poses), mapper.slam.belief.grid
+    _clear_driven(grid, poses, 0.5 * robot.radius)
+    return RouteMap(grid, mapper.north, poses)
+
+
+def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
+    """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
+    reach = math.ceil(radius / grid.resolution)
+    around = np.stack(np.mgrid[-reach : reach + 1, -reach : reach + 1], axis=-1).reshape(-1, 2)
+    around = around[np.hypot(*around.T) * grid.resolution <= radius]
+    cells = (grid.cells(poses[:, :2])[:, None] + around).reshape(-1, 2)
+    rows, columns = cells[grid.contains(cells)].T
+    driven = grid.data[rows, columns]
+    grid.data[rows, columns] = np.where(driven == UNKNOWN, FREE, driven)
 
 
 def _make_slam(name: str, robot: RobotParams, resolution: float) -> Slam:
