@@ -102,7 +102,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     The robot stands still. `start="random"` draws its pose uniformly over where it can stand, `start="spawn"` takes the
     world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least 1 m away,
     in the map's frame if given. With `initial_pose="known"` the localiser is told the start with an error of 0.1 m and 5
-    degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. `reset(options={"goal": (x, y,
+    degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,
     theta)})` sets the goal of one episode, `set_goal` a further one without a reset.
 
     ## Episode End
@@ -124,7 +124,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` (the encoders' pose) or `"truth"` |
-    | `amcl` | `"nav2"` | preset of AMCL, or `AmclParams` |
+    | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
     | `initial_pose` | `"known"` | whether the localiser is told where the robot starts: `"known"` or `"unknown"` |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` takes the map that a perfect exploration would leave |
     | `map_pose` | `(0, 0, 0)` | pose of the map's frame in the world |
@@ -153,7 +153,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         robot: str | RobotParams | None = None,
         physics: str = "bullet",
         localizer: str = "amcl",
-        amcl: str | AmclParams = "nav2",
+        amcl: str | AmclParams = "default",
         initial_pose: Literal["known", "unknown"] = "known",
         map: str | Path | OccupancyGrid | None = None,
         map_pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -252,7 +252,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.odometry.reset(self.reading.ticks)
         grid = known_map(self.area) if self._map is None else self._map
         self._tell_start(grid, start, localizer_rng)
-        self.estimate = self.localizer.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
+        self.estimate = self.localizer.estimate
         self.belief = Belief(self.estimate.pose, grid, NO_CELLS)
         """The estimated pose on the known map."""
         self.trail = Trail()
