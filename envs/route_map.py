@@ -97,7 +97,7 @@ def make_route_map(
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
     """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
     reach = math.ceil(radius / grid.resolution)
-    around = np.stack(np.mgrid[-reach : reach + 1, -reach : reach + 1], axis=-1).reshape(-1, 2)
+    around = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
     around = around[np.hypot(*around.T) * grid.resolution <= radius]
     cells = (grid.cells(poses[:, :2])[:, None] + around).reshape(-1, 2)
     rows, columns = cells[grid.contains(cells)].T

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.localization import Amcl, AmclParams
-from envs.localization.fusion import FusedPose
+from envs.localization.fusion import FusedPose, start_covariance
 from envs.observation import Trail, fill_motion, scale_scan
 from envs.robots import RobotParams, load_robot
 from envs.route import Progress, Route, rectangle
@@ -244,7 +244,9 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.reading = self.simulator.reset(self.world, self.start.compose(off), simulator_rng)
         self._state = self.simulator.state
         origin = Pose2D(0.0, 0.0, 0.0)
-        self.estimate = self.fused.reset(self.map.grid, self.map.north, origin, self.reading, localizer_rng)
+        self.estimate = self.fused.reset(
+            self.map.grid, self.map.north, origin, self.reading, localizer_rng, start_covariance(spread, turn)
+        )
         self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._driven, self._deviation = self._true_progress.update(self._state.pose)
         self.progress.update(origin)

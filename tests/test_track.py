@@ -117,6 +117,16 @@ def test_fusion_keeps_the_heading_that_wheels_lose():
     assert heading["full"] < 0.2 * heading["encoder"]
 
 
+def test_a_start_that_is_off_is_found_out_and_no_reason_to_disbelieve_the_sensors():
+    env = TrackEnv(**HALL)
+    for seed in range(4):
+        off = env.reset(seed=seed)[1]["pose_error"][1]
+        for _ in range(10):
+            info = env.step(np.zeros(2, dtype=np.float32))[4]
+        assert info["pose_error"][1] < max(0.2 * off, math.radians(0.1))
+        assert env.fused.ekf.counts["compass"] == {"accepted": 10}
+
+
 def test_straying_and_time_end_the_episode():
     env = TrackEnv(**{**QUICK, "max_deviation": 0.2})
     env.reset(seed=0)

@@ -11,7 +11,7 @@ from baselines.ekf import Ekf
 from baselines.path_tracker import PathTracker
 from envs.geometry import Pose2D
 from envs.localization.ekf import Estimate
-from envs.localization.fusion import FUSIONS, START_STD, make_filter
+from envs.localization.fusion import FUSIONS, make_filter, start_covariance
 from envs.track import TrackEnv
 
 DRIVER = "full"
@@ -118,5 +118,5 @@ def run_drives(physics: tuple[str, ...], seeds: int, jobs: int) -> Iterator[Driv
 def _listener(env: TrackEnv) -> Ekf:
     """Return a filter that starts as the driving one did."""
     ekf = make_filter(env.robot)
-    ekf.reset(Pose2D(0.0, 0.0, 0.0), np.diag(np.square(START_STD)))
+    ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
     return ekf

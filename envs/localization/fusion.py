@@ -20,8 +20,8 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 }
 """Names of fusions, and the kinds of measurement that the filter listens to. `amcl` filters nothing: it is the
 localiser's own pose, which moves along with odometry between two corrections."""
-START_STD = (0.01, 0.01, 0.005, 0.01, 0.01)
-"""How well the start is known: standard deviations of x, y, heading, speed and yaw rate [m, m, rad, m/s, rad/s]."""
+LEAST_START_STD = (0.01, 0.005, 0.01, 0.01)
+"""How well a start is known at best: standard deviations of position [m], heading [rad], speed [m/s], turning [rad/s]."""
 LEAST_MAP_STD = (0.04, 0.04, 0.003)
 """Standard deviations of x, y and heading [m, m, rad] that are added to those of a localiser's answer. Answers are not
 independent: where the map is 8 mm off they all are, and a filter that averages hundreds of them must not come to
@@ -31,6 +31,17 @@ believe that it knows better. With this much, errors are as large as the filter 
 def make_filter(robot: RobotParams) -> Ekf:
     """Return a Kalman filter for a robot, which may speed up or slow down at any time by as much as it can."""
     return Ekf(EkfParams(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w))
+
+
+def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
+    """Return how well the start of a robot at rest is known, shape (5, 5), for the filter.
+
+    Args:
+        spread: standard deviation of its position along either axis [m].
+        turn: standard deviation of its heading [rad].
+    """
+    position, heading, v, w = LEAST_START_STD
+    return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
 class FusedPose:
@@ -65,7 +76,13 @@ class FusedPose:
         self._on_the_way: deque[tuple[float, Measurement]] = deque()
 
     def reset(
-        self, occupancy: OccupancyGrid, north: float, pose: Pose2D, reading: Reading, rng: np.random.Generator
+        self,
+        occupancy: OccupancyGrid,
+        north: float,
+        pose: Pose2D,
+        reading: Reading,
+        rng: np.random.Generator,
+        covariance: np.ndarray,
     ) -> Estimate:
         """Start at rest on a map.
 
@@ -75,12 +92,12 @@ class FusedPose:
             pose: where the robot is, map frame.
             reading: the first.
             rng: noise of the localiser is drawn from it.
+            covariance: how well the start is known, see `start_covariance`.
         """
         self._odometry.reset(reading.ticks)
         self._wheels.reset(reading.time, reading.ticks)
         self._compass.reset(reading.time, north)
         self._on_the_way.clear()
-        covariance = np.diag(np.square(START_STD))
         self.localizer.reset(occupancy, pose, rng, covariance=covariance[:3, :3])
         self.localizer.update(reading.ranges, Pose2D(0.0, 0.0, 0.0))
         self.ekf.reset(pose, covariance, time=reading.time)
