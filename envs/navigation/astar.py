@@ -20,6 +20,12 @@ STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 """Steps (rows, columns): the diagonal one with index `k + 4` lies between the straight ones `k` and `k + 1`."""
 NO_STEP = 255
 """In place of the step into a cell that none leads into."""
+ALL_STEPS = np.uint8(255)
+"""A bit for each of `STEPS`."""
+ONWARD = np.full(256, ALL_STEPS)
+"""By the step that led into a cell, the bits of those that lead onward: that one, and of a diagonal one its parts."""
+for _k in range(8):
+    ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 """Travel cost of cells that cannot be reached."""
 COST_WEIGHT = 3.0
@@ -59,7 +65,9 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     A robot that stands where its footprint touches something may walk on through such cells until it is out of them,
     and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
     buckets, one per estimated total, last in first out, so that ties go to the way that has come farthest; twice to
-    three times as fast here as a binary heap.
+    three times as fast here as a binary heap. Where all cells around one cost the same, only steps that lead onward are
+    tried: the pruning of jump point search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps",
+    2011), which halves the entries of the queue. What the rest would find is found from the cell before, no dearer.
 
     Args:
         costs: shape (height, width), uint8.
@@ -112,11 +120,14 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
         if has_goal and row == goal_row and col == goal_col:
             break
         escaping = open_weights[node] == touching or (starts_inside and travel[node] == 0)
+        is_uniform = True
         for k in range(8):
             weight = open_weights[np.uint32(node + jumps[k])]
             around[k] = 0 if weight == touching and not escaping else weight
+            is_uniform = is_uniform and around[k] == open_weights[node]
+        tried = ONWARD[came_by[node]] if is_uniform else ALL_STEPS
         for k in range(8):
-            if around[k] == 0 or (k >= 4 and (around[k - 4] == 0 or around[(k - 3) & 3] == 0)):
+            if (tried >> k) & 1 == 0 or around[k] == 0 or (k >= 4 and (around[k - 4] == 0 or around[(k - 3) & 3] == 0)):
                 continue
             neighbour = np.uint32(node + jumps[k])
             there = here + around[k] * (STRAIGHT if k < 4 else DIAGONAL)
