@@ -82,12 +82,20 @@ class Film:
         self._durations.append(FRAME_MS[scene.is_lost])
 
     def save(self, path: Path) -> Path:
-        """Write the GIF, with its last picture shown for two seconds; also that picture alone as PNG."""
+        """Write the GIF, with its last picture shown for two seconds, and three of its pictures side by side as PNG.
+
+        These are the first one, the first one after the robot was found, and the last one.
+        """
         kept = slice(None, None, -(-len(self._frames) // MAX_FRAMES))
         small = [frame.quantize(64, dither=Image.Dither.NONE) for frame in self._frames[kept]]
         durations = [*self._durations[kept][:-1], 2000]
         small[0].save(path, save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=True)
-        self._frames[-1].save(path.with_suffix(".png"))
+        found = self._durations.index(FRAME_MS[False]) if FRAME_MS[False] in self._durations else -1
+        width, height = PICTURE_SIZE
+        strip = Image.new("RGB", (3 * width, height))
+        for k, index in enumerate((0, found, -1)):
+            strip.paste(self._frames[index], (k * width, 0))
+        strip.resize((3 * width // 2, height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
         return path
 
 
@@ -176,7 +184,7 @@ def main(
 
     Args:
         world: Library world, or path of a world file.
-        out: Folder for map.yaml, map.pgm, wake_up.gif and the last picture of it, wake_up.png.
+        out: Folder for map.yaml, map.pgm, wake_up.gif and three pictures of it, wake_up.png.
         seed: Of everything random.
         goals: Goals to drive to.
         robot: Library robot; by default the world's usual one.

@@ -69,13 +69,21 @@ def roll_out(v, w, motion, poses):
     num_steps = min(max(1, math.ceil(max(turns, metres))), poses.shape[0])
     dt = motion.sim_time / num_steps
     x = y = theta = 0.0
-    speed, rate = motion.v, motion.w
+    speed, rate, turn = motion.v, motion.w, math.nan
+    c = s = step_c = step_s = 0.0
     for k in range(num_steps):
         speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
         rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
-        x += speed * dt * math.cos(theta + 0.5 * rate * dt)
-        y += speed * dt * math.sin(theta + 0.5 * rate * dt)
-        theta += rate * dt
+        if rate * dt == turn:
+            # Once the yaw rate is reached, the direction turns on evenly.
+            c, s = c * step_c - s * step_s, s * step_c + c * step_s
+        else:
+            turn = rate * dt
+            c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
+            step_c, step_s = math.cos(turn), math.sin(turn)
+        x += speed * dt * c
+        y += speed * dt * s
+        theta += turn
         poses[k, 0], poses[k, 1], poses[k, 2] = x, y, theta
     return num_steps
 
