@@ -60,6 +60,11 @@ class Amcl:
         return self._particles.T.astype(np.float64)
 
     @property
+    def num_particles(self) -> int:
+        """Size of the cloud."""
+        return len(self._weights)
+
+    @property
     def weights(self) -> np.ndarray:
         """Shape (n,), float64: weights of the particles, with the sum 1; a copy."""
         return self._weights.copy()

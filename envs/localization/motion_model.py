@@ -20,11 +20,21 @@ _HALF = np.float32(0.5)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def normal(word):
-    """Turn 64 random bits into a draw that is nearly standard normal: the sum of four uniforms (Irwin and Hall).
+def normal(seed, index):
+    """Return a draw that is nearly standard normal: the sum of four uniforms (Irwin and Hall).
 
-    Mean and variance are exact, nothing lies beyond 3.46 standard deviations. Five times as fast as exact draws.
+    Mean and variance are exact, nothing lies beyond 3.46 standard deviations. The uniforms are a word of SplitMix64
+    (Steele et al. 2014), in which each word follows from its index alone, so that loops vectorise: twenty times as fast
+    as NumPy's draws, which would take as long as everything else that moves, weighs and draws a particle.
+
+    Args:
+        seed: uint64.
+        index: number of the draw, uint64.
     """
+    word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    word = word ^ (word >> np.uint64(31))
     total = np.int32(word & np.uint64(0xFFFF)) + np.int32((word >> np.uint64(16)) & np.uint64(0xFFFF))
     total += np.int32((word >> np.uint64(32)) & np.uint64(0xFFFF)) + np.int32(word >> np.uint64(48))
     return np.float32(total - _MEAN) * _SCALE
@@ -61,12 +71,12 @@ def cosine(theta):
 
 
 @njit(cache=True, error_model="numpy")
-def propagate(particles, bits, rot1, trans, rot2, std1, std_trans, std2):
+def propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2):
     """Move every particle by a noisy copy of a motion: turn, go, turn (Thrun et al. 2005, table 5.6).
 
     Args:
         particles: shape (3, n), float32, x, y, heading [m, rad]; changed in place.
-        bits: shape (3, n), uint64, random.
+        seed: of the noise, uint64.
         rot1: first turn [rad].
         trans: way [m].
         rot2: second turn [rad].
@@ -77,13 +87,14 @@ def propagate(particles, bits, rot1, trans, rot2, std1, std_trans, std2):
     xs, ys, thetas = particles[0], particles[1], particles[2]
     rot1, trans, rot2 = np.float32(rot1), np.float32(trans), np.float32(rot2)
     std1, std_trans, std2 = np.float32(std1), np.float32(std_trans), np.float32(std2)
-    bits1, bits_trans, bits2 = bits[0], bits[1], bits[2]
+    count = np.uint64(xs.shape[0])
     for i in range(xs.shape[0]):
-        heading = wrap(thetas[i] + rot1 + std1 * normal(bits1[i]))
-        way = trans + std_trans * normal(bits_trans[i])
+        k = np.uint64(i)
+        heading = wrap(thetas[i] + rot1 + std1 * normal(seed, k))
+        way = trans + std_trans * normal(seed, k + count)
         xs[i] += way * cosine(heading)
         ys[i] += way * sine(heading)
-        thetas[i] = wrap(heading + rot2 + std2 * normal(bits2[i]))
+        thetas[i] = wrap(heading + rot2 + std2 * normal(seed, k + count + count))
 
 
 class DifferentialDrive:
@@ -112,7 +123,7 @@ class DifferentialDrive:
         std2 = math.sqrt(alpha1 * noise2**2 + alpha2 * trans**2)
 
         def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
-            bits = rng.bit_generator.random_raw(particles.size).reshape(particles.shape)
-            propagate(particles, bits, rot1, trans, rot2, std1, std_trans, std2)
+            seed = rng.integers(1 << 64, dtype=np.uint64)
+            propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2)
 
         return sample

@@ -77,7 +77,6 @@ def draw(particles, weights, bins, fresh, share, start, least, error, quantile, 
     needed = float(least)
     num_bins = 0
     num_fresh = 0
-    u = start
     for k in range(drawn.shape[1]):
         if k >= needed:
             return k
@@ -87,8 +86,8 @@ def draw(particles, weights, bins, fresh, share, start, least, error, quantile, 
             bin_of_slot[num_bins] = -1
             is_new = True
         else:
-            u += GOLDEN
-            u -= 1.0 if u >= 1.0 else 0.0
+            u = start + k * GOLDEN
+            u -= math.floor(u)
             i = guide[int(u * n)]
             while cumulated[i] <= u:
                 i += 1
