@@ -133,7 +133,7 @@ def planning_costs(world: str) -> dict[str, Any]:
 
 def run(tasks: list[tuple[str, str, str, str, int]], jobs: int) -> list[Drive]:
     """Do all drives, in processes where more than one is asked for."""
-    bar = {"total": len(tasks), "desc": f"{tasks[0][0]}, {tasks[0][3]}", "unit": "goal"}
+    bar: dict[str, Any] = {"total": len(tasks), "desc": f"{tasks[0][0]}, {tasks[0][3]}", "unit": "goal"}
     if jobs == 1:
         return [_drive(task) for task in tqdm(tasks, **bar)]
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
@@ -163,7 +163,7 @@ def main(
 
     Args:
         worlds: Library worlds.
-        goals: Goals in each.
+        goals: Goals in each; 0 measures the costs of planning alone.
         jobs: Processes to spread them over. Costs are cleanest with one per core or fewer.
         seed: Of the first goal; the next ones count up.
         physics: bullet or kinematic.
@@ -175,7 +175,8 @@ def main(
     for world in worlds:
         tasks = [(world, physics, localizer, local_planner, seed + k) for k in range(goals)]
         max_v = _environment(world, physics, localizer).robot.max_v
-        results[world] = {**summary(run(tasks, jobs), max_v), **planning_costs(world)}
+        driven = summary(run(tasks, jobs), max_v) if tasks else {}
+        results[world] = {**driven, **planning_costs(world)}
     Console().print(table(results))
     if json is not None:
         json.write_text(json_format.dumps(results, indent=1) + "\n")

@@ -8,6 +8,7 @@ import pytest
 from baselines.local_planners import LOCAL_PLANNERS, make_local_planner
 from baselines.map_navigator import MapNavigator, MapNavigatorParams, Progress
 from baselines.navigation_episode import drive
+from baselines.obstacles import ObstacleMemory
 from baselines.wander import Wanderer
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
@@ -183,7 +184,7 @@ def test_scans_that_do_not_belong_to_the_map_end_lost():
         start=(-2.0, -0.5, 0.0),
         goal=(2.0, 0.5, 0.0),
     )
-    assert drive(env, 0, MapNavigatorParams(lost_time=20.0)).end_reason == "lost"
+    assert drive(env, 0, MapNavigatorParams(lost_time=5.0)).end_reason == "lost"
 
 
 def test_blind_it_waits_and_then_gives_up():
@@ -212,17 +213,15 @@ def test_unknown_local_planners_are_named():
 
 def test_wandering_gets_about_and_touches_nothing():
     env = NavigateEnv(world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
-    from baselines.obstacles import ObstacleMemory
-
-    for seed in range(3):
+    for seed in range(2):
         observation, _ = env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
         memory, wanderer = ObstacleMemory(env.robot, 0.1), Wanderer(env.robot, 0.1, np.random.default_rng(seed))
         positions = []
-        for _ in range(600):
+        for _ in range(300):
             twist = wanderer.command(memory.update(observation["scan"], observation["motion"]))
             action = np.array([twist.v / env.robot.max_v, twist.w / env.robot.max_w], dtype=np.float32)
             observation, _, _, _, info = env.step(action)
             positions.append(env.belief.pose[:2])
         assert info["collisions"] == 0
-        assert info["path_length"] > 3.0
-        assert np.ptp(positions, axis=0).max() > 1.5
+        assert info["path_length"] > 2.0
+        assert np.ptp(positions, axis=0).max() > 1.0
