@@ -22,9 +22,9 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 localiser's own pose, which moves along with odometry between two corrections."""
 LEAST_START_STD = (0.01, 0.005, 0.01, 0.01)
 """How well a start is known at best: standard deviations of position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
-LEAST_MAP_STD = (0.04, 0.04, 0.003)
+LEAST_MAP_STD = (0.025, 0.025, 0.003)
 """Standard deviations of x, y and heading [m, m, rad] that are added to those of a localiser's answer. Answers are not
-independent: where the map is 8 mm off they all are, and a filter that averages hundreds of them must not come to
+independent: where the map is 6 mm off they all are, and a filter that averages hundreds of them must not come to
 believe that it knows better. With this much, errors are as large as the filter says."""
 
 

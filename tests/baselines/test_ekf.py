@@ -226,7 +226,7 @@ def test_single_outliers_far_apart_never_pass_for_a_recovery():
 
 def test_errors_are_as_large_as_the_filter_says():
     """NEES of 60 runs whose noise is the model's: its mean lies within the chi-square bounds."""
-    runs, steps, dt = 60, 80, 1 / 17
+    runs, steps, dt = 50, 70, 1 / 17
     params = EkfParams(gate=1.0 - 1e-12)
     scale = np.array(
         [params.position_drift] * 2 + [params.heading_drift, params.acceleration, params.angular_acceleration]

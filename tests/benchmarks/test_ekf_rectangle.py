@@ -6,9 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from baselines.ekf import Ekf, Measurement
 from benchmarks.ekf_rectangle import __main__ as experiment
 from benchmarks.ekf_rectangle.drive import Drive, run_drive
+from benchmarks.ekf_rectangle.faults import FAULTS, FaultyLine
 from benchmarks.ekf_rectangle.measures import PAPER, measure, nees_bounds
+from envs.geometry import Pose2D
 from envs.localization.fusion import FUSIONS
 
 STEPS = 60
@@ -104,3 +107,30 @@ def test_the_start_of_the_full_fusion_beats_the_paper(drive):
     measures = measure([drive], "full")
     for key, value in PAPER.items():
         assert getattr(measures, key) < value
+
+
+def test_faults_reach_the_filter_as_they_are_called():
+    num_steps, counts = 17 * 20, {}
+    encoder, pose = np.diag([0.02, 0.02]) ** 2, np.diag([0.02, 0.02, 0.01]) ** 2
+    for name, fault in FAULTS.items():
+        line = FaultyLine(Ekf(), fault, np.random.default_rng(0))
+        for k in range(num_steps):
+            # Standing still from 30 s on, so that the time of silence is among them.
+            time = 30.0 + (k + 1) / 17
+            measurements = [Measurement(time, kind, np.zeros(2), encoder) for kind in ("encoder", "compass")]
+            if k % 5 == 0:
+                measurements.append(Measurement(time, "map", np.zeros(3), pose))
+            line.pass_on(time, measurements)
+            line.compare(time, Pose2D(0.0, 0.0, 0.0))
+        assert len(line.errors) == num_steps
+        assert np.max(line.errors) < 0.3, name
+        counts[name] = line.ekf.counts
+    assert counts["none"]["encoder"] == {"accepted": num_steps}
+    assert counts["no map"]["map"] == {}
+    assert 15 < counts["one in ten 3 s late"]["compass"]["too_old"] < 55
+    assert 5 < counts["one in twenty wrong by metres"]["encoder"]["gated"] < 35
+    assert 140 < counts["half of all missing"]["encoder"]["accepted"] < 200
+    assert counts["all silent for 5 s"]["encoder"]["accepted"] == num_steps - 84
+    late = counts["each up to 0.8 s late, out of order"]["encoder"]
+    assert late["accepted"] > num_steps - 20
+    assert "too_old" not in late
