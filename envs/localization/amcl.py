@@ -92,11 +92,10 @@ class Amcl:
         self._prepare(occupancy)
         self.rng = rng
         if pose is None:
-            self._particles = self._anywhere(self.params.global_particles or self.params.max_particles)
+            self._begin_anywhere()
         else:
             self._check_pose(pose, occupancy)
-            self._particles = self._around(pose, covariance)
-        self._begin()
+            self._begin(self._around(pose, covariance), is_proven=True)
         self._is_first = True
         self._moved = _ORIGIN
         self._estimate = self._corrected = self._estimated()
@@ -128,8 +127,7 @@ class Amcl:
             self._moved = _ORIGIN
             self._correct(ranges)
             if params.relocalize and self._is_hopeless():
-                self._particles = self._anywhere(params.global_particles or params.max_particles)
-                self._begin()
+                self._begin_anywhere()
                 self._correct(ranges)
             self._estimate = self._corrected
         else:
@@ -192,9 +190,15 @@ class Amcl:
         x, y, theta = noise + np.array(pose)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
-    def _begin(self) -> None:
-        """Start with equal weights and no memory of scans."""
-        count = self._particles.shape[1]
+    def _begin_anywhere(self) -> None:
+        params = self.params
+        self._begin(self._anywhere(params.global_particles or params.max_particles), is_proven=False)
+
+    def _begin(self, particles: np.ndarray, is_proven: bool) -> None:
+        """Start with particles of equal weights and no memory of scans; an answer not yet proven is not trusted."""
+        self._particles = particles
+        self._is_proven = is_proven
+        count = particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._used = 0
         self._slow = self._fast = 0.0
@@ -255,7 +259,8 @@ class Amcl:
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        is_lost = not has_won or fit < self.params.lost_fit
+        self._is_proven |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
+        is_lost = not (has_won and self._is_proven) or fit < self.params.lost_fit
         return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
 
     def _is_hopeless(self) -> bool:

@@ -29,7 +29,8 @@ class PoseEstimate:
     """Share of the hits of recent scans that lie near an obstacle of the map if seen from `pose`; NaN while
     no hypothesis has won, and before the first scan with enough hits."""
     is_lost: bool
-    """Whether `pose` must not be trusted: no hypothesis has won yet, or scans and map do not belong together there."""
+    """Whether `pose` must not be trusted: no hypothesis has won yet, too few scans have confirmed one
+    that came from nowhere, or scans and map do not belong together there."""
     is_corrected: bool
     """Whether the last scan was used to correct the estimate; else odometry alone has moved it."""
 

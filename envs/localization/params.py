@@ -76,7 +76,7 @@ class AmclParams:
     lost_fit: float = 0.5
     """The filter is lost where the map explains less than this share of the hits of recent scans."""
     lost_updates: int = 5
-    """How many used scans count as recent."""
+    """How many used scans count as recent. A pose that nobody has told the filter is not trusted before so many fit."""
     lost_spread: float = 0.5
     """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
     square) [m], or while that cluster holds less than half of the weight."""
