@@ -15,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from envs.coverage import map_iou
 from envs.explore import REWARD_TERMS, ExploreEnv
 from envs.lanes import Lanes, Numbers, Scratch, Views, draw_and_view, move_and_locate
+from envs.map_pyramid import block_size
 from envs.simulation import KinematicSimulator
 from envs.simulation.sensors import LidarNumbers
 from envs.slam import GivenPoseSlam, TinySlam
@@ -184,6 +185,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         """Memory that the lanes hold beside their observations [bytes], all lanes together."""
         rows = sum(rows.nbytes for rows in self._lanes)
         maps = sum(slam.map.words.nbytes + slam.map.grid.data.nbytes for slam in self._slams)
+        maps += sum(env.pyramid.near.nbytes + env.pyramid.far.nbytes for env in self.envs)
         return rows + maps + sum(env.coverage.seen.nbytes + env.trail.buffer.nbytes for env in self.envs)
 
     def _share(self, kernel: Callable[..., None], *arguments: Any) -> None:
@@ -247,6 +249,8 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         words, occupancy = grid_map.words, grid_map.grid.data
         self._lanes.map[i] = words.ctypes.data, occupancy.ctypes.data, *words.shape
         self._lanes.corner[i] = grid_map.corner
+        near, far = self.envs[i].pyramid.near, self.envs[i].pyramid.far
+        self._lanes.pyramid[i] = near.ctypes.data, len(near), far.ctypes.data, len(far)
 
     def _draw_noise(self, active: np.ndarray) -> None:
         """Draw each lane's noise as its own simulator and SLAM would, and move what moves."""
@@ -270,7 +274,9 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         low, high = lanes.touched[:, :2], lanes.touched[:, 2:]
         outside = (low < 0).any(axis=1) | (high >= lanes.map[:, :1:-1]).any(axis=1)
         for i in np.flatnonzero(active & outside).tolist():
+            env = self.envs[i]
             self._slams[i].map.grow_to_hold(*lanes.touched[i].tolist())
+            env.pyramid.rebuild(env.belief.grid, env.trail.buffer[: lanes.trail[i, 1]])
             self._point_to_map(i)
         for i in np.flatnonzero(active & (lanes.trail[:, 1] == lanes.trail[:, 2])).tolist():
             trail = self.envs[i].trail
@@ -367,6 +373,7 @@ def _numbers_of(env: ExploreEnv, simulator: KinematicSimulator, slam: TinySlam |
         told_pose=isinstance(slam, GivenPoseSlam),
         told_truth=env.slam_is_told_the_truth,
         resolution=float(params.resolution),
+        block=block_size(params.resolution),
         sigma_xy=params.sigma_xy / params.resolution,
         sigma_theta=float(params.sigma_theta),
         max_failed=params.max_failed,

@@ -14,7 +14,8 @@ from numba.extending import intrinsic
 
 from envs.coverage import count_new
 from envs.geometry.pose import between, compose, distance, wrap_angle
-from envs.observation import FAR_PIXEL, NEAR_PIXEL, crop_map, fill_motion, is_apart, scale_scan
+from envs.map_pyramid import crop_pyramid, mark_visited, pool_map
+from envs.observation import fill_motion, is_apart, scale_scan
 from envs.robots.odometry import wheel_motion
 from envs.simulation.kinematic import LEFT_ANGLE, RIGHT_ANGLE, THETA, X, Y, advance
 from envs.simulation.sensors import OTHER_NORMALS, measure_ranges
@@ -171,11 +172,19 @@ def move_and_locate(thread, first, last, actions, active, lanes, numbers, direct
 
 
 @njit(cache=True, error_model="numpy")
+def _levels(i, lanes):
+    """Return the levels of lane `i`'s map pyramid."""
+    pyramid = lanes.pyramid[i]
+    near, far = _array(pyramid[0], 1, pyramid[1], np.uint16), _array(pyramid[2], 1, pyramid[3], np.uint16)
+    return near[0], far[0]
+
+
+@njit(cache=True, error_model="numpy")
 def _draw(i, lanes, numbers, directions, ends, new_cells):
     """Draw lane `i`'s scan into its map, and count what became truly known."""
     words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
     occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
-    col, row, _ = _end_beams(i, lanes, numbers, directions, ends)
+    col, row, extent = _end_beams(i, lanes, numbers, directions, ends)
     count = draw_scan(
         words,
         occupancy,
@@ -193,6 +202,8 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
         numbers.add_blur,
         new_cells,
     )
+    near, far = _levels(i, lanes)
+    pool_map(occupancy, extent[0], extent[1], extent[2], extent[3], numbers.block, near, far)
     explorable = _array(lanes.area[i, 0], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
     seen = _array(lanes.area[i, 1], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
     lanes.gained[i] = count_new(
@@ -216,15 +227,28 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
 def _view(i, action, lanes, numbers, views):
     """Compose lane `i`'s observation."""
     x, y, theta = lanes.belief[i]
+    height, width = lanes.map[i, 2], lanes.map[i, 3]
+    left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
+    near, far = _levels(i, lanes)
     positions = _array(lanes.trail[i, 0], lanes.trail[i, 1] + 1, 2, np.float64)
     if is_apart(positions, lanes.trail[i, 1], x, y):
         positions[lanes.trail[i, 1], 0], positions[lanes.trail[i, 1], 1] = x, y
         lanes.trail[i, 1] += 1
-    trail = positions[: lanes.trail[i, 1]]
-    occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
-    left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
-    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, NEAR_PIXEL, trail, views.map_near[i])
-    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, FAR_PIXEL, trail, views.map_far[i])
+        cells = (x - left) / numbers.resolution, (y - low) / numbers.resolution
+        mark_visited(cells[0], cells[1], height, width, numbers.block, near, far)
+    crop_pyramid(
+        near,
+        far,
+        height,
+        width,
+        numbers.block,
+        numbers.resolution,
+        x - left,
+        y - low,
+        theta,
+        views.map_near[i],
+        views.map_far[i],
+    )
     scale_scan(lanes.ranges[i], numbers.lidar.range_max, views.scan[i])
     fill_motion(
         lanes.twist[i, 0],

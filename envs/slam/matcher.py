@@ -5,7 +5,12 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.geometry.lookup import load
+
 from .cells import COUNT_BITS, ONE
+
+OUTSIDE = np.uint32(0xFFFFFFFF)
+"""Index of a point that falls outside the map."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -39,33 +44,39 @@ def project_hits(ranges, range_max, directions, mount_x, mount_y, resolution, po
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_inside(words, points, num_points, x, y, c, s):
+def _sum_inside(words, points, num_points, x, y, c, s, indices):
     """Sum the occupancies under the points, all of which lie in the map."""
     flat = words.ravel()
-    width = np.float32(words.shape[1])
-    total = 0
+    width = np.int32(words.shape[1])
     for k in range(num_points):
         col = np.int32(c * points[0, k] - s * points[1, k] + x)
         row = np.int32(s * points[0, k] + c * points[1, k] + y)
-        total += flat[np.uint32(np.float32(row) * width + np.float32(col))] >> COUNT_BITS
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_checked(words, points, num_points, x, y, c, s, unvisited):
-    """Sum the occupancies under the points; outside the map nothing was ever observed."""
-    height, width = words.shape
+        indices[k] = row * width + col
     total = 0
     for k in range(num_points):
-        col = math.floor(c * points[0, k] - s * points[1, k] + x)
-        row = math.floor(s * points[0, k] + c * points[1, k] + y)
-        inside = row >= 0 and col >= 0 and row < height and col < width
-        total += (words[row, col] if inside else unvisited) >> COUNT_BITS
+        total += load(flat, indices[k]) >> COUNT_BITS
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def score(words, points, num_points, farthest, unvisited, x, y, theta):
+def _sum_checked(words, points, num_points, x, y, c, s, unvisited, indices):
+    """Sum the occupancies under the points; outside the map nothing was ever observed."""
+    flat = words.ravel()
+    rows, cols = np.float32(words.shape[0]), np.float32(words.shape[1])
+    width = np.int32(words.shape[1])
+    for k in range(num_points):
+        col = c * points[0, k] - s * points[1, k] + x
+        row = s * points[0, k] + c * points[1, k] + y
+        inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+        indices[k] = np.int32(row) * width + np.int32(col) if inside else OUTSIDE
+    total = 0
+    for k in range(num_points):
+        total += (unvisited if indices[k] == OUTSIDE else load(flat, indices[k])) >> COUNT_BITS
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def score(words, points, num_points, farthest, unvisited, x, y, theta, indices):
     """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
 
     The original's cost is the number of hits minus this sum; the best pose is the same.
@@ -79,15 +90,15 @@ def score(words, points, num_points, farthest, unvisited, x, y, theta):
         x: position of the base from the map's corner [cells].
         y: position of the base from the map's corner [cells].
         theta: heading of the base [rad].
+        indices: shape (>= num_points,), uint32: room to work in.
     """
     height, width = words.shape
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
     reach = farthest + 1.0
-    small = height * width < 1 << 24  # so that float32 holds every index
-    if small and reach <= x < width - reach and reach <= y < height - reach:
-        return _sum_inside(words, points, num_points, x32, y32, c, s)
-    return _sum_checked(words, points, num_points, x32, y32, c, s, unvisited)
+    if reach <= x < width - reach and reach <= y < height - reach:
+        return _sum_inside(words, points, num_points, x32, y32, c, s, indices)
+    return _sum_checked(words, points, num_points, x32, y32, c, s, unvisited, indices)
 
 
 @njit(cache=True, error_model="numpy")
@@ -133,7 +144,8 @@ def match(
         x, y, theta of the best pose, its cost (number of hits minus the sum of occupancies), candidates accepted,
         candidates tried.
     """
-    best = score(words, points, num_points, farthest, unvisited, x, y, theta)
+    indices = np.empty(points.shape[1], dtype=np.uint32)
+    best = score(words, points, num_points, farthest, unvisited, x, y, theta, indices)
     if record.shape[0] > 0:
         record[0] = (x, y, theta, num_points - best / ONE, 1.0)
     failed = 0
@@ -143,7 +155,7 @@ def match(
         new_x = x + sigma_xy * noise[tries, 0]
         new_y = y + sigma_xy * noise[tries, 1]
         new_theta = theta + sigma_theta * noise[tries, 2]
-        value = score(words, points, num_points, farthest, unvisited, new_x, new_y, new_theta)
+        value = score(words, points, num_points, farthest, unvisited, new_x, new_y, new_theta, indices)
         tries += 1
         improved = value > best
         if record.shape[0] > 0:

@@ -65,7 +65,7 @@ class TinySlam:
         predicted = self._predict(motion)
         pose = predicted if self._map_is_empty else self._match(ranges, predicted)
         quality = self.params.raw_quality if pose is predicted else self.params.quality
-        self._belief.new_cells = self.map.offer(ranges, pose, quality)
+        self._belief.new_cells, self._belief.touched = self.map.offer(ranges, pose, quality)
         self._belief.pose = pose
         self._map_is_empty = False
         return self._belief
