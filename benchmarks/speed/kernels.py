@@ -134,19 +134,19 @@ def _match(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     points = np.empty((2, lidar.num_beams), dtype=np.float32)
     mount = (lidar.mount.x, lidar.mount.y)
-    hits = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
+    count = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
     noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
     sigma = (params.sigma_xy / params.resolution, params.sigma_theta)
     x, y = grid_map.to_cells(scene.pose.x + 0.01, scene.pose.y)
     start = Pose2D(x, y, scene.pose.theta + 0.01)
     search = (*sigma, params.max_failed, params.max_tries, noise, np.empty((0, 5)))
-    arguments = (grid_map.words, points, *hits, grid_map.unvisited, *start)
+    arguments = (grid_map.words, points, count, grid_map.unvisited, *start)
     return Kernel(
         "match",
         lambda times: repeat_match(times, *arguments, search),
         lambda: np.array(match(*arguments, *search)[:3]),
         lambda: np.array(
-            naive_slam.match(scene.naive.values, points[:, : hits[0]], start, sigma, noise, params.max_failed)
+            naive_slam.match(scene.naive.values, points[:, :count], start, sigma, noise, params.max_failed)
         ),
     )
 

@@ -23,9 +23,9 @@ def repeat_cast_rays(times, x, y, heading, angle_min, increment, range_max, segm
 
 
 @njit
-def repeat_match(times, words, points, count, farthest, unvisited, x, y, theta, search):
+def repeat_match(times, words, points, count, unvisited, x, y, theta, search):
     for i in range(times):
-        match(words, points, count, farthest, unvisited, x + _LITTLE * i, y, theta, *search)
+        match(words, points, count, unvisited, x + _LITTLE * i, y, theta, *search)
 
 
 @njit

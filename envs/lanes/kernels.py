@@ -1,4 +1,4 @@
-"""Many kinematic robots side by side: the step of `ExploreEnv` as two kernels over lanes.
+"""Many kinematic robots side by side: the step of `ExploreEnv` as a kernel over lanes.
 
 Each lane is an `ExploreEnv`, which does its resets. Between them its numbers live in rows of shared arrays; what
 differs in size from lane to lane (walls, maps, masks) stays where the environment put it, and is reached by its
@@ -100,15 +100,12 @@ def _locate(i, motion, lanes, numbers, directions, points):
     if not numbers.told_pose:
         words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
         ranges, lidar, resolution = lanes.ranges[i], numbers.lidar, numbers.resolution
-        count, farthest = project_hits(
-            ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points
-        )
+        count = project_hits(ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points)
         col, row = lanes.corner[i, 0], lanes.corner[i, 1]
         best_x, best_y, best_theta, _, accepted, _ = match(
             words,
             points,
             count,
-            farthest,
             numbers.unvisited,
             x / resolution - col,
             y / resolution - row,
@@ -144,31 +141,17 @@ def _end_beams(i, lanes, numbers, directions, ends):
     return col, row, extent
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def move_and_locate(thread, first, last, actions, active, lanes, numbers, directions, scratch):
-    """Drive active lanes for one control period, scan, and find the pose at which the scan fits the map.
-
-    Args:
-        thread: row of `scratch` to work in.
-        first: first lane.
-        last: lane after the last.
-        actions: shape (n, 2), float32.
-        active: shape (n,), bool: lanes to step.
-        lanes: all lanes, written.
-        numbers: what they share.
-        directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
-        scratch: room to work in.
-    """
-    for i in range(first, last):
-        if active[i]:
-            motion = _drive(i, actions[i], lanes, numbers)
-            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
-            if lanes.quality[i] >= 0.0:
-                _, _, extent = _end_beams(i, lanes, numbers, directions, scratch.ends[thread])
-                for k in range(4):
-                    lanes.touched[i, k] = extent[k]
-            else:
-                lanes.touched[i] = 0
+@njit(cache=True, error_model="numpy")
+def _has_room(i, lanes, numbers, directions, ends):
+    """Tell whether lane `i`'s map and trail have room for what its step adds to them; fills `lanes.touched`."""
+    lanes.touched[i] = 0
+    if lanes.quality[i] >= 0.0:
+        _, _, extent = _end_beams(i, lanes, numbers, directions, ends)
+        for k in range(4):
+            lanes.touched[i, k] = extent[k]
+    col_min, row_min, col_max, row_max = lanes.touched[i]
+    inside = col_min >= 0 and row_min >= 0 and col_max < lanes.map[i, 3] and row_max < lanes.map[i, 2]
+    return inside and lanes.trail[i, 1] < lanes.trail[i, 2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -267,9 +250,21 @@ def _view(i, action, lanes, numbers, views):
     lanes.pose_error[i, 0], lanes.pose_error[i, 1] = distance(error[0], error[1]), abs(error[2])
 
 
+@njit(cache=True, error_model="numpy")
+def _finish(thread, i, action, lanes, numbers, directions, scratch, views):
+    """Draw lane `i`'s scan if it is due, and compose its observation."""
+    lanes.gained[i] = 0
+    if lanes.quality[i] >= 0.0:
+        _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
+    _view(i, action, lanes, numbers, views)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def draw_and_view(thread, first, last, actions, active, lanes, numbers, directions, scratch, views):
-    """Draw the scans of active lanes into their maps, and compose their observations.
+def step_lanes(thread, first, last, actions, active, waiting, lanes, numbers, directions, scratch, views):
+    """Step active lanes: drive, scan, find the pose at which the scan fits the map, draw it, and look.
+
+    Everything is done for one lane before the next, while its map is in the cache. A lane whose map or trail lacks room
+    stops before it draws, and waits for `finish_lanes`.
 
     Args:
         thread: row of `scratch` to work in.
@@ -277,15 +272,27 @@ def draw_and_view(thread, first, last, actions, active, lanes, numbers, directio
         last: lane after the last.
         actions: shape (n, 2), float32.
         active: shape (n,), bool: lanes to step.
-        lanes: all lanes, written; their maps have room for their scans.
+        waiting: shape (n,), bool, written: lanes that wait for room.
+        lanes: all lanes, written.
         numbers: what they share.
         directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
         scratch: room to work in.
         views: observations, written.
     """
     for i in range(first, last):
+        waiting[i] = False
         if active[i]:
-            lanes.gained[i] = 0
-            if lanes.quality[i] >= 0.0:
-                _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
-            _view(i, actions[i], lanes, numbers, views)
+            motion = _drive(i, actions[i], lanes, numbers)
+            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
+            if _has_room(i, lanes, numbers, directions, scratch.ends[thread]):
+                _finish(thread, i, actions[i], lanes, numbers, directions, scratch, views)
+            else:
+                waiting[i] = True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def finish_lanes(actions, waiting, lanes, numbers, directions, scratch, views):
+    """Do for lanes that have been given room what `step_lanes` left to do; arguments as there."""
+    for i in range(waiting.shape[0]):
+        if waiting[i]:
+            _finish(0, i, actions[i], lanes, numbers, directions, scratch, views)
