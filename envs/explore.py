@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.compilation import announce_compilation
 from envs.coverage import Coverage, ExplorableArea, explorable_area, map_iou
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
@@ -16,6 +17,7 @@ from envs.map_pyramid import MapPyramid
 from envs.observation import Trail, observation_space, observe
 from envs.robots import RobotParams, WheelOdometry, load_robot
 from envs.simulation import Twist, make_simulator
+from envs.simulation.sensors import measure_ranges
 from envs.slam import make_slam
 from envs.worlds import World, world_sampler
 
@@ -173,6 +175,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             if unknown := sorted(set(reward) - set(REWARD_TERMS)):
                 raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
             reward = RewardWeights(**reward)
+        announce_compilation(measure_ranges)
         self._sample_world = world_sampler(world, split=split, size=world_size)
         world_name = world if isinstance(world, str) else world.name
         self.robot = load_robot(USUAL_ROBOTS.get(world_name, "turtlebot3_burger") if robot is None else robot)

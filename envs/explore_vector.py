@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.compilation import announce_compilation
 from envs.coverage import map_iou
 from envs.explore import REWARD_TERMS, ExploreEnv
 from envs.lanes import Lanes, Numbers, Scratch, Views, finish_lanes, step_lanes
@@ -59,6 +60,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         Raises:
             ValueError: if an argument is not among the allowed values.
         """
+        self.closed = True  # until there is something to close
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
         if physics != "kinematic":
@@ -73,6 +75,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         num_threads = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
         if num_threads < 1:
             raise ValueError(f"num_threads must be at least 1 or None, got {num_threads}")
+        announce_compilation(step_lanes)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**ExploreEnv.metadata, "autoreset_mode": self.autoreset_mode}
@@ -108,6 +111,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         self._waiting = np.zeros(num_envs, dtype=np.bool_)
         self._preparer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="places")
         self._preparations: list[Future[None] | None] = [None] * num_envs
+        self.closed = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -222,12 +222,13 @@ class MapPyramid:
     def mark(self, x: float, y: float) -> None:
         """Remember that the robot has been at (x, y), map frame [m]."""
         grid, (left, low) = self._grid, self._grid.origin
-        cells = (x - left) / grid.resolution, (y - low) / grid.resolution
-        mark_visited(*cells, *grid.data.shape, self.block, self.near, self.far)
+        height, width = grid.data.shape
+        col, row = (x - left) / grid.resolution, (y - low) / grid.resolution
+        mark_visited(col, row, height, width, self.block, self.near, self.far)
 
     def crop(self, x: float, y: float, theta: float, near: np.ndarray, far: np.ndarray) -> None:
         """Look at the map from a pose in the map frame; `near` and `far` are written, see `crop_level`."""
         grid, (left, low) = self._grid, self._grid.origin
-        crop_pyramid(
-            self.near, self.far, *grid.data.shape, self.block, grid.resolution, x - left, y - low, theta, near, far
-        )
+        height, width = grid.data.shape
+        frame = (height, width, self.block, grid.resolution, x - left, y - low, theta)
+        crop_pyramid(self.near, self.far, *frame, near, far)

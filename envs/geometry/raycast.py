@@ -33,9 +33,9 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, first, span):
     """Find the beams that can meet each segment.
 
-    Fills `local` (4, n) with the segments in the frame of the first beam, as start and extent along x and y, `first` and
-    `span` (n,) with the position of the interval's start and its length, in beams; a segment out of range gets the
-    length -1.
+    Fills `local` (4, n) with the segments in the frame of the first beam, as start and extent along x and y, `first`
+    and `span` (n,) with the position of the interval's start and its length, in beams; a segment out of range gets
+    the length -1.
     """
     start_x, start_y, along_x, along_y = local[0], local[1], local[2], local[3]
     for i in range(segments.shape[0]):
@@ -66,7 +66,7 @@ def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, 
         span[i] = sweep * beams_per_radian
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
     """Shorten beams `low` to `high` - 1 to where they meet the segment from a along e."""
     area = ax * ey - ay * ex
@@ -79,7 +79,7 @@ def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
             out[k] = max(t, 0.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _hit_circle(low, high, cx, cy, radius, cosines, sines, out):
     """Shorten beams `low` to `high` - 1 to where they meet the circle."""
     power = cx * cx + cy * cy - radius * radius

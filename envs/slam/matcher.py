@@ -82,6 +82,12 @@ def score(words, points, num_points, unvisited, x, y, theta, indices):
 
 
 @njit(cache=True, error_model="numpy")
+def _note(row, x, y, theta, cost, accepted):
+    """Write a pose that was tested to a row of the record. Assigning a tuple takes seconds longer to compile."""
+    row[0], row[1], row[2], row[3], row[4] = x, y, theta, cost, 1.0 if accepted else 0.0
+
+
+@njit(cache=True, error_model="numpy")
 def match(
     words,
     points,
@@ -125,7 +131,7 @@ def match(
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, points, num_points, unvisited, x, y, theta, indices)
     if record.shape[0] > 0:
-        record[0] = (x, y, theta, num_points - best / ONE, 1.0)
+        _note(record[0], x, y, theta, num_points - best / ONE, True)
     failed = 0
     tries = 0
     accepted = 0
@@ -137,7 +143,7 @@ def match(
         tries += 1
         improved = value > best
         if record.shape[0] > 0:
-            record[tries] = (new_x, new_y, new_theta, num_points - value / ONE, 1.0 if improved else 0.0)
+            _note(record[tries], new_x, new_y, new_theta, num_points - value / ONE, improved)
         if not improved:
             failed += 1
             continue
