@@ -188,7 +188,8 @@ class Navigator:
         if self._stall.update(pose) * self._period > self._params.stall_time:
             self._recover(obstacles, backwards=True)
             return self._action(self._maneuvers.next(obstacles))
-        return self._action(self._follower.command(pose, float(motion[0]) * robot.max_v, obstacles))
+        twist = Twist(float(motion[0]) * robot.max_v, float(motion[1]) * robot.max_w)
+        return self._action(self._follower.command(pose, twist, obstacles))
 
     def _action(self, twist: Twist) -> np.ndarray:
         action = np.array([twist.v / self._robot.max_v, twist.w / self._robot.max_w], dtype=np.float32)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from baselines.obstacles import free_distance
-from envs.geometry import Pose2D
+from envs.geometry import Pose2D, wrap_angle
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
@@ -50,6 +50,8 @@ class FollowerParams:
     """Angles by which the robot steers past what stands between it and the carrot, on either side [rad]."""
     braking: float = 0.5
     """Share of the robot's greatest deceleration that braking counts on."""
+    goal_tolerance: float = 0.15
+    """Distance from a goal with a heading at which the robot stops to turn there [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -91,7 +93,7 @@ def _distance_to_bend(path, first, chord, angle):
 
 
 class PathFollower:
-    """Drives along one path at a time."""
+    """Drives along one path at a time; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
         """Prepare for a robot.
@@ -109,33 +111,32 @@ class PathFollower:
         self._side = 1.0
         self._path = np.empty((0, 2))
         self._index = 0
+        self._heading: float | None = None
         self._rotating = False
         self.blocked = False
-        """Whether the last command stood still because of an obstacle."""
+        """Whether the last command did not drive on because of obstacles."""
 
     @property
     def remaining(self) -> np.ndarray:
         """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
-    def set_path(self, path: np.ndarray) -> None:
-        """Follow another path from now on: shape (n, 2), n > 0, map frame [m], points about a map cell apart."""
+    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+        """Follow another path from now on; see `LocalPlanner`."""
         self._path = path
+        self._heading = heading
         self._index = 0
 
-    def command(self, pose: Pose2D, speed: float, obstacles: np.ndarray) -> Twist:
-        """Return the twist to command for the next period.
-
-        Args:
-            pose: believed pose of the base, map frame.
-            speed: forward speed now, by odometry [m/s].
-            obstacles: shape (n, 2), float64, base frame [m].
-        """
+    def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
+        """Return the twist to command for the next period; see `LocalPlanner`."""
         params, robot = self._params, self._robot
+        if self._heading is not None and math.hypot(*(self._path[-1] - pose[:2])) <= params.goal_tolerance:
+            self.blocked = False
+            return self.rotate(wrap_angle(self._heading - pose.theta))
         # A second of driving at full speed is as far as the nearest point can have moved on, with some to spare.
         self._index = _nearest_index(self._path, pose.x, pose.y, self._index, 40)
         self.blocked = False
-        reach = params.lookahead_time * max(abs(speed), params.min_speed * robot.max_v)
+        reach = params.lookahead_time * max(abs(twist.v), params.min_speed * robot.max_v)
         reach = min(max(reach, self._min_lookahead), params.max_lookahead)
         carrot, free = self._carrot(pose, reach, obstacles)
         angle = math.atan2(carrot[1], carrot[0])

@@ -64,6 +64,10 @@ class Maneuvers:
         """Tell whether any is left."""
         return bool(self._queue)
 
+    def clear(self) -> None:
+        """Leave out what is left."""
+        self._queue.clear()
+
     def spin(self, angle: float) -> None:
         """Turn on the spot by `angle` [rad]."""
         rate = min(self._robot.max_w, SPIN_RATE)

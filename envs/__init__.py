@@ -17,8 +17,11 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/ExploreMaze-v0": (_ENTRY_POINT, {"world": "maze"}),
     "lidarnaut/ExploreAisles-v0": (_ENTRY_POINT, {"world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (_ENTRY_POINT, {"world": "caves"}),
+    "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
+    "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),
 }
 
 for _id, (_entry_point, _kwargs) in _TABLE.items():
     if _id not in gymnasium.registry:
-        gymnasium.register(id=_id, entry_point=_entry_point, vector_entry_point=_VECTOR_ENTRY_POINT, kwargs=_kwargs)
+        _vector = _VECTOR_ENTRY_POINT if _entry_point == _ENTRY_POINT else None
+        gymnasium.register(id=_id, entry_point=_entry_point, vector_entry_point=_vector, kwargs=_kwargs)

@@ -1,5 +1,6 @@
 """Costmaps, frontiers and path planning on what the robot believes."""
 
+from .checks import check_goal, is_path_valid
 from .costmap import (
     COST_FREE,
     COST_INSCRIBED,
@@ -11,8 +12,12 @@ from .costmap import (
     crop_to_known,
     make_costmap,
 )
+from .dwb import DwbParams, DwbPlanner
 from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
+from .layers import LayeredCostmap, ObstacleParams
+from .local_planner import LocalPlanner
 from .paths import TravelField, plan_path, travel_field
+from .smoothing import smooth_path
 
 __all__ = [
     "COST_FREE",
@@ -22,14 +27,22 @@ __all__ = [
     "COST_UNKNOWN",
     "Costmap",
     "CostmapParams",
+    "DwbParams",
+    "DwbPlanner",
+    "LayeredCostmap",
+    "LocalPlanner",
+    "ObstacleParams",
     "TravelField",
+    "check_goal",
     "clear_around",
     "count_unknown",
     "crop_to_known",
     "dbscan",
     "frontier_clusters",
     "frontier_mask",
+    "is_path_valid",
     "make_costmap",
     "plan_path",
+    "smooth_path",
     "travel_field",
 ]

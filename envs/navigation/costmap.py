@@ -133,6 +133,40 @@ def _costs(data, occupied_from, reach, cost_of_squared):
     return costs
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Inflation:
+    """How obstacles spread on a raster of one resolution."""
+
+    occupied_from: int
+    """Least occupancy that is an obstacle [percent]."""
+    reach: int
+    """Distance up to which nearness to an obstacle costs [cells]."""
+    cost_of_squared: np.ndarray
+    """Shape ((reach + 1)**2 + 1,), uint8: cost by the squared distance to the nearest obstacle [cells2]."""
+
+    @classmethod
+    def of(cls, params: CostmapParams, resolution: float) -> "Inflation":
+        """Tabulate the costs for cells of a side [m].
+
+        Raises:
+            ValueError: if the inflation radius spans less than one cell or more than 180.
+        """
+        reach = math.floor(params.inflation_radius / resolution + 1e-9)
+        if not 1 <= reach <= 180:
+            raise ValueError(
+                f"inflation_radius must span 1 to 180 cells, got {params.inflation_radius} m at {resolution} m a cell"
+            )
+        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as a hair more.
+        distances = np.round(np.sqrt(np.arange((reach + 1) ** 2 + 1)) * resolution, 9)
+        table = np.array([params.cost(distance) for distance in distances], dtype=np.uint8)
+        return cls(params.occupied_from, reach, table)
+
+    def costs(self, data: np.ndarray) -> np.ndarray:
+        """Return the costs (uint8) of occupancy (int8), both of shape (height, width)."""
+        costs: np.ndarray = _costs(data, self.occupied_from, self.reach, self.cost_of_squared)
+        return costs
+
+
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
     """Inflate the obstacles of a grid.
 
@@ -143,15 +177,7 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
         grid: the map.
         params: how obstacles spread.
     """
-    reach = math.floor(params.inflation_radius / grid.resolution + 1e-9)
-    if not 1 <= reach <= 180:
-        raise ValueError(
-            f"inflation_radius must span 1 to 180 cells, got {params.inflation_radius} m at {grid.resolution} m a cell"
-        )
-    # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as a hair more.
-    distances = np.round(np.sqrt(np.arange((reach + 1) ** 2 + 1)) * grid.resolution, 9)
-    table = np.array([params.cost(distance) for distance in distances], dtype=np.uint8)
-    return Costmap(_costs(grid.data, params.occupied_from, reach, table), grid, params)
+    return Costmap(Inflation.of(params, grid.resolution).costs(grid.data), grid, params)
 
 
 @njit(cache=True, error_model="numpy")

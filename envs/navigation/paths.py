@@ -55,7 +55,7 @@ def shorten(costs, weights, travel, cells, reach):
 
     Args:
         costs: shape (height, width), uint8.
-        weights: shape (256,), int32, see `step_weights`.
+        weights: shape (256,), uint8, see `step_weights`.
         travel: shape (height + 2, width + 2), int32, from the `search` that found the path.
         cells: shape (n, 2), int64, the path's cells.
         reach: greatest number of cells that one line replaces.
@@ -106,7 +106,7 @@ class TravelField:
     costmap: Costmap
     """Where it was computed."""
     weights: np.ndarray
-    """Shape (256,), int32, see `step_weights`."""
+    """Shape (256,), uint8, see `step_weights`."""
     travel: np.ndarray
     """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no way."""
     came_by: np.ndarray

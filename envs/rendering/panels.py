@@ -6,8 +6,9 @@ import numpy as np
 import pygame
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.frontiers import frontier_mask
+from envs.robots import RobotParams
 from envs.worlds import World
 
 from . import style
@@ -52,7 +53,7 @@ class TruthPanel:
 
     def _draw_beams(self, scene: Scene, view: View) -> None:
         """Lay the area that the last scan saw over the picture, with a dot where a beam hit."""
-        sensor, ends = beam_ends(scene)
+        sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
         hits = np.isfinite(scene.ranges)
         sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
         outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
@@ -66,15 +67,16 @@ class TruthPanel:
             pygame.draw.circle(self._surface, style.LIDAR, end, 3.5)
 
 
-def beam_ends(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the lidar is, shape (2,), and where its beams end, shape (num_beams, 2), world frame [m].
+def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the lidar is, shape (2,), and where its beams end, shape (num_beams, 2) [m].
 
-    Beams without a return end at the greatest range; beams that were lost end in the lidar.
+    In the frame in which the pose is given. Beams without a return end at the greatest range; beams that were lost end
+    in the lidar.
     """
-    lidar = scene.robot.lidar
-    heading = scene.pose.theta + lidar.mount.yaw + lidar.angles
-    ranges = np.nan_to_num(scene.ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
-    sensor = scene.pose.transform(np.array([(lidar.mount.x, lidar.mount.y)]))[0]
+    lidar = robot.lidar
+    heading = pose.theta + lidar.mount.yaw + lidar.angles
+    ranges = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
+    sensor = pose.transform(np.array([(lidar.mount.x, lidar.mount.y)]))[0]
     return sensor, sensor + ranges[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
 
 

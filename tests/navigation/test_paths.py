@@ -38,12 +38,19 @@ def reference_travel(costs, weights, start):
 
 
 def random_costs(rng, height, width):
+    """Cells at random, or free space with patches in it."""
     values = np.array([0, 0, 0, 40, 252, 253, 254, 255], dtype=np.uint8)
-    return values[rng.integers(0, len(values), (height, width))]
+    if rng.integers(2):
+        return values[rng.integers(0, len(values), (height, width))]
+    costs = np.zeros((height, width), dtype=np.uint8)
+    for _ in range(rng.integers(8)):
+        row, col, tall, wide = rng.integers(0, (height, width, 8, 8))
+        costs[row : row + tall + 1, col : col + wide + 1] = rng.choice(values)
+    return costs
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(1, 12), st.integers(1, 12), st.booleans(), st.integers(0, 2**32 - 1))
+@settings(max_examples=80, deadline=None)
+@given(st.integers(1, 20), st.integers(1, 20), st.booleans(), st.integers(0, 2**32 - 1))
 def test_travel_costs_equal_scipys_exactly(height, width, allow_unknown, seed):
     rng = np.random.default_rng(seed)
     costs, weights = random_costs(rng, height, width), step_weights(3.0, allow_unknown)

@@ -143,7 +143,7 @@ def test_beams_end_where_the_scan_says():
     from envs.rendering.panels import beam_ends
 
     scene = make_scene(pose=Pose2D(5.0, 2.0, 0.0))
-    sensor, ends = beam_ends(scene)
+    sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
     mount = ROBOT.lidar.mount
     np.testing.assert_allclose(sensor, (5.0 + mount.x, 2.0 + mount.y))
     lengths = np.hypot(*(ends - sensor).T)

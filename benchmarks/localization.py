@@ -1,0 +1,135 @@
+"""How well AMCL knows where a robot is, and what that costs: `python -m benchmarks.localization`.
+
+In each of three known places robots run errands from random starts. With every seed one is tracked from a known start,
+one wakes up anywhere on the map, and one is carried off unseen; `docs/localization.md` says how each is judged. On the
+log of a real robot, filters are compared with what ROS's AMCL and Beluga reach there. All times are those of whole
+updates on one core.
+"""
+
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from benchmarks.localization_parts import intel
+from benchmarks.localization_parts.drives import load_place, symmetries
+from benchmarks.localization_parts.pictures import draw
+from benchmarks.localization_parts.runs import Run, run
+from benchmarks.localization_parts.timing import cost_by_size, update_times
+from envs.localization import load_preset
+
+WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
+"""Places, each with its usual robot."""
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[2] / "shared" / "data")) / "intel"
+"""Folder of the Intel log."""
+INTEL_SEEDS = range(100, 105)
+"""Seeds on the Intel log."""
+
+
+def main(
+    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    runs: int = 100,
+    jobs: int = 2,
+    worlds: tuple[str, ...] = WORLDS,
+    physics: Literal["kinematic", "bullet"] = "kinematic",
+    preset: str = "default",
+    first_seed: int = 0,
+    picture: Path | None = None,
+    only_runs: bool = False,
+) -> dict[str, dict[str, Any]]:
+    """Measure, and print.
+
+    Args:
+        json_file: also write everything measured to this file.
+        runs: seeds per place.
+        jobs: processes at a time.
+        worlds: places.
+        physics: by which physics the robots drive.
+        preset: of AMCL.
+        first_seed: seed of the first run.
+        picture: also draw clouds, errors and cost to this file.
+        only_runs: leave out times and the Intel log.
+    """
+    results: dict[str, dict[str, Any]] = {}
+    for world in worlds:
+        results[world] = _measure(world, preset, range(first_seed, first_seed + runs), physics, jobs)
+        _print(f"{world}, {runs} runs, {physics} physics, {preset}", results[world])
+    if not only_runs:
+        house = load_place("turtlebot3_house")
+        when, sizes, spent = cost = cost_by_size(house, 1)
+        results["timing"] = {
+            **update_times(house),
+            "kld_seconds": when.tolist(),
+            "kld_particles": sizes.tolist(),
+            "kld_update_us": spent.tolist(),
+        }
+        _print("time of a whole update", {key: v for key, v in results["timing"].items() if key.endswith("_us")})
+        for k in sorted({0, 1, 2, 4, 8, 16, len(sizes) - 1} & set(range(len(sizes)))):
+            print(f"  update {k + 1:3d} at {when[k]:5.1f} s: {sizes[k]:7.0f} particles {spent[k]:9.0f} us")
+        if picture is not None:
+            draw(house, 1, cost, picture)
+        if (DATA / "scans_2725.npz").is_file():
+            results["intel"] = intel.measure(DATA / "scans_2725.npz", INTEL_SEEDS)
+            for name, measures in results["intel"].items():
+                _print(f"Intel log, {name}", measures)
+        else:
+            print(f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+    if json_file is not None:
+        json_file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    return results
+
+
+def _run(world: str, preset: str, physics: str, seed: int) -> Run:
+    place = load_place(world)
+    return run(place, symmetries(place.grid), load_preset(preset), seed, physics)
+
+
+def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> dict[str, Any]:
+    """Run all seeds in one place, and put the runs together."""
+    work = partial(_run, world, preset, physics)
+    if jobs > 1:
+        with ProcessPoolExecutor(jobs) as pool:
+            done = list(tqdm(pool.map(work, seeds), world, len(seeds), leave=False))
+    else:
+        done = [work(seed) for seed in tqdm(seeds, world, leave=False)]
+
+    def mean(field: str) -> float:
+        return float(np.mean([getattr(one, field) for one in done]))
+
+    def quantile(field: str, share: float) -> float:
+        return float(np.quantile([getattr(one, field) for one in done], share))
+
+    position, heading = (np.array([getattr(one, field) for one in done]) for field in ("position", "heading"))
+    return {
+        "tracking_rmse_m": float(np.sqrt(np.mean(position**2))),
+        "tracking_rmse_deg": float(np.sqrt(np.mean(heading**2))),
+        "tracking_worst_run_m": float(position.max()),
+        "tracking_worst_run_deg": float(heading.max()),
+        "symmetries": len(symmetries(load_place(world).grid)),
+        "global_success": mean("found"),
+        "global_success_up_to_symmetry": mean("found_up_to_symmetry"),
+        "global_median_s": quantile("found_after", 0.5),
+        "global_p90_s": quantile("found_after", 0.9),
+        "kidnapped_recovery": mean("recovered"),
+        "kidnapped_median_s": quantile("recovered_after", 0.5),
+        "kidnapped_p90_s": quantile("recovered_after", 0.9),
+        "kidnapped_noticed_median_s": quantile("noticed_after", 0.5),
+        "confident_and_wrong_share": mean("confident_and_wrong"),
+        "lost_while_right_share": mean("lost_while_right"),
+    }
+
+
+def _print(title: str, measures: dict[str, Any]) -> None:
+    print(title)
+    for name, value in measures.items():
+        print(f"  {name:36s} {value:10.4g}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

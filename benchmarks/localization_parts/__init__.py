@@ -1,0 +1,1 @@
+"""What `python -m benchmarks.localization` is made of."""

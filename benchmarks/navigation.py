@@ -1,0 +1,186 @@
+"""How surely and how fast the classic navigator gets to random goals on known maps.
+
+Each goal is an episode of `lidarnaut/Navigate-v0`: a random start, a random goal, AMCL that was told the start with an
+error, and `baselines.map_navigator.MapNavigator`. A goal counts as reached without collision only if the robot's true
+position came within 0.3 m of it and nothing was touched on the way. Run `python -m benchmarks.navigation --help`.
+"""
+
+import json as json_format
+import math
+import multiprocessing
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from baselines.map_navigator import MapNavigatorParams
+from baselines.navigation_episode import Drive, drive
+from envs.coverage import explorable_area
+from envs.navigate import NavigateEnv
+from envs.navigate_setup import known_map
+from envs.navigation import (
+    CostmapParams,
+    LayeredCostmap,
+    is_path_valid,
+    make_costmap,
+    plan_path,
+    smooth_path,
+    travel_field,
+)
+
+WORLDS = ("turtlebot3_house", "tugbot_warehouse")
+REPEATS = 15
+"""Each cost is the median of so many runs."""
+
+
+@lru_cache(maxsize=4)
+def _environment(world: str, physics: str, localizer: str) -> NavigateEnv:
+    """Return the environment of a process, made once."""
+    return NavigateEnv(world=world, physics=physics, localizer=localizer)
+
+
+def _drive(task: tuple[str, str, str, str, int]) -> Drive:
+    world, physics, localizer, local_planner, seed = task
+    return drive(_environment(world, physics, localizer), seed, MapNavigatorParams(local_planner=local_planner))
+
+
+def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
+    """Boil drives down to measures by name.
+
+    Args:
+        drives: at least one.
+        max_v: the robot's greatest speed [m/s].
+    """
+    reached = [d for d in drives if d.is_success]
+    times = [d.duration for d in reached] or [math.nan]
+    ways = sum(d.way for d in reached)
+    return {
+        "goals": len(drives),
+        "reached_without_collision_percent": 100.0 * len(reached) / len(drives),
+        "end_reasons": dict(Counter(d.end_reason for d in drives)),
+        "with_collision": sum(d.collisions > 0 for d in drives),
+        "time_median_s": float(np.median(times)),
+        "time_p95_s": float(np.percentile(times, 95)),
+        "share_of_full_speed_percent": 100.0 * ways / max(sum(times) * max_v, 1e-9),
+        "path_over_way": sum(d.path_length for d in reached) / max(ways, 1e-9),
+        "position_rmse_cm": 100.0 * float(np.sqrt(np.mean([d.position_rmse**2 for d in drives]))),
+        "heading_rmse_deg": math.degrees(float(np.sqrt(np.mean([d.heading_rmse**2 for d in drives])))),
+        "recoveries": sum(d.recoveries for d in drives),
+        "control_us": float(np.median([d.control_us for d in drives])),
+        "failed_seeds": [d.seed for d in drives if not d.is_success],
+    }
+
+
+def _median(work: Any, repeats: int = REPEATS) -> float:
+    """Return the median wall-clock time of some work [us], after one run that compiles it."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return 1e6 * float(np.median(times))
+
+
+def planning_costs(world: str) -> dict[str, Any]:
+    """Measure what planning costs on the whole map of a world, on one core."""
+    env = NavigateEnv(world=world, physics="kinematic")
+    place, robot = env._sample_world(np.random.default_rng(0)), env.robot
+    area = explorable_area(place, robot, env.resolution)
+    grid = known_map(area)
+    params = CostmapParams(robot.radius + 0.03, robot.radius + 0.48, 4.0)
+    costmap = make_costmap(grid, params)
+    layers = LayeredCostmap(grid, params)
+    rng = np.random.default_rng(0)
+    # The two places of this map that are farthest from each other: far from anywhere, then farthest from there.
+    ends = [place.spawns[0][:2]]
+    for _ in range(2):
+        field = travel_field(costmap, ends[-1])
+        assert field is not None
+        travel = np.where(field.travel == field.travel.max(), -1, field.travel)[1:-1, 1:-1]
+        ends.append(tuple(grid.centers(np.array(np.unravel_index(travel.argmax(), travel.shape)))))
+    across = plan_path(costmap, ends[1], ends[2])
+    assert across is not None
+    pose = area.draw_pose(rng)
+    ranges = rng.uniform(0.5, robot.lidar.range_max, robot.lidar.num_beams).astype(np.float32)
+
+    def scan() -> None:
+        layers.update(pose, ranges, robot.lidar)
+        _ = layers.costmap
+
+    pairs = [(area.draw_pose(rng)[:2], area.draw_pose(rng)[:2]) for _ in range(100)]
+    random = [_median(lambda a=a, b=b: plan_path(costmap, a, b, tolerance=0.15), 3) for a, b in pairs]
+    return {
+        "cells": grid.data.size,
+        "across_m": float(np.hypot(*np.diff(across, axis=0).T).sum()),
+        "astar_across_us": _median(lambda: plan_path(costmap, ends[1], ends[2])),
+        "astar_random_median_us": float(np.median(random)),
+        "astar_random_p95_us": float(np.percentile(random, 95)),
+        "smooth_across_us": _median(lambda: smooth_path(costmap, across)),
+        "is_path_valid_us": _median(lambda: is_path_valid(costmap, across)),
+        "inflate_whole_map_us": _median(lambda: make_costmap(grid, params)),
+        "take_a_scan_us": _median(scan),
+    }
+
+
+def run(tasks: list[tuple[str, str, str, str, int]], jobs: int) -> list[Drive]:
+    """Do all drives, in processes where more than one is asked for."""
+    bar: dict[str, Any] = {"total": len(tasks), "desc": f"{tasks[0][0]}, {tasks[0][3]}", "unit": "goal"}
+    if jobs == 1:
+        return [_drive(task) for task in tqdm(tasks, **bar)]
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return list(tqdm(pool.map(_drive, tasks, chunksize=5), **bar))
+
+
+def table(results: dict[str, dict[str, Any]]) -> Table:
+    """Lay measures out, a column per world."""
+    shown = Table("measure", *results)
+    for measure in next(iter(results.values())):
+        values = [result[measure] for result in results.values()]
+        shown.add_row(measure, *(f"{v:.3g}" if isinstance(v, float) else str(v) for v in values))
+    return shown
+
+
+def main(
+    worlds: tuple[str, ...] = WORLDS,
+    goals: int = 200,
+    jobs: int = 2,
+    seed: int = 0,
+    physics: str = "bullet",
+    localizer: str = "amcl",
+    local_planner: str = MapNavigatorParams().local_planner,
+    json: Path | None = None,
+) -> None:
+    """Measure the classic navigator on random goals.
+
+    Args:
+        worlds: Library worlds.
+        goals: Goals in each; 0 measures the costs of planning alone.
+        jobs: Processes to spread them over. Costs are cleanest with one per core or fewer.
+        seed: Of the first goal; the next ones count up.
+        physics: bullet or kinematic.
+        localizer: amcl, odometry or truth.
+        local_planner: rpp or dwb.
+        json: Also write the measures to this file, as {world: {measure: value}}.
+    """
+    results = {}
+    for world in worlds:
+        tasks = [(world, physics, localizer, local_planner, seed + k) for k in range(goals)]
+        max_v = _environment(world, physics, localizer).robot.max_v
+        driven = summary(run(tasks, jobs), max_v) if tasks else {}
+        results[world] = {**driven, **planning_costs(world)}
+    Console().print(table(results))
+    if json is not None:
+        json.write_text(json_format.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

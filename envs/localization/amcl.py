@@ -1,0 +1,268 @@
+"""AMCL: adaptive Monte Carlo localisation, as Nav2 has it."""
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.robots import LidarParams
+from envs.slam.tinyslam import check_scan
+from envs.worlds.map_files import FREE_THRESH
+
+from .beam_model import BeamModel
+from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
+from .likelihood_field import LikelihoodField
+from .localizer import PoseEstimate
+from .motion_model import DifferentialDrive
+from .params import AmclParams
+from .resampling import draw
+
+_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+_NO_PARTICLES = np.empty((3, 1), dtype=np.float32)
+_MIN_HITS = 5
+"""A scan with fewer hits says nothing about whether it belongs to the map."""
+
+
+class Amcl:
+    """An augmented particle filter whose size adapts to how spread out it is.
+
+    Each scan that is used goes through four steps: propagate, reweight, normalize, sample. Fox, "Adapting the sample
+    size in particle filters through KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005),
+    table 8.3.
+    """
+
+    def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
+        """Build a localiser for one lidar.
+
+        Args:
+            lidar: geometry of the scans.
+            params: what to do with them.
+        """
+        self.params = params
+        self._lidar = lidar
+        self._motion_model = DifferentialDrive(params)
+        self._known: OccupancyGrid | None = None
+        self._bins = np.empty(params.most_particles, dtype=np.int32)
+        self._bin_of_slot = np.empty(params.most_particles, dtype=np.int32)
+        self._members = np.empty(params.most_particles)
+        self._spare = np.empty((3, params.max_particles), dtype=np.float32)
+
+    @property
+    def estimate(self) -> PoseEstimate:
+        """The current estimate."""
+        return self._estimate
+
+    @property
+    def particles(self) -> np.ndarray:
+        """The cloud: shape (n, 3), float64, x, y, heading in the map frame [m, rad]; a copy."""
+        return self._particles.T.astype(np.float64)
+
+    @property
+    def num_particles(self) -> int:
+        """Size of the cloud."""
+        return len(self._weights)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Shape (n,), float64: weights of the particles, with the sum 1; a copy."""
+        return self._weights.copy()
+
+    def reset(
+        self,
+        occupancy: OccupancyGrid,
+        pose: Pose2D | None,
+        rng: np.random.Generator,
+        *,
+        covariance: np.ndarray | None = None,
+    ) -> PoseEstimate:
+        """Forget everything, and start on a map.
+
+        Args:
+            occupancy: the map; it is not kept alive.
+            pose: where the robot is (map frame), about; None for anywhere on the map's free space.
+            rng: later noise is drawn from it.
+            covariance: shape (3, 3), of `pose` [m, m, rad]; None for the params' `initial_std`.
+
+        Raises:
+            ValueError: if the map has no free cell, `pose` lies outside of it or on a cell that is not free, or
+                `covariance` is none.
+        """
+        self._prepare(occupancy)
+        self.rng = rng
+        if pose is None:
+            self._begin_anywhere()
+        else:
+            self._check_pose(pose, occupancy)
+            self._begin(self._around(pose, covariance), is_proven=True)
+        self._is_first = True
+        self._moved = _ORIGIN
+        self._estimate = self._corrected = self._estimated()
+        return self._estimate
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
+        """Take in one scan. Where the robot has hardly moved since the last one used, it only follows odometry.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
+            motion: pose of the base now, as odometry sees it from the base at the previous scan.
+
+        Raises:
+            ValueError: if the scan has another number of beams, or the motion is not finite.
+            RuntimeError: before the first `reset`.
+        """
+        if self._known is None:
+            raise RuntimeError("AMCL has no map yet; call reset first")
+        ranges = check_scan(ranges, motion, self._lidar)
+        self._moved = moved = self._moved.compose(motion)
+        params = self.params
+        if (
+            self._is_first
+            or math.hypot(moved.x, moved.y) >= params.update_min_d
+            or abs(moved.theta) >= params.update_min_a
+        ):
+            self._motion_model(moved)(self._particles, self.rng)
+            self._is_first = False
+            self._moved = _ORIGIN
+            self._correct(ranges)
+            if params.relocalize and self._is_hopeless():
+                self._begin_anywhere()
+                self._correct(ranges)
+            self._estimate = self._corrected
+        else:
+            at_scan = self._corrected
+            self._estimate = replace(
+                at_scan, pose=at_scan.pose.compose(moved), mean=at_scan.mean.compose(moved), is_corrected=False
+            )
+        return self._estimate
+
+    def _prepare(self, occupancy: OccupancyGrid) -> None:
+        """Compute what depends on the map alone, if it is another one."""
+        known = self._known
+        if (
+            known is not None
+            and (known.resolution, known.origin) == (occupancy.resolution, occupancy.origin)
+            and np.array_equal(known.data, occupancy.data)
+        ):
+            return
+        free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
+        if not free.any():
+            raise ValueError("the map has no free cell, so the robot can be nowhere")
+        self._free_cells = np.argwhere(free)
+        self._field = LikelihoodField(self.params, self._lidar, occupancy)
+        is_beam = self.params.sensor == "beam"
+        self._sensor_model = BeamModel(self.params, self._lidar, occupancy) if is_beam else self._field
+        self._raster = BinRaster.over(occupancy.bounds, self.params.bin_size, self.params.bin_angle)
+        self._slot_of_bin = np.zeros(self._raster.num_bins, dtype=np.int32)
+        self._known = replace(occupancy, data=occupancy.data.copy())
+
+    def _check_pose(self, pose: Pose2D, occupancy: OccupancyGrid) -> None:
+        if not all(map(math.isfinite, pose)):
+            raise ValueError(f"the initial pose must be finite, got {tuple(pose)}")
+        cell = occupancy.cells(np.array(pose[:2]))
+        if not occupancy.contains(cell):
+            raise ValueError(f"the initial pose {tuple(pose)} lies outside the map, which covers {occupancy.bounds}")
+        value = occupancy.data[tuple(cell)]
+        if not 0 <= value < 100 * FREE_THRESH:
+            what = "unknown" if value < 0 else f"{value} % occupied"
+            raise ValueError(f"the initial pose {tuple(pose)} lies on a cell of the map that is {what}, not free")
+
+    def _anywhere(self, count: int) -> np.ndarray:
+        """Draw particles evenly over the map's free space and all headings: shape (3, count), float32."""
+        assert self._known is not None
+        cells = self._free_cells[self.rng.integers(len(self._free_cells), size=count)]
+        places = self._known.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
+        return np.stack([*places.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
+
+    def _around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
+        """Draw particles around a pose: shape (3, max_particles), float32."""
+        params = self.params
+        if covariance is None:
+            covariance = np.diag(np.square([params.initial_std, params.initial_std, params.initial_std_theta]))
+        covariance = np.asarray(covariance, dtype=np.float64)
+        if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+            raise ValueError(f"covariance must be a finite 3 x 3 matrix, got {covariance}")
+        values, vectors = np.linalg.eigh(covariance)
+        if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
+            raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
+        noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
+        x, y, theta = noise + np.array(pose)[:, None]
+        return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
+
+    def _begin_anywhere(self) -> None:
+        params = self.params
+        self._begin(self._anywhere(params.global_particles or params.max_particles), is_proven=False)
+
+    def _begin(self, particles: np.ndarray, is_proven: bool) -> None:
+        """Start with particles of equal weights and no memory of scans; an answer not yet proven is not trusted."""
+        self._particles = particles
+        self._is_proven = is_proven
+        count = particles.shape[1]
+        self._weights = np.full(count, 1.0 / count)
+        self._used = 0
+        self._slow = self._fast = 0.0
+        self._fits: deque[float] = deque(maxlen=self.params.lost_updates)
+
+    def _correct(self, ranges: np.ndarray) -> None:
+        """Reweight by a scan, normalize, estimate, and sample."""
+        weigh = self._sensor_model(ranges)
+        if weigh is not None:
+            level = weigh(self._particles, self._weights)
+            self._weights /= self._weights.sum()
+            self._follow(level)
+        self._corrected = self._estimated(ranges)
+        self._used += 1
+        if weigh is not None and self._used % self.params.resample_interval == 0:
+            self._sample()
+
+    def _follow(self, level: float) -> None:
+        """Let the two averages of the likelihood follow."""
+        if self._slow == 0.0:
+            self._slow = self._fast = level
+            return
+        self._slow += self.params.alpha_slow * (level - self._slow)
+        self._fast += self.params.alpha_fast * (level - self._fast)
+
+    def _sample(self) -> None:
+        """Draw the next cloud; some of it anywhere, where scans fit worse than they used to."""
+        params, rng = self.params, self.rng
+        share, fresh = 0.0, _NO_PARTICLES
+        if params.alpha_slow > 0.0 and self._fast < self._slow:
+            share = 1.0 - self._fast / self._slow
+            fresh = self._anywhere(math.ceil(params.max_particles * share) + 1)
+            self._slow = self._fast = 0.0
+        count = draw(
+            *(self._particles, self._weights, self._bins[: self._particles.shape[1]], fresh, share, rng.random()),
+            *(params.min_particles, params.kld_err, params.kld_z, self._slot_of_bin, self._bin_of_slot, self._spare),
+        )
+        self._particles = np.ascontiguousarray(self._spare[:, :count])
+        self._weights = np.full(count, 1.0 / count)
+
+    def _estimated(self, ranges: np.ndarray | None = None) -> PoseEstimate:
+        """Ask the weighted cloud where the robot is."""
+        particles, weights = self._particles, self._weights
+        bins, members = self._bins[: len(weights)], self._members[: len(weights)]
+        find_bins(particles, self._raster, bins)
+        weight = heaviest_cluster(bins, weights, self._raster, self._slot_of_bin, self._bin_of_slot, members)
+        covariance, mean_covariance = np.empty((3, 3)), np.empty((3, 3))
+        pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
+        if weight == 1.0:
+            mean, mean_covariance = pose, covariance.copy()
+        else:
+            mean = Pose2D(*mean_and_covariance(particles, weights, 1.0, mean_covariance))
+        has_won = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
+        if not has_won:
+            self._fits.clear()
+        elif ranges is not None:
+            share, hits = self._field.fit(ranges, pose)
+            if hits >= _MIN_HITS:
+                self._fits.append(share)
+        fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
+        self._is_proven |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
+        is_lost = not (has_won and self._is_proven) or fit < self.params.lost_fit
+        return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
+
+    def _is_hopeless(self) -> bool:
+        """Tell whether the map has not explained the scans for as long as it matters."""
+        return len(self._fits) == self._fits.maxlen and self._corrected.fit < self.params.lost_fit

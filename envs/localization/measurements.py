@@ -1,0 +1,100 @@
+"""What sensors say, as measurements for the filter: values, a time, and a covariance that follows from the sensor."""
+
+import math
+
+import numpy as np
+
+from envs.geometry import wrap_angle
+from envs.robots import RobotParams
+
+from .ekf import Measurement
+
+LEAST_HEADING_STD = 1e-4
+"""Standard deviation of a compass that errs by nothing [rad]."""
+
+
+class WheelMeter:
+    """Turns encoder counts into speed and yaw rate, with the wheels as the controller takes them to be.
+
+    Counts tell the mean over the time since the last call, so that the measurement is of the middle of that time. Its
+    covariance is that of two wheels, each of which may slip, and may have its count cut off at either end.
+    """
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._metres_per_tick = 2.0 * math.pi * robot.odometry.wheel_radius / robot.odometry.ticks_per_rev
+        self._track = robot.odometry.track
+        self._slip_variance = robot.drive.slip_std**2
+
+    def reset(self, time: float, ticks: tuple[int, int]) -> None:
+        """Start from cumulative counts (left, right) at a time [s]."""
+        self._time, self._ticks = time, ticks
+
+    def update(self, time: float, ticks: tuple[int, int]) -> Measurement:
+        """Return what the wheels did since the last call.
+
+        Args:
+            time: now [s].
+            ticks: cumulative counts of the left and the right wheel.
+
+        Raises:
+            ValueError: no time has passed since the last call.
+        """
+        period = time - self._time
+        if not period > 0.0:
+            raise ValueError(f"time must go on between two encoder readings, got {time!r} s after {self._time!r} s")
+        left, right = ((now - before) * self._metres_per_tick for now, before in zip(ticks, self._ticks))
+        self._time, self._ticks = time, ticks
+        cut_off = self._metres_per_tick**2 / 6.0
+        left_variance, right_variance = (cut_off + self._slip_variance * abs(rolled) for rolled in (left, right))
+        both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
+        track = self._track
+        return Measurement(
+            time - 0.5 * period,
+            "encoder",
+            np.array([0.5 * (left + right), (right - left) / track]) / period,
+            np.array([[0.25 * both, 0.5 * across / track], [0.5 * across / track, both / track**2]]),
+        )
+
+
+class CompassMeter:
+    """Turns compass readings into heading and yaw rate; the rate is the change of the heading since the last call."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        imu = robot.imu
+        # A value rounded to a step errs evenly over that step, by step / sqrt(12) in the root mean square.
+        self._variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + LEAST_HEADING_STD**2
+        self._max_w, self._max_acc_w = robot.max_w, robot.max_acc_w
+
+    def reset(self, time: float, north: float) -> None:
+        """Start at a time [s].
+
+        Args:
+            time: now [s].
+            north: what the compass reads in the direction of the map's x axis [rad].
+        """
+        self._time, self._north = time, north
+        self._heading = math.nan
+
+    def update(self, time: float, reading: float) -> Measurement:
+        """Return the heading in the map frame, and the yaw rate.
+
+        Args:
+            time: now [s].
+            reading: of the compass [rad]; with NaN the measurement has NaN, too.
+
+        Raises:
+            ValueError: no time has passed since the last call.
+        """
+        period = time - self._time
+        if not period > 0.0:
+            raise ValueError(f"time must go on between two compass readings, got {time!r} s after {self._time!r} s")
+        heading = wrap_angle(reading - self._north)
+        rate = wrap_angle(heading - self._heading) / period
+        variance, lag = self._variance, 0.5 * self._max_acc_w * period
+        rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
+        if math.isnan(rate) and not math.isnan(heading):
+            rate, rate_variance, common = 0.0, self._max_w**2, 0.0
+        self._time, self._heading = time, heading
+        return Measurement(
+            time, "compass", np.array([heading, rate]), np.array([[variance, common], [common, rate_variance]])
+        )

@@ -1,0 +1,129 @@
+"""How odometry moves particles: control in, sampler out."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D, wrap_angle
+
+from .params import AmclParams
+
+MIN_TRANSLATION = 0.01
+"""A motion shorter than this has no direction [m]."""
+_MEAN = np.int32(2 * 65535)
+_SCALE = np.float32(1.0 / math.sqrt((2.0**32 - 1.0) / 3.0))
+_PI = np.float32(math.pi)
+_TURN = np.float32(2.0 * math.pi)
+_HALF = np.float32(0.5)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def normal(seed, index):
+    """Return a draw that is nearly standard normal: the sum of four uniforms (Irwin and Hall).
+
+    Mean and variance are exact, nothing lies beyond 3.46 standard deviations. The uniforms are a word of SplitMix64
+    (Steele et al. 2014), in which each word follows from its index alone, so that loops vectorise: twenty times as fast
+    as NumPy's draws, which would take as long as everything else that moves, weighs and draws a particle.
+
+    Args:
+        seed: uint64.
+        index: number of the draw, uint64.
+    """
+    word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    word = word ^ (word >> np.uint64(31))
+    total = np.int32(word & np.uint64(0xFFFF)) + np.int32((word >> np.uint64(16)) & np.uint64(0xFFFF))
+    total += np.int32((word >> np.uint64(32)) & np.uint64(0xFFFF)) + np.int32(word >> np.uint64(48))
+    return np.float32(total - _MEAN) * _SCALE
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def sine(theta):
+    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6, without branches so that loops vectorise.
+
+    Folds the angle into a quarter turn, and takes the Taylor polynomial of eleventh degree.
+    """
+    t = _PI - theta if theta > _HALF * _PI else theta
+    t = -_PI - theta if theta < -_HALF * _PI else t
+    t2 = t * t
+    p = np.float32(-2.5052108e-8)
+    p = p * t2 + np.float32(2.7557319e-6)
+    p = p * t2 + np.float32(-1.9841270e-4)
+    p = p * t2 + np.float32(8.3333333e-3)
+    p = p * t2 + np.float32(-1.6666667e-1)
+    return t + t * t2 * p
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def wrap(theta):
+    """Return the angle equal to `theta`, float32 and a few turns off at most, in [-pi, pi]."""
+    return theta - _TURN * np.floor(theta / _TURN + _HALF)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def cosine(theta):
+    """Return the cosine of an angle in [-pi, pi], float32; see `sine`."""
+    t = theta + _HALF * _PI
+    return sine(t - _TURN if t > _PI else t)
+
+
+@njit(cache=True, error_model="numpy")
+def propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2):
+    """Move every particle by a noisy copy of a motion: turn, go, turn (Thrun et al. 2005, table 5.6).
+
+    Args:
+        particles: shape (3, n), float32, x, y, heading [m, rad]; changed in place.
+        seed: of the noise, uint64.
+        rot1: first turn [rad].
+        trans: way [m].
+        rot2: second turn [rad].
+        std1: standard deviation of the first turn [rad].
+        std_trans: standard deviation of the way [m].
+        std2: standard deviation of the second turn [rad].
+    """
+    xs, ys, thetas = particles[0], particles[1], particles[2]
+    rot1, trans, rot2 = np.float32(rot1), np.float32(trans), np.float32(rot2)
+    std1, std_trans, std2 = np.float32(std1), np.float32(std_trans), np.float32(std2)
+    count = np.uint64(xs.shape[0])
+    for i in range(xs.shape[0]):
+        k = np.uint64(i)
+        heading = wrap(thetas[i] + rot1 + std1 * normal(seed, k))
+        way = trans + std_trans * normal(seed, k + count)
+        xs[i] += way * cosine(heading)
+        ys[i] += way * sine(heading)
+        thetas[i] = wrap(heading + rot2 + std2 * normal(seed, k + count + count))
+
+
+class DifferentialDrive:
+    """The odometry motion model of a robot that turns and drives, as Nav2 computes it."""
+
+    def __init__(self, params: AmclParams) -> None:
+        self._alphas = params.alpha1, params.alpha2, params.alpha3, params.alpha4
+
+    def __call__(self, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
+        """Return what draws where particles went.
+
+        Args:
+            motion: pose of the base now, as odometry sees it from the base before.
+
+        Returns:
+            A sampler: moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
+        """
+        trans = math.hypot(motion.x, motion.y)
+        rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
+        rot2 = wrap_angle(motion.theta - rot1)
+        # Driving backwards is a turn by half a circle, a way and another such turn, and as precise as driving forwards.
+        noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
+        alpha1, alpha2, alpha3, alpha4 = self._alphas
+        std1 = math.sqrt(alpha1 * noise1**2 + alpha2 * trans**2)
+        std_trans = math.sqrt(alpha3 * trans**2 + alpha4 * (noise1**2 + noise2**2))
+        std2 = math.sqrt(alpha1 * noise2**2 + alpha2 * trans**2)
+
+        def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
+            seed = rng.integers(1 << 64, dtype=np.uint64)
+            propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2)
+
+        return sample

@@ -1,0 +1,161 @@
+"""Parameters of AMCL, and the presets that come with it."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AmclParams:
+    """Everything that AMCL can be told. Defaults are Nav2's, with its names where they do not mislead."""
+
+    min_particles: int = 500
+    """Least number of particles."""
+    max_particles: int = 2000
+    """Greatest number of particles, and the number to start with around a given pose."""
+    global_particles: int | None = None
+    """Particles to start with where nothing is known of the pose; None for `max_particles`. The first scan that is
+    used leaves `max_particles` of them at most."""
+    kld_err: float = 0.05
+    """How far the cloud's distribution may be from the true one (Kullback-Leibler); Nav2's `pf_err`."""
+    kld_z: float = 0.99
+    """Upper quantile of the standard normal for that promise; Nav2's `pf_z`, which is used as a quantile there too."""
+    bin_size: float = 0.5
+    """Side of the bins whose number decides how many particles are needed [m]."""
+    bin_angle: float = math.radians(10.0)
+    """Their size in heading [rad]; rounded so that a whole number fills the turn."""
+    alpha1: float = 0.2
+    """Variance of a rotation per squared rotation."""
+    alpha2: float = 0.2
+    """Variance of a rotation per squared translation [rad2/m2]."""
+    alpha3: float = 0.2
+    """Variance of a translation per squared translation."""
+    alpha4: float = 0.2
+    """Variance of a translation per squared rotation [m2/rad2]."""
+    sensor: SensorModel = "likelihood_field"
+    """How scans are weighed; see `docs/localization.md`."""
+    max_beams: int = 60
+    """Beams of a scan that are used, evenly spread."""
+    max_range: float | None = None
+    """Readings from this on count as no return [m]; None takes the lidar's range."""
+    z_hit: float = 0.5
+    """Weight of readings that end at a known obstacle."""
+    z_short: float = 0.05
+    """Weight of readings that end before it (`beam`)."""
+    z_max: float = 0.05
+    """Weight of readings without a return (`beam`)."""
+    z_rand: float = 0.5
+    """Weight of readings that end anywhere."""
+    sigma_hit: float = 0.2
+    """Spread of readings around the obstacle [m]."""
+    lambda_short: float = 0.1
+    """Rate at which readings before the obstacle become rarer with their range [1/m] (`beam`)."""
+    max_distance: float = 2.0
+    """Distance to the nearest obstacle beyond which distances are all the same [m]; `laser_likelihood_max_dist`."""
+    squash: float = 1.0
+    """The log likelihood of a whole scan is divided by this, because its beams are not as independent as
+    `likelihood_field_prob` takes them to be, which alone uses it; 1 for Nav2, 2.2 in MIT's filter for race cars."""
+    update_min_d: float = 0.25
+    """A scan is used once the robot is this far from where the last one was used [m]..."""
+    update_min_a: float = 0.2
+    """... or has turned by this much since [rad]."""
+    resample_interval: int = 1
+    """Used scans per resampling."""
+    alpha_slow: float = 0.0
+    """Rate at which the long-term average of the likelihood follows; 0 for no random particles."""
+    alpha_fast: float = 0.0
+    """The same for the short-term average."""
+    initial_std: float = 0.5
+    """Spread around the pose given at the start, per axis [m]."""
+    initial_std_theta: float = math.radians(15.0)
+    """The same for its heading [rad]."""
+    lost_distance: float = 0.2
+    """A hit farther than this from every obstacle of the map is not explained by it [m]."""
+    lost_fit: float = 0.5
+    """The filter is lost where the map explains less than this share of the hits of recent scans."""
+    lost_updates: int = 5
+    """How many used scans count as recent. A pose that nobody has told the filter is not trusted before so many fit."""
+    lost_spread: float = 0.5
+    """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
+    square) [m], or while that cluster holds less than half of the weight."""
+    relocalize: bool = False
+    """Whether a filter that the map has not explained for `lost_updates` used scans starts over, from anywhere."""
+
+    def __post_init__(self) -> None:
+        for field in ("min_particles", "max_beams", "resample_interval", "lost_updates"):
+            self._require(getattr(self, field) >= 1, field, "must be at least 1")
+        self._require(self.max_particles >= self.min_particles, "max_particles", "must be at least min_particles")
+        few = self.global_particles is not None and self.global_particles < self.min_particles
+        self._require(not few, "global_particles", "must be at least min_particles, or None")
+        self._require(self.sensor in get_args(SensorModel), "sensor", f"must be one of {get_args(SensorModel)}")
+        for field in ("kld_err", "kld_z", "bin_size", "sigma_hit", "max_distance", "squash", "lost_spread"):
+            self._require(0 < getattr(self, field) < math.inf, field, "must be positive")
+        self._require(self.max_range is None or 0 < self.max_range < math.inf, "max_range", "must be positive or None")
+        self._require(0 < self.bin_angle <= math.pi, "bin_angle", "must lie in (0, pi]")
+        for field in (
+            *("alpha1", "alpha2", "alpha3", "alpha4", "z_hit", "z_short", "z_max", "lambda_short"),
+            *("update_min_d", "update_min_a", "initial_std", "initial_std_theta", "lost_distance"),
+        ):
+            self._require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
+        self._require(0 < self.z_rand < math.inf, "z_rand", "must be positive: no reading is impossible")
+        for field in ("alpha_slow", "alpha_fast", "lost_fit"):
+            self._require(0 <= getattr(self, field) <= 1, field, "must lie in [0, 1]")
+        self._require(self.alpha_slow <= self.alpha_fast, "alpha_slow", "must not exceed alpha_fast")
+
+    def _require(self, condition: bool, field: str, what: str) -> None:
+        if not condition:
+            raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
+
+    @property
+    def most_particles(self) -> int:
+        """Greatest number of particles at any time."""
+        return max(self.max_particles, self.global_particles or 0)
+
+
+PRESETS: dict[str, AmclParams] = {
+    "nav2": AmclParams(),
+    "default": AmclParams(
+        max_particles=5000,
+        global_particles=100_000,
+        alpha1=0.05,
+        alpha2=0.05,
+        alpha3=0.05,
+        alpha4=0.05,
+        sensor="likelihood_field_prob",
+        sigma_hit=0.1,
+        squash=4.0,
+        update_min_d=0.1,
+        update_min_a=0.1,
+        lost_fit=0.8,
+        lost_updates=10,
+        relocalize=True,
+    ),
+    "seed2": AmclParams(
+        max_particles=3000,
+        kld_err=0.02,
+        alpha1=0.1,
+        alpha2=0.1,
+        alpha3=0.1,
+        alpha4=0.1,
+        max_beams=180,
+        max_range=3.5,
+        update_min_d=0.2,
+    ),
+}
+"""Params by name: `nav2` as Nav2's AMCL comes, `seed2` from the launch file that seed 2 drives its robot with, and
+`default` for the environments."""
+
+
+def load_preset(preset: str | AmclParams) -> AmclParams:
+    """Return params by the name of a preset, or as they are.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
+    if isinstance(preset, AmclParams):
+        return preset
+    if preset not in PRESETS:
+        raise ValueError(f"unknown preset {preset!r} of AMCL; choose one of {', '.join(PRESETS)}")
+    return PRESETS[preset]

@@ -1,0 +1,84 @@
+"""Whether a robot may stand on a goal, and can still follow a path."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .astar import COST_WEIGHT, step_weights
+from .costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from .paths import nearest_cell
+
+
+@njit(cache=True, error_model="numpy")
+def _is_open(points, costs, weights, origin_x, origin_y, resolution):
+    """Tell whether all points lie where the robot may stand, but for the first ones as long as it gets out of there."""
+    height, width = costs.shape
+    is_out = False
+    for k in range(points.shape[0]):
+        row = math.floor((points[k, 1] - origin_y) / resolution)
+        col = math.floor((points[k, 0] - origin_x) / resolution)
+        if row < 0 or col < 0 or row >= height or col >= width:
+            return False
+        cost = costs[row, col]
+        if cost in (COST_INSCRIBED, COST_LETHAL):
+            if is_out:
+                return False
+        elif weights[cost] == 0:
+            return False
+        else:
+            is_out = True
+    return is_out
+
+
+def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
+    """Tell whether a robot can follow a path: it stays inside the map and touches nothing that is known.
+
+    Points at the start where the robot touches something in its belief already do not count, if it gets out of there.
+
+    Args:
+        costmap: the costs now.
+        path: shape (n, 2), points about a cell apart [m].
+        allow_unknown: whether it may cross unknown cells.
+    """
+    grid = costmap.grid
+    points = np.ascontiguousarray(path, dtype=np.float64)
+    weights = step_weights(COST_WEIGHT, allow_unknown)
+    return bool(_is_open(points, costmap.costs, weights, *grid.origin, grid.resolution))
+
+
+def check_goal(
+    costmap: Costmap, goal: tuple[float, float], *, tolerance: float = 0.0, allow_unknown: bool = False
+) -> None:
+    """Make sure that a robot could stand on a goal, or near enough to it.
+
+    Args:
+        costmap: the costs now.
+        goal: where to go (x, y), map frame [m].
+        tolerance: how far beside the goal the robot may stop [m].
+        allow_unknown: whether it may stand on unknown cells.
+
+    Raises:
+        ValueError: if it could not; says what is in the way.
+    """
+    if not all(map(math.isfinite, goal)):
+        raise ValueError(f"goal must be finite, got {goal}")
+    grid = costmap.grid
+    row, col = (int(k) for k in grid.cells(np.array(goal)))
+    reach = math.floor(tolerance / grid.resolution + 1e-9)
+    weights = step_weights(COST_WEIGHT, allow_unknown)
+    if nearest_cell(costmap.costs, weights, row, col, reach, COST_MAX_FREE)[0] >= 0:
+        return
+    name = f"goal ({goal[0]:.2f}, {goal[1]:.2f})"
+    if not grid.contains(np.array([row, col])):
+        raise ValueError(f"{name} lies outside the map, which covers {tuple(round(k, 2) for k in grid.bounds)}")
+    cost = costmap.costs[row, col]
+    if cost == COST_UNKNOWN:
+        raise ValueError(f"{name} lies in unknown space, and no known free place lies within {tolerance:g} m of it")
+    if cost == COST_LETHAL:
+        raise ValueError(f"{name} lies in an obstacle, and no free place lies within {tolerance:g} m of it")
+    radius = costmap.params.robot_radius
+    raise ValueError(
+        f"{name} lies nearer to an obstacle than the robot's {radius:.2f} m, and no place with more room lies within "
+        f"{tolerance:g} m of it"
+    )

@@ -1,0 +1,213 @@
+"""What DWB asks of a trajectory: kernels that roll twists out in the robot's frame and judge where they lead.
+
+Everything lies on a square raster in the base frame, the robot in the middle of its middle cell, x along columns.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import wrap_angle
+
+from .costmap import COST_INSCRIBED
+
+ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
+"""Columns of the scores."""
+NUM_CRITICS = 7
+"""How many there are."""
+
+
+class Motion(NamedTuple):
+    """How twists are rolled out."""
+
+    v: float
+    """Forward speed now [m/s]."""
+    w: float
+    """Yaw rate now [rad/s]."""
+    max_acc_v: float
+    """Greatest change of forward speed [m/s2]."""
+    max_acc_w: float
+    """Greatest change of yaw rate [rad/s2]."""
+    sim_time: float
+    """How long [s]."""
+    linear_granularity: float
+    """Longest step [m]."""
+    angular_granularity: float
+    """Greatest turn in a step [rad]."""
+
+
+class Ending(NamedTuple):
+    """What the goal critic looks at; see `RotateToGoal` of DWB."""
+
+    is_near: bool
+    """Whether the robot stands within the tolerance of a goal with a heading."""
+    heading: float
+    """That heading in the base frame [rad]."""
+    stopped_speed: float
+    """Speed up to which the robot counts as standing, and may turn [m/s]."""
+    slowing_factor: float
+    """Price of speed near the goal."""
+
+
+@njit(cache=True, error_model="numpy")
+def roll_out(v, w, motion, poses):
+    """Follow a commanded twist from the origin, with the speeds ramped from what they are now.
+
+    Args:
+        v: commanded forward speed [m/s].
+        w: commanded yaw rate [rad/s].
+        motion: `Motion`.
+        poses: shape (n, 3), float64, written: (x, y, heading) after each step, base frame [m, m, rad].
+
+    Returns:
+        How many steps were written, at most n.
+    """
+    turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
+    metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
+    num_steps = min(max(1, math.ceil(max(turns, metres))), poses.shape[0])
+    dt = motion.sim_time / num_steps
+    x = y = theta = 0.0
+    speed, rate, turn = motion.v, motion.w, math.nan
+    c = s = step_c = step_s = 0.0
+    for k in range(num_steps):
+        speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
+        rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
+        if rate * dt == turn:
+            # Once the yaw rate is reached, the direction turns on evenly.
+            c, s = c * step_c - s * step_s, s * step_c + c * step_s
+        else:
+            turn = rate * dt
+            c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
+            step_c, step_s = math.cos(turn), math.sin(turn)
+        x += speed * dt * c
+        y += speed * dt * s
+        theta += turn
+        poses[k, 0], poses[k, 1], poses[k, 2] = x, y, theta
+    return num_steps
+
+
+@njit(cache=True, error_model="numpy")
+def spread(costs, distances, queue, num_seeds):
+    """Count the steps to the four nearest cells that lead to any seed around what the robot would touch.
+
+    Args:
+        costs: shape (n, n), uint8.
+        distances: shape (n, n), int32, written: steps; n * n where the robot would touch something; n * n + 1 where
+            nothing leads.
+        queue: shape (n * n,), int32: indices of the seeds at its start, none of them twice; overwritten.
+        num_seeds: how many they are.
+    """
+    side = costs.shape[0]
+    size = side * side
+    flat, steps = costs.reshape(size), distances.reshape(size)
+    steps[:] = size + 1
+    for k in range(num_seeds):
+        steps[queue[k]] = 0
+    first, last = 0, num_seeds
+    while first < last:
+        cell = queue[first]
+        first += 1
+        row, col = cell // side, cell % side
+        for d_row, d_col in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            if row + d_row < 0 or col + d_col < 0 or row + d_row >= side or col + d_col >= side:
+                continue
+            neighbour = cell + d_row * side + d_col
+            if steps[neighbour] != size + 1:
+                continue
+            if flat[neighbour] >= COST_INSCRIBED:
+                steps[neighbour] = size
+                continue
+            steps[neighbour] = steps[cell] + 1
+            queue[last] = neighbour
+            last += 1
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def cell_of(x, y, side, resolution):
+    """Return the index of the cell of (x, y), base frame [m], on the flat raster; -1 outside."""
+    half = 0.5 * side
+    col, row = math.floor(x / resolution + half), math.floor(y / resolution + half)
+    return row * side + col if 0 <= row < side and 0 <= col < side else -1
+
+
+@njit(cache=True, error_model="numpy")
+def _rotate_to_goal(v, poses, num_steps, motion, ending):
+    """Return what a trajectory costs near the goal: first stop, then turn; NaN if it does neither."""
+    if not ending.is_near:
+        return 0.0
+    error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
+    if abs(motion.v) > ending.stopped_speed:
+        return v * v * ending.slowing_factor + error if abs(v) < abs(motion.v) else np.nan
+    return error if v == 0.0 else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _clearance_cost(poses, num_steps, costs, squared, resolution):
+    """Return the cost of a trajectory's last cell; NaN if it touches something, or leads off the raster.
+
+    A robot that touches something already, by noise, may still do what does not bring it nearer.
+    """
+    side = costs.shape[0]
+    cost_of, squared_of = costs.reshape(side * side), squared.reshape(side * side)
+    middle = (side // 2) * side + side // 2
+    touches = cost_of[middle] >= COST_INSCRIBED
+    cost = np.uint8(0)
+    for k in range(num_steps):
+        cell = cell_of(poses[k, 0], poses[k, 1], side, resolution)
+        if cell < 0:
+            return np.nan
+        cost = cost_of[cell]
+        if cost >= COST_INSCRIBED and not (touches and squared_of[cell] >= squared_of[middle]):
+            return np.nan
+    return float(cost)
+
+
+@njit(cache=True, error_model="numpy")
+def _steps_at(distances, x, y, resolution, must_lead):
+    """Look up a raster of steps; NaN, where `must_lead`, for cells that do not lead to its seeds."""
+    side = distances.shape[0]
+    size = side * side
+    cell = cell_of(x, y, side, resolution)
+    steps = size + 1 if cell < 0 else distances.reshape(size)[cell]
+    return np.nan if must_lead and steps >= size else float(steps)
+
+
+@njit(cache=True, error_model="numpy")
+def judge(twists, banned, motion, ending, costs, squared, resolution, steps, ahead, aligns, scores):
+    """Score twists by every critic; lower is better, NaN is out of the question.
+
+    Args:
+        twists: shape (n, 2), float64: forward speed [m/s] and yaw rate [rad/s].
+        banned: (v < 0, v > 0, w < 0, w > 0): directions that would be to swing back and forth.
+        motion: `Motion`.
+        ending: `Ending`.
+        costs: shape (side, side), uint8.
+        squared: same shape, uint16: squared distance to the nearest obstacle [cells2], up to the inflation's reach.
+        resolution: side of a cell [m].
+        steps: shape (3, side, side), int32: to the path, to the end of it in reach, and to a point a little farther on.
+        ahead: distance of the point in front of the robot that alignment looks at [m].
+        aligns: whether the robot is far enough from the goal to align with the path.
+        scores: shape (n, 7), float64, written; see `ROTATE_TO_GOAL` and its neighbours.
+    """
+    poses = np.empty((1000, 3))
+    to_path, to_goal, to_goal_ahead = steps[0], steps[1], steps[2]
+    for i in range(twists.shape[0]):
+        v, w = twists[i]
+        scores[i] = np.nan
+        if (v < 0 and banned[0]) or (v > 0 and banned[1]) or (w < 0 and banned[2]) or (w > 0 and banned[3]):
+            continue
+        num_steps = roll_out(v, w, motion, poses)
+        cost = _clearance_cost(poses, num_steps, costs, squared, resolution)
+        if math.isnan(cost):
+            continue
+        x, y, theta = poses[num_steps - 1]
+        front_x, front_y = x + ahead * math.cos(theta), y + ahead * math.sin(theta)
+        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, motion, ending)
+        scores[i, OSCILLATION] = 0.0
+        scores[i, BASE_OBSTACLE] = cost
+        scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)
+        scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if aligns else 0.0
+        scores[i, PATH_DIST] = _steps_at(to_path, x, y, resolution, True)
+        scores[i, GOAL_DIST] = _steps_at(to_goal, x, y, resolution, True)

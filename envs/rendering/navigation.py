@@ -1,0 +1,128 @@
+"""The picture of a robot that finds its way on a known map: what it believes, over the map, with where it truly is."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pygame
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import crop_to_known
+from envs.robots import RobotParams
+from envs.worlds import World
+
+from . import style
+from .glyphs import draw_dashes, draw_mark, draw_path, draw_robot
+from .panels import SUPERSAMPLING, beam_ends, new_surface
+from .picture import FOOTER, GAP, HEADER, Typesetter
+from .view import View
+
+LEGEND = (
+    ("true path", style.TRUE, "line"),
+    ("true pose", style.TRUE, "ring"),
+    ("believed pose", style.BELIEVED, "box"),
+    ("particles", style.BELIEVED, "disc"),
+    ("lidar", style.LIDAR, "disc"),
+    ("plan", style.PLAN, "dashes"),
+    ("goal", style.FRONTIER, "ring"),
+)
+"""What is drawn, its colour, and the kind of mark that stands for it."""
+MAX_PARTICLES = 3000
+"""Particles that are drawn at most."""
+
+
+@dataclass(slots=True)
+class NavigationScene:
+    """One moment of a drive over a known map. All poses lie in the map's frame."""
+
+    world: World
+    """The place, for its name."""
+    robot: RobotParams
+    """The robot."""
+    pose: Pose2D
+    """True pose of the robot's base."""
+    believed_pose: Pose2D
+    """Where the localiser takes it to be."""
+    is_lost: bool
+    """Whether the localiser says that this must not be trusted."""
+    particles: np.ndarray
+    """Shape (n, 3): x, y, heading; empty for localisers without."""
+    grid: OccupancyGrid
+    """The map."""
+    ranges: np.ndarray
+    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
+    trail: np.ndarray
+    """True positions so far, shape (n, 2) [m]."""
+    goal: Pose2D | None
+    """Where to go; None without a goal."""
+    plan: np.ndarray | None
+    """Planned path, shape (n, 2) [m]; None without one."""
+    time: float
+    """Time since the reset [s]."""
+    collisions: int
+    """Contacts so far."""
+
+
+class NavigationPicture:
+    """Paints navigation scenes."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        """Lay out a picture of `size` (width, height) [px]."""
+        width, height = size
+        self._box = pygame.Rect(GAP, HEADER, width - 2 * GAP, height - HEADER - FOOTER)
+        self._surface = new_surface((self._box.width * SUPERSAMPLING, self._box.height * SUPERSAMPLING))
+        self._frame = new_surface(size)
+        self._text = Typesetter()
+        colours = style.occupancy_colours()
+        self._palette = np.array([self._surface.map_rgb(tuple(colour)) for colour in colours.tolist()], dtype=np.uint32)
+
+    def paint(self, scene: NavigationScene) -> pygame.Surface:
+        """Draw a scene; the surface is used again for the next one."""
+        self._frame.fill(style.PAPER)
+        view = View(crop_to_known(scene.grid).bounds, self._surface.get_size())
+        self._draw_map(scene, view)
+        pygame.transform.smoothscale(self._surface, self._box.size, self._frame.subsurface(self._box))
+        pygame.draw.rect(self._frame, style.RULE, self._box.inflate(2, 2), 1)
+        self._draw_header(scene)
+        x, y = self._box.left, self._box.bottom + FOOTER // 2
+        for text, colour, mark in LEGEND:
+            draw_mark(self._frame, x, y, colour, mark)
+            x = self._text.label(self._frame, text, midleft=(x + 22, y)).right + 14
+        return self._frame
+
+    def _draw_map(self, scene: NavigationScene, view: View) -> None:
+        surface = self._surface
+        view.paint_grid(scene.grid, Pose2D(0.0, 0.0, 0.0), self._palette, pygame.surfarray.pixels2d(surface).T)
+        draw_path(surface, view.pixels(np.vstack([scene.trail, scene.pose[:2]])), style.TRUE, 4)
+        step = max(1, len(scene.particles) // MAX_PARTICLES)
+        for x, y in view.pixels(scene.particles[::step, :2]).tolist():
+            pygame.draw.circle(surface, style.BELIEVED, (x, y), 3)
+        if scene.plan is not None:
+            draw_dashes(surface, view.pixels(scene.plan), style.PLAN, 5)
+        if scene.goal is not None:
+            centre = view.pixels(np.array(scene.goal[:2]))[0]
+            tip = view.pixels(scene.goal.transform(np.array([[30.0 / view.scale, 0.0]])))[0]
+            pygame.draw.circle(surface, style.FRONTIER, centre, 16, 5)
+            pygame.draw.line(surface, style.FRONTIER, centre, tip, 5)
+        _, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
+        for end in view.pixels(ends)[np.isfinite(scene.ranges)].tolist():
+            pygame.draw.circle(surface, style.LIDAR, end, 4)
+        if not scene.is_lost:
+            draw_robot(surface, view, scene.robot, scene.believed_pose, style.BELIEVED)
+        draw_robot(surface, view, scene.robot, scene.pose, style.TRUE, ghost=True)
+
+    def _draw_header(self, scene: NavigationScene) -> None:
+        frame, text = self._frame, self._text
+        left, right = self._box.left, self._box.right
+        text.number(frame, scene.world.name, topleft=(left, 14))
+        text.label(frame, scene.robot.name, topleft=(left, 46))
+        text.title(frame, "Where am I?" if scene.is_lost else "Localised", topleft=(left, 70))
+        error = scene.pose.between(scene.believed_pose)
+        for label, value in (
+            ("collisions", f"{scene.collisions}"),
+            ("position error", f"{100 * math.hypot(error.x, error.y):.0f} cm"),
+            ("time", f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"),
+        ):
+            text.number(frame, value, topright=(right, 14))
+            text.label(frame, label, topright=(right, 46))
+            right -= 124

@@ -1,0 +1,136 @@
+"""Routes to follow: points with their headings, and where along them a robot is."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.geometry import Pose2D, wrap_angle
+from envs.simulation import Twist
+
+SPACING = 0.05
+"""Distance between neighbouring points of a route [m]."""
+WINDOW = 40
+"""Points ahead among which the nearest is looked for: a route that crosses or closes itself is driven in order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """A way to drive, from its first to its last point."""
+
+    points: np.ndarray
+    """Shape (n, 2), float64 [m]."""
+    headings: np.ndarray
+    """Shape (n,), float64, direction of the way at each point [rad]."""
+    along: np.ndarray
+    """Shape (n,), float64, length of the way from the start to each point [m]."""
+
+    @classmethod
+    def of(cls, corners: np.ndarray) -> "Route":
+        """Return the route along a polyline.
+
+        Args:
+            corners: shape (n, 2), n > 1 [m].
+
+        Raises:
+            ValueError: the shape is another, or something is not finite or of no length.
+        """
+        corners = np.asarray(corners, dtype=np.float64)
+        if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or not np.isfinite(corners).all():
+            raise ValueError(f"a path must be finite points of shape (n, 2), n > 1, got {corners.tolist()!r:.200}")
+        at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+        if at[-1] < SPACING:
+            raise ValueError(f"a path must be at least {SPACING} m long, got {at[-1]:.3g} m")
+        along = np.linspace(0.0, at[-1], math.ceil(at[-1] / SPACING) + 1)
+        points = np.column_stack([np.interp(along, at, corners[:, k]) for k in (0, 1)])
+        steps = np.diff(points, axis=0)
+        headings = np.arctan2(steps[:, 1], steps[:, 0])
+        return cls(points, np.append(headings, headings[-1]), along)
+
+    @property
+    def length(self) -> float:
+        """Length of the way [m]."""
+        return float(self.along[-1])
+
+    @property
+    def start(self) -> Pose2D:
+        """Where to stand at the beginning."""
+        return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
+
+    def seen_from(self, frame: Pose2D) -> "Route":
+        """Return the same route in another frame, given in the frame of this one."""
+        headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
+        return Route(frame.inverse().transform(self.points), headings, self.along)
+
+
+def rectangle(start: Pose2D, length: float = 78.0, side: float = 24.0, corner_radius: float = 1.0) -> np.ndarray:
+    """Return a rectangle with rounded corners, driven counter-clockwise; seed 4's way.
+
+    A robot with two driven wheels does not take a sharp corner at speed, as the paper's mecanum robot may.
+
+    Args:
+        start: beginning of the first long side, just after a corner.
+        length: of the whole way [m].
+        side: of the rectangle along the start's heading, corners included [m].
+        corner_radius: radius of the corners [m].
+
+    Returns:
+        Shape (n, 2), float64, points `SPACING` apart in the corners; the last equals the first [m].
+
+    Raises:
+        ValueError: the sides do not leave room for the corners.
+    """
+    r = corner_radius
+    other = 0.5 * (length + (8.0 - 2.0 * math.pi) * r) - side
+    if not (r > 0.0 and side >= 2.0 * r and other >= 2.0 * r):
+        raise ValueError(f"a rectangle of {length} m with a side of {side} m has no room for corners of {r} m")
+    angles = np.linspace(-0.5 * math.pi, 0.0, math.ceil(0.5 * math.pi * r / SPACING) + 1)
+    corner = r * np.column_stack([np.cos(angles), np.sin(angles) + 1.0])
+    pieces = [np.zeros((1, 2))]
+    pose = Pose2D(0.0, 0.0, 0.0)
+    for straight in (side - 2.0 * r, other - 2.0 * r) * 2:
+        pose = pose.compose(Pose2D(straight, 0.0, 0.0))
+        pieces.append(pose.transform(corner))
+        pose = pose.compose(Pose2D(r, r, 0.5 * math.pi))
+    return start.transform(np.concatenate(pieces))
+
+
+class Progress:
+    """Where along a route a robot is; never goes back, and never leaps to where the route comes by again."""
+
+    def __init__(self, route: Route) -> None:
+        """Begin at the start of the route."""
+        self.route = route
+        self.index = 0
+        """Of the nearest point, looking ahead from the last one."""
+
+    def update(self, pose: Pose2D) -> tuple[float, float]:
+        """Find the robot on the route.
+
+        Returns:
+            How far along the route it is, and how far to the left of it [m].
+        """
+        route = self.route
+        ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
+        self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
+        dx, dy = pose[:2] - route.points[self.index]
+        c, s = math.cos(route.headings[self.index]), math.sin(route.headings[self.index])
+        return float(route.along[self.index]), float(c * dy - s * dx)
+
+    def ahead(self, distances: np.ndarray) -> np.ndarray:
+        """Return the points of the route that lie so far ahead, the last one where it ends: shape (n, 2) [m]."""
+        target = self.route.along[self.index] + distances
+        return np.column_stack([np.interp(target, self.route.along, self.route.points[:, k]) for k in (0, 1)])
+
+
+def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
+    """Return the twist that leads to the route `lookahead` metres on, by pure pursuit.
+
+    Args:
+        progress: where the robot is, up to date.
+        pose: of the robot, in the frame of the route.
+        speed: to drive with [m/s].
+        lookahead: distance along the route to the point aimed at [m].
+    """
+    x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
+    return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

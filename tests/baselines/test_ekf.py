@@ -1,0 +1,314 @@
+"""The Kalman filter against a slow reference, against known answers, and against everything that measurements do."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from baselines.ekf import KINDS, Ekf, EkfParams, Measurement
+from envs.geometry import Pose2D, wrap_angle
+from envs.localization.ekf import MEASURED, predict
+
+NOISE = {
+    "map": np.diag([0.02, 0.02, 0.01]) ** 2,
+    "encoder": np.diag([0.02, 0.04]) ** 2,
+    "compass": np.diag([0.001, 0.03]) ** 2,
+}
+START = np.diag([0.05, 0.05, 0.02, 0.1, 0.1]) ** 2
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+
+
+def measure(time, kind, *values):
+    return Measurement(time, kind, np.array(values, dtype=float), NOISE[kind])
+
+
+DEFAULTS = EkfParams()
+
+
+def started(params=DEFAULTS, pose=ORIGIN, **velocity):
+    ekf = Ekf(params)
+    ekf.reset(pose, START, **velocity)
+    return ekf
+
+
+def slow_predict(state, covariance, duration, noise, num_steps):
+    """Equations (2) and (3) as they stand in the paper, with whole matrices."""
+    dt = duration / num_steps
+    for _ in range(num_steps):
+        x, y, theta, v, w = state
+        F = np.array(
+            [
+                [1, 0, -v * dt * math.sin(theta), dt * math.cos(theta), 0],
+                [0, 1, v * dt * math.cos(theta), dt * math.sin(theta), 0],
+                [0, 0, 1, 0, dt],
+                [0, 0, 0, 1, 0],
+                [0, 0, 0, 0, 1],
+            ]
+        )
+        state = np.array([x + v * dt * math.cos(theta), y + v * dt * math.sin(theta), theta + w * dt, v, w])
+        covariance = F @ covariance @ F.T + np.diag(noise) * dt
+    return state, covariance
+
+
+def slow_correct(state, covariance, kind, values, R):
+    """The update as the paper has it, with an inverse."""
+    H = np.eye(5)[MEASURED[kind]]
+    K = covariance @ H.T @ np.linalg.inv(H @ covariance @ H.T + R)
+    innovation = values - H @ state
+    if kind != "encoder":
+        angle = list(MEASURED[kind]).index(2)
+        innovation[angle] = (innovation[angle] + math.pi) % (2 * math.pi) - math.pi
+    state = state + K @ innovation
+    state[2] = (state[2] + math.pi) % (2 * math.pi) - math.pi
+    return state, covariance - K @ H @ covariance
+
+
+def random_covariance(rng, size):
+    root = rng.normal(size=(size, size))
+    return root @ root.T + 0.1 * np.eye(size)
+
+
+def test_prediction_is_equations_2_and_3():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        state, covariance = rng.normal(size=5), random_covariance(rng, 5)
+        noise, duration = rng.uniform(0.1, 1.0, 5), rng.uniform(0.01, 0.5)
+        expected = slow_predict(state, covariance, duration, noise, math.ceil(duration / 0.01))
+        predict(state, covariance, duration, noise, 0.01)
+        assert wrap_angle(state[2] - expected[0][2]) == pytest.approx(0.0, abs=1e-12)
+        np.testing.assert_allclose(state[[0, 1, 3, 4]], expected[0][[0, 1, 3, 4]], atol=1e-12)
+        np.testing.assert_allclose(covariance, expected[1], atol=1e-12)
+
+
+def test_a_run_of_measurements_equals_the_textbook():
+    rng = np.random.default_rng(1)
+    params = EkfParams(gate=1.0 - 1e-15)
+    ekf = started(params, v=0.5)
+    noise = np.square(
+        [params.position_drift] * 2 + [params.heading_drift, params.acceleration, params.angular_acceleration]
+    )
+    state, covariance, time = np.array([0.0, 0.0, 0.0, 0.5, 0.0]), START.copy(), 0.0
+    for _ in range(60):
+        kind, dt = KINDS[rng.integers(3)], 0.002 * rng.integers(1, 40)
+        values = state[MEASURED[kind]] + rng.multivariate_normal(np.zeros(len(NOISE[kind])), NOISE[kind])
+        state, covariance = slow_predict(state, covariance, dt, noise, round(dt / 0.002))
+        state, covariance = slow_correct(state, covariance, kind, values, NOISE[kind])
+        time += dt
+        assert ekf.add(Measurement(time, kind, values, NOISE[kind])) == "accepted"
+        estimate = ekf.estimate()
+        np.testing.assert_allclose([*estimate.pose, estimate.v, estimate.w], state, atol=1e-8)
+        np.testing.assert_allclose(estimate.covariance, covariance, atol=1e-8)
+
+
+def test_dead_reckoning_follows_a_circle():
+    ekf = started(EkfParams(acceleration=1e-3, angular_acceleration=1e-3), v=0.8, w=0.8)
+    quarter = ekf.estimate(math.pi / 2 / 0.8).pose
+    assert quarter == pytest.approx((1.0, 1.0, math.pi / 2), abs=2e-3)
+
+
+def test_the_first_map_pose_weighs_as_its_covariance_says():
+    ekf = started()
+    ekf.add(measure(0.0, "map", 0.1, 0.0, 0.0))
+    assert ekf.estimate().pose.x == pytest.approx(0.1 * 0.05**2 / (0.05**2 + 0.02**2))
+    assert ekf.estimate().covariance[0, 0] == pytest.approx(1 / (1 / 0.05**2 + 1 / 0.02**2))
+
+
+@pytest.mark.parametrize("kind", ["map", "compass"])
+def test_headings_are_compared_across_the_turn(kind):
+    ekf = started(pose=Pose2D(0.0, 0.0, math.pi - 0.01))
+    values = {"map": (0.0, 0.0, -math.pi + 0.01), "compass": (-math.pi + 0.01, 0.0)}[kind]
+    assert ekf.add(measure(0.01, kind, *values)) == "accepted"
+    theta = ekf.estimate().pose.theta
+    assert abs(wrap_angle(theta - math.pi)) < 0.011
+    assert -math.pi <= theta < math.pi
+
+
+def drive_measurements(seed, duration=4.0, v=0.5, w=0.4):
+    """Measurements of an even arc, each kind at its own rate, with noise as they say."""
+    rng = np.random.default_rng(seed)
+    measurements = []
+    for kind, period in (("encoder", 1 / 17), ("compass", 1 / 10), ("map", 0.31)):
+        for time in np.arange(period, duration, period):
+            truth = np.array([v / w * math.sin(w * time), v / w * (1 - math.cos(w * time)), w * time, v, w])
+            values = truth[MEASURED[kind]] + rng.multivariate_normal(np.zeros(len(NOISE[kind])), NOISE[kind])
+            measurements.append(Measurement(float(time), kind, values, NOISE[kind]))
+    return sorted(measurements, key=lambda measurement: measurement.time)
+
+
+def test_late_measurements_change_nothing():
+    measurements = drive_measurements(3)
+    in_order, shuffled = started(v=0.5, w=0.4), started(v=0.5, w=0.4)
+    for measurement in measurements:
+        in_order.add(measurement)
+    rng = np.random.default_rng(0)
+    delays = {"encoder": 0.0, "compass": 0.1, "map": 0.9}
+    for measurement in sorted(measurements, key=lambda m: m.time + delays[m.kind] * rng.random()):
+        assert shuffled.add(measurement) == "accepted"
+    one, other = in_order.estimate(), shuffled.estimate()
+    assert one.pose == other.pose
+    assert (one.v, one.w) == (other.v, other.w)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    assert in_order.counts == shuffled.counts
+    assert sum(sum(counts.values()) for counts in shuffled.counts.values()) == len(measurements)
+
+
+def test_too_late_ones_are_refused_and_counted():
+    ekf = started(EkfParams(horizon=0.5))
+    ekf.add(measure(2.0, "encoder", 0.0, 0.0))
+    before = ekf.estimate()
+    assert ekf.add(measure(1.4, "map", 5.0, 5.0, 1.0)) == "too_old"
+    assert ekf.add(measure(1.6, "compass", 0.0, 0.0)) == "accepted"
+    assert ekf.counts == {"map": {"too_old": 1}, "encoder": {"accepted": 1}, "compass": {"accepted": 1}}
+    assert before.pose == pytest.approx(ekf.estimate().pose, abs=1e-3)
+
+
+def test_a_clock_set_back_is_counted_until_a_reset():
+    ekf = started()
+    ekf.add(measure(100.0, "encoder", 0.3, 0.0))
+    assert [ekf.add(measure(0.1 * k, "encoder", 0.3, 0.0)) for k in range(5)] == ["too_old"] * 5
+    assert ekf.counts["encoder"] == {"accepted": 1, "too_old": 5}
+    ekf.reset(ORIGIN, START)
+    assert ekf.add(measure(0.1, "encoder", 0.3, 0.0)) == "accepted"
+    with pytest.raises(ValueError, match="remembers from"):
+        ekf.estimate(-1.0)
+
+
+def test_silence_is_survived_and_costs_certainty():
+    ekf = started(v=0.5)
+    ekf.add(measure(1.0, "compass", 0.0, 0.0))
+    before, after = ekf.estimate(), ekf.estimate(31.0)
+    assert after.pose.x == pytest.approx(before.pose.x + 15.0, abs=0.5)
+    assert after.covariance[0, 0] > 100 * before.covariance[0, 0]
+    assert ekf.add(measure(31.0, "map", 13.0, 2.0, 0.3)) == "accepted"
+    assert ekf.estimate().pose == pytest.approx((13.0, 2.0, 0.3), abs=0.05)
+
+
+def test_values_that_are_missing_are_counted():
+    ekf = started()
+    assert ekf.add(measure(0.1, "compass", math.nan, 0.0)) == "unusable"
+    assert ekf.counts["compass"] == {"unusable": 1}
+    assert ekf.time == 0.0
+
+
+def test_an_outlier_is_stopped():
+    with_outlier, without = started(v=0.5, w=0.4), started(v=0.5, w=0.4)
+    for measurement in drive_measurements(5):
+        with_outlier.add(measurement)
+        without.add(measurement)
+    time = with_outlier.time
+    assert with_outlier.add(measure(time, "map", 9.0, 9.0, 0.0)) == "gated"
+    assert with_outlier.estimate().pose == without.estimate().pose
+    assert with_outlier.counts["map"]["gated"] == 1
+
+
+def test_a_robot_carried_away_is_found_again():
+    ekf = started(EkfParams(patience=2.0))
+    verdicts = []
+    for k in range(1, 60):
+        time = 0.1 * k
+        ekf.add(measure(time, "encoder", 0.0, 0.0))
+        verdicts.append(ekf.add(measure(time, "map", 3.0, -2.0, 1.0)))
+    assert verdicts[:20] == ["gated"] * 20
+    assert verdicts[20] == "recovered"
+    assert verdicts[21:] == ["accepted"] * 38
+    assert ekf.estimate().pose == pytest.approx((3.0, -2.0, 1.0), abs=0.01)
+
+
+def test_single_outliers_far_apart_never_pass_for_a_recovery():
+    ekf = started()
+    for k in range(10):
+        assert ekf.add(measure(5.0 * k + 2.5, "map", 0.0, 0.0, 0.0)) == "accepted"
+        assert ekf.add(measure(5.0 * k + 2.6, "map", 50.0, 0.0, 0.0)) == "gated"
+
+
+def test_errors_are_as_large_as_the_filter_says():
+    """NEES of 60 runs whose noise is the model's: its mean lies within the chi-square bounds."""
+    runs, steps, dt = 50, 70, 1 / 17
+    params = EkfParams(gate=1.0 - 1e-12)
+    scale = np.array(
+        [params.position_drift] * 2 + [params.heading_drift, params.acceleration, params.angular_acceleration]
+    )
+    nees = np.empty((runs, steps))
+    for run in range(runs):
+        rng = np.random.default_rng(run)
+        truth = rng.multivariate_normal(np.array([0.0, 0.0, 0.0, 0.6, 0.2]), START)
+        ekf = started(params, v=0.6, w=0.2)
+        for k in range(steps):
+            for _ in range(10):
+                x, y, theta, v, w = truth
+                h = dt / 10
+                truth = np.array([x + v * h * math.cos(theta), y + v * h * math.sin(theta), theta + w * h, v, w])
+                truth += math.sqrt(h) * scale * rng.normal(size=5)
+            for kind, every in (("encoder", 1), ("compass", 2), ("map", 5)):
+                if k % every == 0:
+                    error = rng.multivariate_normal(np.zeros(len(NOISE[kind])), NOISE[kind])
+                    ekf.add(Measurement((k + 1) * dt, kind, truth[MEASURED[kind]] + error, NOISE[kind]))
+            estimate = ekf.estimate()
+            error = truth - [*estimate.pose, estimate.v, estimate.w]
+            error[2] = wrap_angle(error[2])
+            nees[run, k] = error @ np.linalg.solve(estimate.covariance, error)
+    # Errors of one run hang together for about a second: its steps count as that many independent ones.
+    independent = runs * steps * dt
+    low, high = chi2.ppf([0.001, 0.999], 5 * independent) / independent
+    assert low < nees.mean() < high
+    assert np.mean(nees < chi2.ppf(0.95, 5)) == pytest.approx(0.95, abs=0.015)
+
+
+positive = st.floats(1e-3, 3.0)
+measurements = st.tuples(
+    st.floats(-0.5, 3.0),
+    st.sampled_from(KINDS),
+    st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
+    st.lists(positive, min_size=3, max_size=3),
+    st.floats(-0.9, 0.9),
+)
+
+
+@given(st.lists(measurements, max_size=25), st.floats(0.5, 1.0 - 1e-9), st.floats(0.0, 2.0))
+@settings(deadline=None, max_examples=150)
+def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patience):
+    ekf = started(EkfParams(gate=gate, patience=patience))
+    for delay, kind, values, spreads, correlation in sequence:
+        size = len(MEASURED[kind])
+        noise = np.diag(np.square(spreads[:size]))
+        noise[0, 1] = noise[1, 0] = correlation * spreads[0] * spreads[1]
+        verdict = ekf.add(Measurement(ekf.time + delay, kind, np.array(values[:size]), noise))
+        assert verdict in ("accepted", "recovered", "gated", "too_old")
+        for estimate in (ekf.estimate(), ekf.estimate(ekf.time + 0.5)):
+            assert (estimate.covariance == estimate.covariance.T).all()
+            assert np.linalg.eigvalsh(estimate.covariance)[0] > 0.0
+            assert -math.pi <= estimate.pose.theta < math.pi
+    assert sum(sum(counts.values()) for counts in ekf.counts.values()) == len(sequence)
+
+
+@pytest.mark.parametrize(
+    ("params", "culprit"),
+    [({"gate": 1.0}, "gate"), ({"acceleration": 0.0}, "acceleration"), ({"horizon": -1.0}, "horizon")],
+)
+def test_bad_params_are_named(params, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        EkfParams(**params)
+
+
+def test_bad_measurements_are_named():
+    with pytest.raises(ValueError, match="unknown kind of measurement 'gps'"):
+        Measurement(0.0, "gps", np.zeros(3), np.eye(3))
+    with pytest.raises(ValueError, match="encoder measurement has 2 values"):
+        Measurement(0.0, "encoder", np.zeros(3), np.eye(3))
+    with pytest.raises(ValueError, match="time"):
+        Measurement(math.nan, "encoder", np.zeros(2), np.eye(2))
+    for covariance in (
+        np.zeros((2, 2)),
+        np.array([[1.0, 0.5], [0.0, 1.0]]),
+        np.diag([1.0, -1.0]),
+        np.full((2, 2), np.nan),
+    ):
+        with pytest.raises(ValueError, match="symmetric and positive definite"):
+            started().add(Measurement(0.1, "encoder", np.zeros(2), covariance))
+    with pytest.raises(ValueError, match="symmetric and positive definite"):
+        Ekf().reset(ORIGIN, np.eye(4))
+    with pytest.raises(ValueError, match="finite"):
+        Ekf().reset(Pose2D(math.nan, 0.0, 0.0), np.eye(5))

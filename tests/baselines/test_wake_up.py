@@ -1,0 +1,48 @@
+"""Seed 2's story from end to end, on a small world."""
+
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from baselines.wake_up import main, wake_up
+from envs.worlds import load_map
+
+
+def test_a_robot_maps_a_place_and_wakes_up_on_its_map(tmp_path):
+    result = wake_up("turtlebot3_world", tmp_path / "story", seed=0, goals=1, physics="kinematic")
+    assert result.explored_fraction > 0.98
+    grid = load_map(result.map_path)
+    assert result.map_path.with_suffix(".pgm").exists()
+    assert {-1, 0, 100} == set(np.unique(grid.data))
+    assert result.goals == ("reached",)
+    assert result.collisions == 0
+    assert 0.0 < result.time_to_localize < 60.0
+    assert result.error_when_localized < 0.3
+    with Image.open(result.gif_path) as film:
+        assert film.n_frames > 10
+        first, last = (np.asarray(_frame(film, k)) for k in (0, film.n_frames - 1))
+    # The cloud covers the map in the beginning, and a spot in the end.
+    assert _spread(first) > 5.0 * _spread(last)
+
+
+def _frame(film, k):
+    film.seek(k)
+    return film.convert("RGB")
+
+
+def _spread(picture):
+    """Standard deviation of where the colour of particles is, without the legend [px]."""
+    from envs.rendering.style import BELIEVED
+
+    near = np.abs(picture[120:560].astype(int) - np.array(BELIEVED)).sum(axis=-1) < 60
+    return np.hypot(*np.argwhere(near).std(axis=0))
+
+
+def test_a_world_that_does_not_exist_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["wake_up"])
+    with pytest.raises(SystemExit) as stop:
+        main(world="atlantis", out=tmp_path)
+    assert stop.value.code == 2
+    assert "atlantis" in capsys.readouterr().err

@@ -1,0 +1,313 @@
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.raycast import cast_rays
+from envs.localization import PRESETS, Amcl, AmclParams, load_preset
+from envs.robots import LidarParams
+from envs.slam.logs import load_log
+from envs.worlds import World, rasterize
+
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
+LIDAR = LidarParams(180, 6.0)
+# An L-shaped room with a pillar: no two places in it look alike.
+CORNERS = [(0, 0), (7, 0), (7, 3), (4, 3), (4, 5), (0, 5)]
+SEGMENTS = np.array([(*a, *b) for a, b in zip(CORNERS, CORNERS[1:] + CORNERS[:1])], dtype=float) + 0.025
+CIRCLES = np.array([[2.0, 3.5, 0.3]])
+PLACE = World("room", SEGMENTS, CIRCLES, (Pose2D(1.0, 1.0, 0.0),), (0.0, 0.0, 7.05, 5.05))
+MAP = rasterize(PLACE, 0.05)
+PARAMS = replace(PRESETS["default"], global_particles=20_000)
+SURE = np.diag([0.05**2, 0.05**2, 0.05**2])
+
+
+def _scan(pose, segments=SEGMENTS, circles=CIRCLES):
+    ranges = np.empty(LIDAR.num_beams, dtype=np.float32)
+    increment = LIDAR.angle_increment
+    cast_rays(*pose, LIDAR.angle_min, increment, LIDAR.range_max, segments, circles, ranges)
+    return ranges
+
+
+START = Pose2D(1.5, 1.0, 0.2)
+
+
+def _circle(steps=100, start=START):
+    """Yield true poses and odometry that is a little wrong."""
+    pose = start
+    rng = np.random.default_rng(9)
+    yield pose, Pose2D(0.0, 0.0, 0.0)
+    for _ in range(steps):
+        motion = Pose2D(0.05, 0.0, 0.1)
+        pose = pose.compose(motion)
+        slip = 1.0 + 0.03 * rng.standard_normal(2)
+        yield pose, Pose2D(motion.x * slip[0], 0.0, motion.theta * slip[1])
+
+
+def _follow(amcl, steps=100, **kwargs):
+    errors = []
+    for pose, motion in _circle(steps):
+        estimate = amcl.update(_scan(pose, **kwargs), motion)
+        off = estimate.pose.between(pose)
+        errors.append((math.hypot(off.x, off.y), abs(off.theta)))
+    return np.array(errors), estimate
+
+
+def test_a_posterior_known_by_hand():
+    """Three beams ahead and a wall: the cloud must settle where Bayes' rule, worked cell by cell, puts it."""
+    data = np.zeros((21, 60), dtype=np.int8)
+    data[:, 50] = 100
+    grid = OccupancyGrid(data, 0.1, (0.0, 0.0))
+    lidar = LidarParams(3, 8.0, fov=1e-3)
+    flags = {"sensor": "likelihood_field_prob", "max_beams": 3, "sigma_hit": 0.2, "max_distance": 1.5}
+    amcl = Amcl(lidar, AmclParams(min_particles=20_000, max_particles=20_000, **flags))
+    prior_std = 0.4
+    covariance = np.diag([prior_std**2, 1e-8, 1e-10])
+    amcl.reset(grid, Pose2D(2.85, 1.05, 0.0), np.random.default_rng(3), covariance=covariance)
+    estimate = amcl.update(np.full(3, 2.0, dtype=np.float32), Pose2D(0.0, 0.0, 0.0))
+    x = np.linspace(1.0, 4.8, 4001)
+    ends = np.floor((x + 2.0) / 0.1)
+    distance = np.minimum(0.1 * np.abs(ends - 50), 1.5)
+    pz = 0.5 * np.exp(-(distance**2) / (2 * 0.2**2)) + 0.5 / 8.0
+    posterior = np.exp(-0.5 * ((x - 2.85) / prior_std) ** 2) * pz**3
+    posterior /= posterior.sum()
+    mean = (posterior * x).sum()
+    assert estimate.mean.x == pytest.approx(mean, abs=0.01)
+    assert estimate.mean_covariance[0, 0] == pytest.approx((posterior * (x - mean) ** 2).sum(), rel=0.06)
+    assert abs(mean - 2.85) > 0.1  # the scan has something to say
+
+
+@pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
+def test_tracking(sensor):
+    amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=1000, max_beams=30))
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(0), covariance=SURE)
+    errors, estimate = _follow(amcl)
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    assert rms[0] < (0.15 if sensor == "likelihood_field" else 0.05)
+    assert rms[1] < (0.1 if sensor == "likelihood_field" else 0.03)
+    assert estimate.fit > 0.9
+    assert estimate.is_lost is False
+    assert np.linalg.eigvalsh(estimate.covariance)[0] >= 0
+    assert amcl.particles.shape == (amcl.num_particles, 3)
+    assert amcl.weights.sum() == pytest.approx(1.0)
+
+
+def test_waking_up_anywhere_and_the_cloud_shrinks():
+    amcl = Amcl(LIDAR, PARAMS)
+    first = amcl.reset(MAP, None, np.random.default_rng(1))
+    assert first.is_lost
+    assert amcl.num_particles == 20_000
+    assert math.isnan(first.fit)
+    free = MAP.data[tuple(MAP.cells(amcl.particles[:, :2]).T)] == 0
+    assert free.mean() > 0.999  # single precision may put one on the border of its cell
+    errors, estimate = _follow(amcl)
+    assert errors[-1, 0] < 0.1
+    assert not estimate.is_lost
+    assert estimate.weight > 0.95
+    assert amcl.num_particles < 1000
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"relocalize": True},
+        {"relocalize": False, "alpha_slow": 0.02, "alpha_fast": 0.5},
+    ],
+    ids=["start over", "random particles"],
+)
+def test_carried_off(changes):
+    amcl = Amcl(LIDAR, replace(PARAMS, **changes))
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(2), covariance=SURE)
+    _, estimate = _follow(amcl, 60)
+    assert not estimate.is_lost
+    was_lost = []
+    for pose, motion in _circle(250, Pose2D(5.2, 0.8, 0.3)):
+        estimate = amcl.update(_scan(pose), motion)
+        was_lost.append(estimate.is_lost)
+    off = estimate.pose.between(pose)
+    assert any(was_lost[:60])
+    assert math.hypot(off.x, off.y) < 0.2
+    assert not estimate.is_lost
+
+
+def test_without_recovery_it_stays_lost_and_says_so():
+    amcl = Amcl(LIDAR, replace(PARAMS, relocalize=False))
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(2), covariance=SURE)
+    _follow(amcl, 60)
+    for pose, motion in _circle(60, Pose2D(5.2, 0.8, 2.3)):
+        estimate = amcl.update(_scan(pose), motion)
+    assert math.hypot(*estimate.pose.between(pose)[:2]) > 0.5
+    assert estimate.is_lost
+
+
+def test_a_map_of_another_place_makes_it_lost_and_the_right_one_does_not():
+    # A narrow zigzag: nothing in it looks like the room of the map.
+    x = np.linspace(-1.0, 4.0, 21)
+    teeth = np.stack([x, 0.6 + 0.35 * (np.arange(21) % 2)], axis=1)
+    low, high = (np.column_stack([row[:-1], row[1:]]) for row in (teeth, teeth + (0.0, 1.6)))
+    zigzag = np.ascontiguousarray(np.vstack([low, high, SEGMENTS]))
+    for relocalize in (False, True):
+        for segments, expected in ((zigzag, True), (SEGMENTS, False)):
+            for start in (Pose2D(1.5, 1.0, 0.2), None):
+                amcl = Amcl(LIDAR, replace(PARAMS, relocalize=relocalize, lost_distance=0.1))
+                amcl.reset(MAP, start, np.random.default_rng(4), covariance=SURE)
+                _, estimate = _follow(amcl, segments=segments)
+                assert estimate.is_lost is expected, (relocalize, start, estimate.fit)
+
+
+def test_a_robot_that_stands_still_only_follows_odometry():
+    amcl = Amcl(LIDAR, replace(PARAMS, update_min_d=0.2, update_min_a=0.2))
+    start = Pose2D(1.5, 1.0, 0.2)
+    amcl.reset(MAP, start, np.random.default_rng(5), covariance=SURE)
+    first = amcl.update(_scan(start), Pose2D(0.0, 0.0, 0.0))
+    assert first.is_corrected
+    cloud = amcl.particles
+    second = amcl.update(_scan(start), Pose2D(0.1, 0.0, 0.1))
+    assert not second.is_corrected
+    np.testing.assert_allclose(second.pose, first.pose.compose(Pose2D(0.1, 0.0, 0.1)))
+    np.testing.assert_array_equal(amcl.particles, cloud)
+    third = amcl.update(_scan(start), Pose2D(0.15, 0.0, 0.0))
+    assert third.is_corrected
+    assert third is amcl.estimate
+    assert first.pose != third.pose  # what was returned before is not overwritten
+
+
+def test_resample_interval_keeps_weights_in_between():
+    amcl = Amcl(LIDAR, replace(PARAMS, resample_interval=3))
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(5), covariance=SURE)
+    resampled = []
+    for pose, motion in _circle(40):
+        if amcl.update(_scan(pose), motion).is_corrected:
+            weights = amcl.weights
+            resampled.append(bool(np.ptp(weights) < 1e-12))
+    assert resampled[:9] == [False, False, True] * 3
+
+
+def test_same_seed_same_bytes():
+    clouds = []
+    for seed in (7, 7, 8):
+        amcl = Amcl(LIDAR, PARAMS)
+        amcl.reset(MAP, None, np.random.default_rng(seed))
+        _follow(amcl, 20)
+        clouds.append((amcl.particles.tobytes(), tuple(amcl.estimate.pose)))
+    assert clouds[0] == clouds[1]
+    assert clouds[0] != clouds[2]
+
+
+@pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
+def test_beams_that_say_nothing(sensor):
+    amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=600))
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(6), covariance=SURE)
+    nothing = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
+    estimate = amcl.update(nothing, Pose2D(0.0, 0.0, 0.0))
+    spread = estimate.covariance[0, 0]
+    estimate = amcl.update(nothing, Pose2D(0.5, 0.0, 0.0))
+    assert estimate.pose.x == pytest.approx(1.5 + 0.5 * math.cos(0.2), abs=0.03)
+    assert estimate.covariance[0, 0] > spread  # nothing but noise has come in
+    assert math.isnan(estimate.fit)
+    scan = _scan(Pose2D(1.5, 1.0, 0.2).compose(Pose2D(0.7, 0.0, 0.0)))
+    scan[::3] = np.nan
+    scan[1::3] = np.inf if sensor != "beam" else np.nan
+    estimate = amcl.update(scan, Pose2D(0.2, 0.0, 0.0))
+    assert np.isfinite(estimate.covariance).all()
+    assert estimate.covariance[0, 0] < 0.1
+    assert np.isfinite(amcl.weights).all()
+
+
+def test_bad_input():
+    amcl = Amcl(LIDAR, PARAMS)
+    rng = np.random.default_rng(0)
+    scan, still = np.ones(LIDAR.num_beams, dtype=np.float32), Pose2D(0.0, 0.0, 0.0)
+    with pytest.raises(RuntimeError, match="call reset first"):
+        amcl.update(scan, still)
+    full = OccupancyGrid(np.full((10, 10), 100, dtype=np.int8), 0.05, (0.0, 0.0))
+    with pytest.raises(ValueError, match="no free cell"):
+        amcl.reset(full, None, rng)
+    with pytest.raises(ValueError, match=r"outside the map, which covers \("):
+        amcl.reset(MAP, Pose2D(50.0, 0.0, 0.0), rng)
+    with pytest.raises(ValueError, match="100 % occupied, not free"):
+        amcl.reset(MAP, Pose2D(2.0, 3.5, 0.0), rng)
+    with pytest.raises(ValueError, match="must be finite"):
+        amcl.reset(MAP, Pose2D(math.nan, 0.0, 0.0), rng)
+    unknown = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
+    unknown.data[20:22] = -1
+    with pytest.raises(ValueError, match="unknown, not free"):
+        amcl.reset(unknown, Pose2D(3.0, 1.0, 0.0), rng)
+    for covariance in (np.eye(2), np.diag([1.0, -1.0, 1.0]), np.full((3, 3), math.nan)):
+        with pytest.raises(ValueError, match="covariance must be"):
+            amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), rng, covariance=covariance)
+    amcl.reset(MAP, None, rng)
+    with pytest.raises(ValueError, match="180"):
+        amcl.update(scan[:-1], still)
+    with pytest.raises(ValueError, match="finite"):
+        amcl.update(scan, Pose2D(math.inf, 0.0, 0.0))
+
+
+def test_a_covariance_turns_the_cloud():
+    amcl = Amcl(LIDAR, replace(PARAMS, max_particles=50_000))
+    covariance = np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.02]])
+    estimate = amcl.reset(MAP, Pose2D(1.5, 1.0, 3.1), np.random.default_rng(0), covariance=covariance)
+    np.testing.assert_allclose(estimate.covariance, covariance, atol=2e-3)
+    assert math.cos(estimate.pose.theta - 3.1) > 0.9999
+    default = amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
+    np.testing.assert_allclose(np.sqrt(np.diag(default.mean_covariance)), [0.5, 0.5, math.radians(15)], rtol=0.03)
+
+
+def test_a_changed_map_is_noticed():
+    amcl = Amcl(LIDAR, PARAMS)
+    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
+    changed = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
+    changed.data[10:40, 20:50] = 100
+    with pytest.raises(ValueError, match="occupied"):
+        amcl.reset(changed, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
+    amcl.reset(changed, None, np.random.default_rng(0))
+    cells = changed.cells(amcl.particles[:, :2])
+    assert (changed.data[tuple(cells.T)] == 0).mean() > 0.999
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"min_particles": 0}, "min_particles must be at least 1, got 0"),
+        ({"max_particles": 10}, "max_particles must be at least min_particles, got 10"),
+        ({"global_particles": 10}, "global_particles must be at least min_particles"),
+        ({"sensor": "sonar"}, "sensor must be one of"),
+        ({"max_beams": 0}, "max_beams must be at least 1"),
+        ({"sigma_hit": 0.0}, "sigma_hit must be positive"),
+        ({"z_rand": 0.0}, "z_rand must be positive"),
+        ({"alpha1": -0.1}, "alpha1 must not be negative"),
+        ({"alpha3": math.nan}, "alpha3 must not be negative"),
+        ({"alpha_slow": 0.2, "alpha_fast": 0.1}, "alpha_slow must not exceed alpha_fast"),
+        ({"lost_fit": 1.5}, "lost_fit must lie in"),
+    ],
+)
+def test_params_refuse_nonsense(change, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        AmclParams(**change)
+
+
+def test_presets():
+    assert load_preset("nav2") == AmclParams()
+    assert load_preset("seed2").max_beams == 180
+    assert load_preset(PARAMS) is PARAMS
+    with pytest.raises(ValueError, match=r"unknown preset 'ros'.*nav2"):
+        load_preset("ros")
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+def test_the_beginning_of_the_intel_log():
+    from benchmarks.localization_parts.intel import localise, reference_map
+
+    log = load_log(DATA / "scans_2725.npz")
+    with np.load(DATA / "scans_2725.npz") as arrays:
+        corrected = arrays["corr"][log.scan_rows]
+    log = replace(log, scan_rows=log.scan_rows[:400], ranges=log.ranges[:400])
+    origin = Pose2D(*corrected[0])
+    reference = np.array([origin.between(Pose2D(*row)) for row in corrected[:400].tolist()])
+    measures = localise(log, reference_map(log, reference), reference, replace(PARAMS, relocalize=False), 0)
+    assert measures["position_rmse_m"] < 0.1
+    assert measures["heading_rmse_deg"] < 4.0
+    assert measures["lost_share"] < 0.05

@@ -1,0 +1,57 @@
+import math
+
+import numpy as np
+import pytest
+
+from envs.localization.clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
+
+RASTER = BinRaster.over((-2.0, -1.0, 8.0, 5.0), 0.5, math.radians(10.0))
+
+
+def _heaviest(particles, weights):
+    particles = np.ascontiguousarray(np.array(particles, dtype=np.float32).T)
+    bins = np.empty(len(weights), dtype=np.int32)
+    find_bins(particles, RASTER, bins)
+    members = np.empty(len(weights))
+    garbage = np.random.default_rng(0).integers(0, 10_000, RASTER.num_bins).astype(np.int32)
+    weight = heaviest_cluster(bins, np.array(weights), RASTER, garbage, np.zeros(len(weights), np.int32), members)
+    return weight, members
+
+
+def test_weight_decides_and_not_number():
+    crowd = [(1.0 + 0.01 * k, 1.0, 0.0) for k in range(20)]
+    weight, members = _heaviest([*crowd, (5.0, 3.0, 1.0), (5.6, 3.4, 1.1)], [0.02] * 20 + [0.3, 0.3])
+    assert weight == pytest.approx(0.6)
+    np.testing.assert_allclose(members, [0.0] * 20 + [0.3, 0.3])
+
+
+def test_bins_touch_over_corners_and_across_half_a_turn():
+    across = [(0.1, 0.1, math.pi - 0.01), (0.1, 0.1, -math.pi + 0.01)]
+    assert _heaviest(across, [0.5, 0.5])[0] == pytest.approx(1.0)
+    corner = [(0.4, 0.4, 0.17), (0.6, 0.6, 0.18)]
+    assert _heaviest(corner, [0.5, 0.5])[0] == pytest.approx(1.0)
+    apart = [(0.4, 0.4, 0.0), (0.4, 0.4, math.radians(25.0))]
+    assert _heaviest(apart, [0.4, 0.6])[0] == pytest.approx(0.6)
+    apart = [(0.4, 0.4, 0.0), (1.1, 0.4, 0.0)]
+    assert _heaviest(apart, [0.4, 0.6])[0] == pytest.approx(0.6)
+
+
+def test_what_lies_off_the_map_counts_to_its_edge():
+    weight, members = _heaviest([(-50.0, 90.0, 3.2), (-1.9, 4.9, 3.1), (50.0, 2.0, 0.0)], [0.3, 0.3, 0.4])
+    assert weight == pytest.approx(0.6)
+    assert members[2] == 0.0
+
+
+def test_mean_and_covariance_equal_numpy():
+    rng = np.random.default_rng(5)
+    factor = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.05, -0.05, 0.1]])
+    poses = (rng.standard_normal((500, 3)) @ factor.T + (20.0, -7.0, math.pi)).astype(np.float32)
+    wrapped = poses.copy()
+    wrapped[:, 2] = (poses[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    weights = rng.random(500)
+    covariance = np.empty((3, 3))
+    mean = mean_and_covariance(np.ascontiguousarray(wrapped.T), weights, weights.sum(), covariance)
+    np.testing.assert_allclose(mean[:2], np.average(poses[:, :2], axis=0, weights=weights), atol=1e-5)
+    assert math.cos(mean[2] - np.average(poses[:, 2], weights=weights)) == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_allclose(covariance, np.cov(poses.T.astype(float), aweights=weights, bias=True), atol=1e-4)
+    assert np.linalg.eigvalsh(covariance)[0] > 0

@@ -1,0 +1,81 @@
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.localization import AmclParams
+from envs.localization.motion_model import DifferentialDrive, cosine, normal, sine, wrap
+
+
+@njit
+def _evaluate(angles, sines, cosines, wrapped):
+    for k in range(angles.size):
+        wrapped[k] = wrap(angles[k])
+        sines[k], cosines[k] = sine(wrapped[k]), cosine(wrapped[k])
+
+
+@njit
+def _draw(seed, out):
+    for k in range(out.size):
+        out[k] = normal(seed, np.uint64(k))
+
+
+def test_trigonometry_without_branches():
+    angles = np.linspace(-3 * np.pi, 3 * np.pi, 100_001).astype(np.float32)
+    sines, cosines, wrapped = (np.empty_like(angles) for _ in range(3))
+    _evaluate(angles, sines, cosines, wrapped)
+    np.testing.assert_allclose(sines, np.sin(angles), atol=2e-6)
+    np.testing.assert_allclose(cosines, np.cos(angles), atol=2e-6)
+    assert np.abs(wrapped).max() <= np.pi + 1e-6
+
+
+def test_noise_is_nearly_normal():
+    draws = np.empty(1_000_000)
+    _draw(np.uint64(12345), draws)
+    assert draws.mean() == pytest.approx(0.0, abs=0.004)
+    assert draws.std() == pytest.approx(1.0, abs=0.003)
+    share = [np.mean(np.abs(draws) < k) for k in (0.5, 1.0, 2.0, 3.0)]
+    np.testing.assert_allclose(share, [0.383, 0.683, 0.954, 0.9973], atol=0.015)
+    assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 0.005
+    other = np.empty_like(draws)
+    _draw(np.uint64(12346), other)
+    assert abs(np.corrcoef(draws, other)[0, 1]) < 0.005
+
+
+def test_without_noise_particles_move_as_odometry_does():
+    model = DifferentialDrive(AmclParams(alpha1=0, alpha2=0, alpha3=0, alpha4=0))
+    rng = np.random.default_rng(0)
+    for motion in (Pose2D(0.3, 0.1, 0.4), Pose2D(-0.3, 0.05, -0.2), Pose2D(0.001, 0.0, 2.0), Pose2D(0.0, 0.0, -3.0)):
+        poses = rng.uniform(-3, 3, (3, 50))
+        particles = poses.astype(np.float32)
+        model(motion)(particles, rng)
+        expected = np.array([Pose2D(*pose).compose(motion) for pose in poses.T.tolist()]).T
+        np.testing.assert_allclose(particles[:2], expected[:2], atol=2e-3)  # a motion under 1 cm has no direction
+        np.testing.assert_allclose(np.cos(particles[2]), np.cos(expected[2]), atol=1e-5)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_spread_follows_the_alphas(backwards):
+    params = AmclParams(alpha1=0.04, alpha2=0.01, alpha3=0.09, alpha4=0.02)
+    turn, way = 0.5, 2.0
+    # Turning by `turn`, then going `way` along the new heading; backwards is the same motion with the tail in front.
+    sign = -1.0 if backwards else 1.0
+    motion = Pose2D(sign * way * math.cos(turn), sign * way * math.sin(turn), turn)
+    particles = np.zeros((3, 200_000), dtype=np.float32)
+    DifferentialDrive(params)(motion)(particles, np.random.default_rng(3))
+    theta_variance = 0.04 * turn**2 + 0.01 * way**2 + 0.01 * way**2
+    way_variance = 0.09 * way**2 + 0.02 * turn**2
+    assert particles[2].std() == pytest.approx(math.sqrt(theta_variance), rel=0.02)
+    assert np.hypot(particles[0], particles[1]).std() == pytest.approx(math.sqrt(way_variance), rel=0.03)
+
+
+def test_same_seed_same_bytes():
+    clouds = []
+    for seed in (5, 5, 6):
+        particles = np.zeros((3, 100), dtype=np.float32)
+        DifferentialDrive(AmclParams())(Pose2D(0.5, 0.0, 0.1))(particles, np.random.default_rng(seed))
+        clouds.append(particles)
+    assert clouds[0].tobytes() == clouds[1].tobytes()
+    assert clouds[0].tobytes() != clouds[2].tobytes()

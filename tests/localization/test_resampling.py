@@ -1,0 +1,71 @@
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from envs.localization.resampling import draw, particles_needed
+
+
+def _draw(weights, bins, most, least, *, fresh=None, share=0.0, start=0.3, error=0.05, quantile=0.99):
+    n = len(weights)
+    particles = np.zeros((3, n), dtype=np.float32)
+    particles[0] = np.arange(n)
+    drawn = np.full((3, most), np.nan, dtype=np.float32)
+    fresh = np.zeros((3, 1), dtype=np.float32) if fresh is None else fresh
+    scratch = np.random.default_rng(0).integers(0, 1000, max(bins) + 1).astype(np.int32)
+    slots = np.zeros(most, dtype=np.int32)
+    count = draw(
+        *(particles, np.array(weights), np.array(bins, dtype=np.int32), fresh, share, start),
+        *(least, error, quantile, scratch, slots, drawn),
+    )
+    assert np.isfinite(drawn[:, :count]).all()
+    assert np.isnan(drawn[:, count:]).all()
+    return drawn[0, :count].astype(int)
+
+
+def test_particles_needed_is_the_chi_square_bound():
+    # Fox 2003: n = chi2 quantile(k - 1) / (2 error), by the approximation of Wilson and Hilferty.
+    for k in (2, 10, 300):
+        z = norm.ppf(0.99)
+        expected = (k - 1) / 0.1 * (1 - 2 / (9 * (k - 1)) + math.sqrt(2 / (9 * (k - 1))) * z) ** 3
+        assert particles_needed(k, 0.05, z) == pytest.approx(expected)
+    assert particles_needed(1, 0.05, 2.3) == 0.0
+    assert particles_needed(100, 0.01, 2.3) > 4 * particles_needed(100, 0.05, 2.3)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.37, 0.999999])
+def test_draws_have_low_variance_whenever_they_stop(start):
+    rng = np.random.default_rng(1)
+    weights = rng.random(300) ** 4
+    weights /= weights.sum()
+    bins = np.zeros(300, dtype=int)
+    for count in (50, 333, 2000):
+        drawn = Counter(_draw(weights, bins, count, count, start=start).tolist())
+        off = [abs(drawn[i] - count * weights[i]) for i in range(300)]
+        assert max(off) < 2.0  # independent draws miss the heaviest by up to 20
+
+
+def test_weight_zero_is_never_drawn():
+    weights = np.array([0.0, 0.5, 0.0, 0.5, 0.0])
+    assert set(_draw(weights, [0] * 5, 1000, 1000).tolist()) == {1, 3}
+    assert set(_draw(np.array([1.0, 0.0]), [0, 0], 100, 100, start=0.0).tolist()) == {0}
+
+
+def test_number_follows_the_bins():
+    n = 400
+    weights = np.full(n, 1 / n)
+    assert len(_draw(weights, [3] * n, 5000, 100)) == 100
+    few = _draw(weights, np.arange(n) % 8, 5000, 20)
+    assert len(few) == math.ceil(particles_needed(8, 0.05, 0.99))
+    many = _draw(weights, np.arange(n), 50_000, 20)
+    assert len(many) == math.ceil(particles_needed(n, 0.05, 0.99))
+    assert len(_draw(weights, np.arange(n), 300, 20)) == 300
+
+
+def test_fresh_particles_get_their_share():
+    fresh = np.full((3, 400), -7, dtype=np.float32)
+    drawn = _draw(np.full(10, 0.1), [0] * 10, 1000, 1000, fresh=fresh, share=0.3)
+    assert np.count_nonzero(drawn == -7) in (299, 300, 301)
+    assert np.all(np.bincount(drawn[drawn >= 0]) > 60)

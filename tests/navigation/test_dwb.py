@@ -1,0 +1,188 @@
+"""DWB: trajectories, each critic by itself, and what the planner makes of them."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation
+
+from envs.geometry import Pose2D
+from envs.navigation import DwbParams, DwbPlanner
+from envs.navigation.critics import (
+    BASE_OBSTACLE,
+    GOAL_DIST,
+    OSCILLATION,
+    PATH_ALIGN,
+    PATH_DIST,
+    ROTATE_TO_GOAL,
+    Ending,
+    Motion,
+    judge,
+    roll_out,
+    spread,
+)
+from envs.navigation.dwb import Oscillation
+from envs.navigation.paths import densify
+from envs.robots import load_robot
+from envs.simulation import Twist
+
+BURGER = load_robot("turtlebot3_burger")
+NOTHING = np.empty((0, 2))
+SIDE, RESOLUTION = 41, 0.05
+MIDDLE = SIDE // 2
+AWAY = Ending(False, 0.0, 0.25, 5.0)
+
+
+def motion(v=0.0, w=0.0, acc=1e9):
+    return Motion(v, w, acc, acc, 1.0, 0.005, 0.0025)
+
+
+STANDING = motion()
+
+
+def test_trajectories_are_arcs_where_the_speed_is_reached_at_once():
+    poses = np.empty((1000, 3))
+    num = roll_out(0.5, 1.0, motion(0.5, 1.0), poses)
+    x, y, theta = poses[num - 1]
+    assert theta == pytest.approx(1.0)
+    assert (x, y) == pytest.approx((0.5 * math.sin(1.0), 0.5 * (1.0 - math.cos(1.0))), abs=1e-4)
+
+
+def test_trajectories_ramp_up():
+    poses = np.empty((1000, 3))
+    num = roll_out(0.4, 0.0, motion(acc=0.5), poses)
+    # 0.8 s to reach 0.4 m/s, then 0.2 s at it.
+    assert poses[num - 1, 0] == pytest.approx(0.5 * 0.5 * 0.8**2 + 0.4 * 0.2, abs=4e-3)
+
+
+def rasters(costs=None, path_row=MIDDLE, goal=(MIDDLE, SIDE - 1)):
+    costs = np.zeros((SIDE, SIDE), dtype=np.uint8) if costs is None else costs
+    queue = np.empty(SIDE * SIDE, dtype=np.int32)
+    to_path, to_goal = (np.empty((SIDE, SIDE), dtype=np.int32) for _ in range(2))
+    queue[:SIDE] = path_row * SIDE + np.arange(SIDE)
+    spread(costs, to_path, queue, SIDE)
+    queue[0] = goal[0] * SIDE + goal[1]
+    spread(costs, to_goal, queue, 1)
+    return costs, to_path, to_goal
+
+
+def scores_of(twists, *, costs=None, squared=None, banned=(False,) * 4, now=STANDING, ending=AWAY, **kwargs):
+    costs, to_path, to_goal = rasters(costs, **kwargs)
+    squared = np.full((SIDE, SIDE), 100, dtype=np.uint16) if squared is None else squared
+    scores = np.empty((len(twists), 7))
+    twists = np.array(twists, dtype=np.float64)
+    steps = np.stack([to_path, to_goal, to_goal])
+    judge(twists, banned, now, ending, costs, squared, RESOLUTION, steps, 0.1, True, scores)
+    return scores
+
+
+def test_steps_spread_around_what_is_touched():
+    rng = np.random.default_rng(0)
+    costs = np.where(rng.random((SIDE, SIDE)) < 0.35, 253, 0).astype(np.uint8)
+    seed = (5, 7)
+    costs[seed] = 0
+    _, _, found = rasters(costs, goal=seed)
+    expected = np.full((SIDE, SIDE), SIDE * SIDE + 1)
+    reached = np.zeros((SIDE, SIDE), dtype=bool)
+    reached[seed] = True
+    expected[seed] = 0
+    for step in range(1, SIDE * SIDE):
+        grown = binary_dilation(reached) & (costs == 0)
+        if (grown == reached).all():
+            break
+        expected[grown & ~reached] = step
+        reached = grown
+    expected[binary_dilation(reached) & (costs == 253)] = SIDE * SIDE
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_path_and_goal_critics_count_cells():
+    scores = scores_of([(0.5, 0.0), (0.25, 0.0)], path_row=MIDDLE + 3, now=motion(0.5))
+    assert scores[0, PATH_DIST] == 3
+    assert scores[0, GOAL_DIST] == 10
+    assert scores[1, GOAL_DIST] > scores[0, GOAL_DIST]
+    # The point in front looks to where the robot will turn.
+    left, right = scores_of([(0.0, 1.0), (0.0, -1.0)], path_row=MIDDLE + 3)[:, PATH_ALIGN]
+    assert left < right
+
+
+def test_whoever_touches_something_is_out_of_the_question():
+    costs = np.zeros((SIDE, SIDE), dtype=np.uint8)
+    costs[:, MIDDLE + 4 :] = 253
+    costs[:, MIDDLE + 2 : MIDDLE + 4] = 120
+    scores = scores_of([(0.1, 0.0), (0.15, 0.0), (0.3, 0.0)], costs=costs, now=motion(0.2), goal=(MIDDLE, MIDDLE))
+    assert scores[1, BASE_OBSTACLE] == 120
+    assert np.isnan(scores[2]).all()
+
+
+def test_a_robot_that_touches_something_may_leave_but_not_approach():
+    squared = np.tile((np.arange(SIDE)[::-1] ** 2).astype(np.uint16), (SIDE, 1))
+    costs = np.where(squared <= (MIDDLE + 1) ** 2, 253, 0).astype(np.uint8)
+    scores = scores_of([(0.2, 0.0), (0.0, 0.5), (-0.2, 0.0)], costs=costs, squared=squared, goal=(MIDDLE, 0))
+    assert list(np.isnan(scores[:, BASE_OBSTACLE])) == [True, False, False]
+
+
+def test_near_the_goal_the_robot_stops_and_then_turns():
+    ending = Ending(True, 1.0, 0.25, 5.0)
+    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4, acc=1e9), ending=ending)[:, ROTATE_TO_GOAL]
+    assert math.isnan(moving[0])
+    assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
+    assert moving[2] == pytest.approx(1.0)
+    standing = scores_of([(0.1, 0.0), (0.0, 0.8), (0.0, -0.8)], ending=ending)[:, ROTATE_TO_GOAL]
+    assert math.isnan(standing[0])
+    assert standing[1] == pytest.approx(0.2, abs=1e-6)
+    assert standing[2] == pytest.approx(1.8, abs=1e-6)
+
+
+def test_banned_directions_are_out_of_the_question():
+    scores = scores_of([(0.1, 0.5), (0.1, -0.5)], banned=(False, False, True, False))
+    assert list(np.isnan(scores[:, OSCILLATION])) == [False, True]
+
+
+def test_turning_back_is_banned_until_released():
+    trend = Oscillation()
+    assert [trend.take(k) for k in (0.5, 0.2, 0.0)] == [False] * 3
+    assert trend.take(-0.1)
+    assert trend.banned == 1.0
+    trend.release()
+    assert trend.banned == 0.0
+    assert not trend.take(0.3)
+
+
+def test_the_planner_swerves_around_what_sticks_out_into_its_path():
+    planner = DwbPlanner(BURGER, 0.1)
+    planner.set_path(densify(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
+    box = np.array([[x, y] for x in np.linspace(1.0, 1.2, 9) for y in np.linspace(0.06, 0.2, 9)])
+    pose, twist, gap = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), math.inf
+    for _ in range(400):
+        twist = planner.command(pose, twist, pose.inverse().transform(box))
+        pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
+        gap = min(gap, np.hypot(*(box - pose[:2]).T).min())
+    assert math.hypot(pose.x - 3.0, pose.y) < 0.1
+    assert gap > BURGER.radius
+
+
+def test_the_planner_ends_in_the_heading_asked_for():
+    planner = DwbPlanner(BURGER, 0.1)
+    planner.set_path(densify(np.array([[0.0, 0.0], [0.6, 0.0]]), 0.05), heading=-2.0)
+    pose, twist = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0)
+    for _ in range(150):
+        twist = planner.command(pose, twist, NOTHING)
+        pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
+    assert math.hypot(pose.x - 0.6, pose.y) < 0.25
+    assert abs(pose.theta + 2.0) < 0.1
+
+
+def test_walled_in_it_stands_still_and_says_so():
+    planner = DwbPlanner(BURGER, 0.1)
+    planner.set_path(densify(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
+    angles = np.linspace(0.0, 2.0 * math.pi, 200)
+    ring = (BURGER.radius + 0.06) * np.column_stack([np.cos(angles), np.sin(angles)])
+    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), ring).v == 0.0
+    assert planner.blocked
+
+
+@pytest.mark.parametrize(("name", "value"), [("sim_time", 0.0), ("path_dist", -1.0), ("max_w", math.nan)])
+def test_bad_params_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        DwbParams(**{name: value})

@@ -1,0 +1,257 @@
+import itertools
+import json
+import math
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+import envs  # noqa: F401
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigate import NavigateEnv, NavigateRewards
+from envs.navigate_setup import DeadReckoning
+from envs.worlds import save_map
+
+QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
+INFO_KEYS = {
+    "distance_to_goal",
+    "way_to_goal",
+    "pose_error",
+    "is_lost",
+    "path_length",
+    "collisions",
+    "time",
+    "rewards",
+    "is_success",
+}
+STAND = np.zeros(2, dtype=np.float32)
+
+
+def rollout(env, seed, steps):
+    """Drive with fixed pseudo-random actions; return everything that comes out."""
+    rng = np.random.default_rng(seed)
+    out = [env.reset(seed=seed)]
+    for _ in range(steps):
+        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
+        if out[-1][2] or out[-1][3]:
+            break
+    return out
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_both_checkers_have_no_warning(physics):
+    from stable_baselines3.common.env_checker import check_env as check_sb3
+
+    env = gymnasium.make("lidarnaut/Navigate-v0", physics=physics, time_limit=30.0, render_mode="rgb_array").unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if physics == "kinematic":
+            check_env(env)
+        check_sb3(env, warn=True)
+    env.close()
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_same_seed_same_bytes(physics):
+    env = NavigateEnv(world="turtlebot3_world", physics=physics)
+    first = rollout(env, 7, 30)
+    rollout(env, 8, 10)
+    assert same(first, rollout(env, 7, 30))
+    other = NavigateEnv(world="turtlebot3_world", physics=physics)
+    assert same(first, rollout(other, 7, 30))
+    assert not same(first, rollout(other, 9, 30))
+    env.close()
+    other.close()
+
+
+def test_observations_share_no_memory_and_none_stays_constant():
+    out = rollout(NavigateEnv(**QUICK), 1, 150)
+    observations = [step[0] for step in out]
+    for before, after in itertools.pairwise(observations):
+        assert not any(np.shares_memory(before[key], after[key]) for key in before)
+    for key in ("scan", "map_near", "map_far", "goal", "doubt"):
+        stacked = np.stack([observation[key] for observation in observations])
+        assert (stacked != stacked[0]).any()
+
+
+def test_info_has_every_key_and_rewards_sum_up():
+    out = rollout(NavigateEnv(**QUICK, time_limit=4.0), 2, 100)
+    assert set(out[0][1]) == INFO_KEYS
+    for _, reward, _, _, info in out[1:]:
+        assert set(info) - {"end_reason"} == INFO_KEYS
+        assert reward == pytest.approx(sum(info["rewards"].values()))
+        assert set(info["rewards"]) == {"progress", "time", "collision", "reached"}
+    assert out[-1][3] is True
+    assert out[-1][4]["end_reason"] == "time_limit"
+    assert len(out) == 41
+
+
+def test_progress_adds_up_to_the_way_that_was_made_good():
+    out = rollout(NavigateEnv(**QUICK, reward={"progress": 2.0}), 3, 80)
+    rewarded = sum(step[4]["rewards"]["progress"] for step in out[1:])
+    assert rewarded == pytest.approx(2.0 * (out[0][1]["way_to_goal"] - out[-1][4]["way_to_goal"]))
+
+
+def test_the_goal_is_seen_from_where_the_robot_believes_to_be():
+    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
+    observation, info = env.reset(seed=0)
+    assert info["distance_to_goal"] == pytest.approx(1.5)
+    np.testing.assert_allclose(observation["goal"], [1.5 / 32.0, 0.0, -1.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_reaching_the_goal_terminates_and_pays():
+    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-1.4, -0.5, 0.0))
+    env.reset(seed=0)
+    for _ in range(60):
+        _, _, terminated, truncated, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+        if terminated:
+            break
+    assert terminated is True
+    assert truncated is False
+    assert info["is_success"]
+    assert info["end_reason"] == "reached"
+    assert 0.25 < info["distance_to_goal"] <= 0.3
+    assert info["rewards"]["reached"] == NavigateRewards().reached
+
+
+def test_a_heading_can_be_asked_for():
+    settings = {**QUICK, "localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
+    assert NavigateEnv(**settings).reset(seed=0)[1]["is_success"]
+    assert not NavigateEnv(**settings, heading_tolerance=0.3).reset(seed=0)[1]["is_success"]
+
+
+def test_a_further_goal_needs_no_reset():
+    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
+    env.reset(seed=0)
+    env.step(STAND)
+    env.set_goal((-2.0, 0.5, 0.0))
+    _, _, _, _, info = env.step(STAND)
+    assert info["distance_to_goal"] == pytest.approx(1.0, abs=0.02)
+    assert info["rewards"]["progress"] == pytest.approx(0.0, abs=0.02)
+    assert info["time"] == pytest.approx(0.2)
+    _, info = env.reset(seed=0, options={"goal": (-0.5, 0.5, 0.0)})
+    assert info["distance_to_goal"] == pytest.approx(math.hypot(1.5, 1.0))
+
+
+def test_localisers_differ_as_they_should():
+    errors = {}
+    for localizer in ("truth", "odometry", "amcl"):
+        env = NavigateEnv(**QUICK, localizer=localizer)
+        errors[localizer] = np.mean([rollout(env, seed, 150)[-1][4]["pose_error"] for seed in range(3)], axis=0)
+    assert errors["truth"].sum() < 1e-9
+    assert errors["odometry"][0] > 1e-3
+    assert errors["amcl"][0] < 0.15
+    with pytest.raises(ValueError, match="needs to know where the robot starts"):
+        DeadReckoning().reset(
+            OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (0, 0)), None, np.random.default_rng()
+        )
+
+
+def test_a_robot_that_wakes_up_anywhere_is_lost_and_says_so():
+    env = NavigateEnv(**QUICK, initial_pose="unknown")
+    observation, info = env.reset(seed=0)
+    assert info["is_lost"]
+    assert observation["doubt"][2] == 1.0
+
+
+def test_a_saved_map_in_its_own_frame(tmp_path):
+    frame = (-2.0, -0.5, 0.5)
+    plain = NavigateEnv(**QUICK, localizer="truth", start="spawn", goal=(-0.5, -0.5, 0.0))
+    _, info = plain.reset(seed=0)
+    path = save_map(plain.belief.grid, tmp_path / "map")
+    goal = tuple(Pose2D(*frame).between(Pose2D(-0.5, -0.5, 0.0)))
+    framed = NavigateEnv(**QUICK, localizer="truth", start="spawn", goal=goal, map=path, map_pose=frame)
+    _, again = framed.reset(seed=0)
+    assert again["distance_to_goal"] == pytest.approx(info["distance_to_goal"])
+    assert tuple(framed.belief.pose) == pytest.approx(Pose2D(*frame).between(Pose2D(-2.0, -0.5, 0.0)))
+    assert again["pose_error"].sum() < 1e-9
+    np.testing.assert_array_equal(framed.belief.grid.data, plain.belief.grid.data)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "culprit"),
+    [
+        ({"world": "atlantis"}, "atlantis"),
+        ({"physics": "mujoco"}, "mujoco"),
+        ({"localizer": "gps"}, "gps"),
+        ({"amcl": "nav3"}, "nav3"),
+        ({"initial_pose": "guessed"}, "initial_pose"),
+        ({"initial_pose": "unknown", "localizer": "odometry"}, "initial_pose='unknown' needs"),
+        ({"goal_tolerance": 0.0}, "goal_tolerance"),
+        ({"heading_tolerance": 4.0}, "heading_tolerance"),
+        ({"goal": "kitchen"}, "goal must be"),
+        ({"goal": (0.0, math.nan, 0.0)}, "goal must be"),
+        ({"start": "home"}, "start must be"),
+        ({"map_pose": (0.0, 0.0)}, "map_pose"),
+        ({"map": "nowhere.yaml"}, "nowhere.yaml"),
+        ({"reward": {"progres": 1.0}}, "progres"),
+        ({"reward": {"time": math.inf}}, "time"),
+        ({"control_hz": 0}, "control_hz"),
+        ({"time_limit": -1.0}, "time_limit"),
+        ({"render_mode": "ascii"}, "render_mode"),
+    ],
+)
+def test_bad_arguments_are_named(kwargs, culprit):
+    with pytest.raises((ValueError, FileNotFoundError), match=culprit):
+        NavigateEnv(**{**QUICK, **kwargs})
+
+
+def test_places_where_no_robot_can_stand_are_refused():
+    with pytest.raises(ValueError, match="can stand"):
+        NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
+    # A pillar, and outside of the walls.
+    for goal in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)):
+        with pytest.raises(ValueError, match="no place where the robot can stand"):
+            NavigateEnv(**QUICK, goal=goal).reset(seed=0)
+    env = NavigateEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="all finite"):
+        env.set_goal((0.0, math.nan, 0.0))
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [0.0], [[0.0, 0.0]]])
+def test_bad_actions_are_refused(action):
+    env = NavigateEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(np.array(action))
+
+
+def test_pickling_and_spec_json():
+    env = gymnasium.make("lidarnaut/Navigate-v0", **QUICK)
+    spec = gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json())
+    assert json.loads(env.spec.to_json())["id"] == "lidarnaut/Navigate-v0"
+    expected = rollout(env, 4, 10)
+    for twin in (gymnasium.make(spec), pickle.loads(pickle.dumps(env))):
+        assert same(expected, rollout(twin, 4, 10))
+
+
+def test_vectors_can_be_made():
+    vector = gymnasium.make_vec("lidarnaut/Navigate-v0", num_envs=2, vectorization_mode="sync", **QUICK)
+    observation, _ = vector.reset(seed=1)
+    assert observation["goal"].shape == (2, 5)
+    vector.close()
+
+
+def test_the_docstring_tells_each_space_as_it_is():
+    lines = [line for line in NavigateEnv.__doc__.splitlines() if line.strip().startswith("| `") and "`Box(" in line]
+    rows = {line.split("`")[1]: line for line in lines}
+    for key, space in NavigateEnv(**QUICK).observation_space.spaces.items():
+        shape = "(num_beams,)" if key == "scan" else str(space.shape)
+        assert f"`Box({space.low.min():g}, {space.high.max():g}, {shape}, {space.dtype})`" in rows[key]
+
+
+def test_the_picture_shows_the_goal_and_the_particles():
+    from envs.rendering import style
+
+    env = NavigateEnv(**QUICK, render_mode="rgb_array")
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.shape == (720, 1280, 3)
+    for colour in (style.FRONTIER, style.BELIEVED, style.TRUE):
+        assert (picture[120:660] == colour).all(axis=-1).sum() > 10
+    env.close()

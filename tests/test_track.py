@@ -1,0 +1,276 @@
+"""The tracking environment: Gymnasium's contract, the route, the map made beforehand, and the fused pose."""
+
+import itertools
+import math
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+from baselines.path_tracker import PathTracker
+from envs.geometry import Pose2D
+from envs.localization.measurements import CompassMeter, WheelMeter
+from envs.robots import load_robot
+from envs.route import Progress, Route, rectangle
+from envs.route_map import make_route_map
+from envs.track import TrackEnv, TrackRewards
+from envs.worlds import load_world
+
+BEND = np.array([[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]])
+QUICK = {
+    "world": "turtlebot3_world",
+    "robot": "turtlebot3_burger",
+    "physics": "kinematic",
+    "path": BEND,
+    "map_resolution": 0.05,
+    "control_hz": 5.0,
+}
+"""A short way between pillars; a robot without a compass."""
+HALL = {"physics": "kinematic", "path": np.array([[4.1, 3.2], [10.1, 3.2]]), "map_resolution": 0.05}
+"""Six metres of the first side of the rectangle, with the robot of the experiment."""
+
+
+def follow(env, seed=0, max_steps=2000):
+    """Drive with the classic tracker; return everything that comes out."""
+    out = [env.reset(seed=seed)]
+    tracker = PathTracker()
+    tracker.reset(env.robot, env.control_period, env.route)
+    for _ in range(max_steps):
+        out.append(env.step(tracker.act(out[-1][0], env.estimate.pose)))
+        if out[-1][2] or out[-1][3]:
+            break
+    return out
+
+
+def rollout(env, seed, steps):
+    rng = np.random.default_rng(seed)
+    out = [env.reset(seed=seed)]
+    for _ in range(steps):
+        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
+        if out[-1][2] or out[-1][3]:
+            break
+    return out
+
+
+def test_gymnasiums_checker_has_no_warning():
+    env = gymnasium.make("lidarnaut/Track-v0", **QUICK, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_same_seed_same_bytes(physics):
+    env, other = (TrackEnv(**{**QUICK, "physics": physics}) for _ in range(2))
+    first = rollout(env, 7, 15)
+    assert same(first, rollout(other, 7, 15))
+    assert same(first, rollout(env, 7, 15))
+    assert same(first, rollout(pickle.loads(pickle.dumps(env)), 7, 15))
+    assert not same(first, rollout(other, 8, 15))
+    env.close()
+    other.close()
+
+
+def test_observations_share_no_memory_and_starts_vary():
+    env = TrackEnv(**QUICK)
+    observations = [step[0] for step in rollout(env, 1, 20)]
+    for before, after in itertools.pairwise(observations):
+        assert not any(np.shares_memory(before[key], after[key]) for key in before)
+    starts = []
+    for seed in range(3):
+        env.reset(seed=seed)
+        starts.append(env.true_pose)
+    assert np.std(starts, axis=0).min() > 1e-3
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_the_tracker_follows_the_route_to_its_end(physics):
+    env = TrackEnv(**{**HALL, "physics": physics, "start_spread": (0.0, 0.0)})
+    out = follow(env)
+    infos = [step[-1] for step in out]
+    assert infos[-1]["end_reason"] == "completed"
+    assert infos[-1]["is_success"]
+    assert infos[-1]["collisions"] == 0
+    assert max(abs(info["deviation"]) for info in infos) < 0.05
+    assert max(info["pose_error"][0] for info in infos) < 0.05
+    assert max(info["pose_error"][1] for info in infos) < math.radians(0.7)
+    for _, reward, _, _, info in out[1:]:
+        assert reward == pytest.approx(sum(info["rewards"].values()))
+    assert sum(info["rewards"]["progress"] for info in infos) == pytest.approx(env.route.length, abs=0.15)
+    assert infos[-1]["rewards"]["completed"] == TrackRewards().completed
+    counts = env.fused.ekf.counts
+    assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(out) - 1
+    assert 20 < counts["map"]["accepted"] < 35
+    env.close()
+
+
+def test_fusion_keeps_the_heading_that_wheels_lose():
+    heading = {}
+    for fusion in ("full", "encoder"):
+        env = TrackEnv(**{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)})
+        heading[fusion] = np.mean([follow(env, seed)[-1][-1]["pose_error"][1] for seed in range(3)])
+    assert heading["full"] < 0.2 * heading["encoder"]
+
+
+def test_a_start_that_is_off_is_found_out_and_no_reason_to_disbelieve_the_sensors():
+    env = TrackEnv(**HALL)
+    for seed in range(4):
+        off = env.reset(seed=seed)[1]["pose_error"][1]
+        for _ in range(10):
+            info = env.step(np.zeros(2, dtype=np.float32))[4]
+        assert info["pose_error"][1] < max(0.2 * off, math.radians(0.1))
+        assert env.fused.ekf.counts["compass"] == {"accepted": 10}
+
+
+def test_straying_and_time_end_the_episode():
+    env = TrackEnv(**{**QUICK, "max_deviation": 0.2})
+    env.reset(seed=0)
+    for _ in range(100):
+        *_, terminated, truncated, info = env.step(np.array([1.0, 0.4], dtype=np.float32))
+        if terminated:
+            break
+    assert (terminated, truncated, info["end_reason"]) == (True, False, "strayed")
+    env = TrackEnv(**{**QUICK, "time_limit": 2.0})
+    out = rollout(env, 0, 100)
+    assert len(out) == 11
+    assert out[-1][2:4] == (False, True)
+    assert out[-1][4]["end_reason"] == "time_limit"
+
+
+def test_the_default_route_is_a_rectangle_of_78_m_that_ends_where_it_starts():
+    world = load_world("workshop_hall")
+    route = Route.of(rectangle(world.spawns[0]))
+    assert route.length == pytest.approx(78.0, abs=0.01)
+    np.testing.assert_allclose(route.points[-1], route.points[0], atol=1e-9)
+    assert np.ptp(route.points[:, 0]) == pytest.approx(24.0)
+    assert abs(np.diff(np.unwrap(route.headings))).max() < 0.06
+    assert np.unwrap(route.headings)[-1] == pytest.approx(2 * math.pi, abs=0.06)
+    with pytest.raises(ValueError, match="no room"):
+        rectangle(world.spawns[0], side=40.0)
+
+
+def test_progress_does_not_leap_to_where_the_route_comes_by_again():
+    route = Route.of(rectangle(Pose2D(0.0, 0.0, 0.0), length=20.0, side=5.0))
+    progress = Progress(route)
+    assert progress.update(Pose2D(0.0, 0.02, 0.0)) == pytest.approx((0.0, 0.02), abs=1e-9)
+    for x, y in route.points[::20]:
+        along, left = progress.update(Pose2D(x, y, 0.0))
+    assert along == pytest.approx(20.0, abs=1.0)
+    assert left == pytest.approx(0.0, abs=1e-6)
+    assert progress.update(Pose2D(3.0, 3.0, 0.0))[0] >= along
+
+
+def test_a_route_seen_from_its_start_begins_at_the_origin():
+    route = Route.of(BEND)
+    seen = route.seen_from(route.start)
+    assert seen.start == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    assert seen.length == route.length
+    np.testing.assert_allclose(route.start.transform(seen.points), route.points, atol=1e-12)
+
+
+def test_maps_are_made_once_and_lie_where_the_place_does():
+    route = Route.of(HALL["path"])
+    world, robot = load_world("workshop_hall"), load_robot("mpo_500")
+    arguments = (world, robot, "kinematic", "tinyslam", route.points.tobytes(), 0.05, 1 / 17, 3)
+    made = make_route_map(*arguments)
+    assert make_route_map(*arguments) is made
+    assert abs(made.north) < math.radians(0.1)
+    assert made.poses[-1] == pytest.approx((5.8, 0.0, 0.0), abs=0.15)
+    assert np.diff(made.poses[:, 0]).min() > 0.15
+    assert made.grid.data[tuple(made.grid.cells(np.array([0.0, 0.0])))] == 0
+    # The south wall lies at world y 0, which is -3.2 as seen from the start.
+    column = made.grid.cells(np.array([0.5, 0.0]))[1]
+    rows = np.flatnonzero(made.grid.data[:, column] >= 65)
+    wall = made.grid.centers(np.array([rows.min(), column]))[1]
+    assert wall == pytest.approx(-3.2, abs=0.06)
+
+
+def test_a_route_through_a_wall_is_no_route():
+    with pytest.raises(RuntimeError, match=r"did not get along the route in world 'turtlebot3_world'"):
+        TrackEnv(**{**QUICK, "path": np.array([[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]])}).reset(seed=0)
+
+
+def test_encoders_tell_the_mean_of_a_period_for_its_middle():
+    robot = load_robot("mpo_500")
+    meter = WheelMeter(robot)
+    meter.reset(1.0, (100, 100))
+    measurement = meter.update(1.2, (150, 160))
+    tick = 2 * math.pi * 0.127 / 500
+    assert measurement.time == pytest.approx(1.1)
+    np.testing.assert_allclose(measurement.values, [55 * tick / 0.2, 10 * tick / 0.548 / 0.2])
+    assert np.linalg.eigvalsh(measurement.covariance)[0] > 0
+    rng = np.random.default_rng(0)
+    # Two even cut-offs per wheel and slip, drawn, spread as the covariance says.
+    draws = tick * (rng.random((100_000, 2)) - rng.random((100_000, 2)))
+    draws += rng.normal(size=(100_000, 2)) * robot.drive.slip_std * np.sqrt(np.array([50, 60]) * tick)
+    values = np.column_stack([draws.mean(axis=1), (draws[:, 1] - draws[:, 0]) / 0.548]) / 0.2
+    np.testing.assert_allclose(np.cov(values.T), measurement.covariance, rtol=0.03, atol=2e-5)
+    with pytest.raises(ValueError, match="time must go on"):
+        meter.update(1.2, (150, 160))
+
+
+def test_the_compass_tells_headings_in_the_map_frame():
+    meter = CompassMeter(load_robot("mpo_500"))
+    meter.reset(0.0, 0.5)
+    first, second = meter.update(0.1, 3.6), meter.update(0.2, 3.7)
+    assert first.values == pytest.approx([3.1, 0.0])
+    assert second.values == pytest.approx([3.2 - 2 * math.pi, 1.0])
+    assert first.covariance[1, 1] > second.covariance[1, 1]
+    assert second.covariance[0, 0] == pytest.approx(math.radians(0.1) ** 2 / 12, rel=0.1)
+    assert np.isnan(meter.update(0.3, math.nan).values).all()
+
+
+def test_render_shows_the_robot_on_its_map():
+    env = TrackEnv(**QUICK, render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    for _ in range(10):
+        env.step(np.array([1.0, 0.0], dtype=np.float32))
+    after = env.render()
+    assert before.shape == after.shape == (720, 1280, 3)
+    assert (before != after).any()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "culprit"),
+    [
+        ({"world": "atlantis"}, "atlantis"),
+        ({"robot": "r2d2"}, "r2d2"),
+        ({"fusion": "gps"}, "fusion 'gps'.*encoder_compass"),
+        ({"fusion": "encoder_compass"}, "needs a compass"),
+        ({"path": [[0.0, 0.0]]}, "path"),
+        ({"path": [[0.0, 0.0], [0.0, math.nan]]}, "path"),
+        ({"control_hz": 0}, "control_hz"),
+        ({"max_deviation": -1.0}, "max_deviation"),
+        ({"map_latency": -0.1}, "map_latency"),
+        ({"start_spread": (0.1, -0.1)}, "start_spread"),
+        ({"time_limit": 0.0}, "time_limit"),
+        ({"reward": {"progres": 1.0}}, "progres"),
+        ({"reward": {"time": math.inf}}, "time"),
+        ({"render_mode": "ascii"}, "render_mode"),
+    ],
+)
+def test_bad_arguments_are_named(kwargs, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        TrackEnv(**{**QUICK, **kwargs})
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [0.0], [[0.0, 0.0]]])
+def test_bad_actions_are_refused(action):
+    env = TrackEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(np.array(action))
+
+
+def test_the_docstring_tells_each_space_as_it_is():
+    rows = {line.split("`")[1]: line for line in TrackEnv.__doc__.splitlines() if line.strip().startswith("| `")}
+    for key, space in TrackEnv(**QUICK).observation_space.spaces.items():
+        shape = "(num_beams,)" if key == "scan" else str(space.shape)
+        assert f"`Box({space.low.min():g}, {space.high.max():g}, {shape}, {space.dtype})`" in rows[key]
