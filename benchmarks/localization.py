@@ -69,7 +69,7 @@ def main(
             "kld_particles": sizes.tolist(),
             "kld_update_us": spent.tolist(),
         }
-        _print("time of a whole update", {key: v for key, v in results["timing"].items() if key.endswith("_us")})
+        _print("time of a whole update", {key: v for key, v in results["timing"].items() if key.endswith("[us]")})
         for k in sorted({0, 1, 2, 4, 8, 16, len(sizes) - 1} & set(range(len(sizes)))):
             print(f"  update {k + 1:3d} at {when[k]:5.1f} s: {sizes[k]:7.0f} particles {spent[k]:9.0f} us")
         if picture is not None:
@@ -128,7 +128,7 @@ def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> 
 def _print(title: str, measures: dict[str, Any]) -> None:
     print(title)
     for name, value in measures.items():
-        print(f"  {name:36s} {value:10.4g}")
+        print(f"  {name:52s} {value:10.4g}")
 
 
 if __name__ == "__main__":

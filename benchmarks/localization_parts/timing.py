@@ -8,6 +8,9 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.localization import PRESETS, Amcl
+from envs.localization.likelihood_field import LikelihoodField
+from envs.localization.motion_model import DifferentialDrive
+from envs.localization.resampling import draw
 
 from .drives import Drive, Place, record
 from .runs import START_STD
@@ -43,21 +46,48 @@ def _median_update(place: Place, drive: Drive, particles: int, sensor: str) -> f
     return 1e6 * float(np.median(spent[20:]))
 
 
+def _median_steps(place: Place, drive: Drive, particles: int, sensor: str) -> float:
+    """Return the median time of moving, weighing and drawing particles alone [us], without what the estimate costs."""
+    params = replace(PRESETS["nav2"], min_particles=particles, max_particles=particles, sensor=sensor)
+    move, weigh = DifferentialDrive(params), LikelihoodField(params, place.robot.lidar, place.grid)
+    rng = np.random.default_rng(0)
+    cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
+    other, nobody = np.empty_like(cloud), np.empty((3, 1), dtype=np.float32)
+    bins, slots = np.zeros(particles, dtype=np.int32), np.zeros(particles, dtype=np.int32)
+    spent = []
+    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
+        begin = time.perf_counter()
+        move(Pose2D(*motion))(cloud, rng)
+        weights = np.full(particles, 1.0 / particles)
+        weigher = weigh(ranges)
+        assert weigher is not None
+        weigher(cloud, weights)
+        weights /= weights.sum()
+        draw(cloud, weights, bins, nobody, 0.0, rng.random(), particles, 0.05, 0.99, bins, slots, other)
+        cloud, other = other, cloud
+        spent.append(time.perf_counter() - begin)
+    return 1e6 * float(np.median(spent[20:]))
+
+
 def update_times(place: Place) -> dict[str, float]:
-    """Time whole updates of a fixed number of particles with 60 beams, pinned to one core, side by side [us]."""
+    """Time a fixed number of particles with 60 beams, pinned to one core, side by side [us].
+
+    Whole updates, with the estimate, its covariance and the check against the map; and their steps move, weigh, draw.
+    """
     place = _see_far(place)
     drive = record(place, np.random.SeedSequence(0), 30.0, "kinematic")
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     if cores is not None:
         os.sched_setaffinity(0, {min(cores)})
     cases = [(n, sensor) for n in (1000, 2000) for sensor in ("likelihood_field", "likelihood_field_prob")]
-    spent: dict[str, list[float]] = {f"{n} x 60 {sensor}": [] for n, sensor in cases}
+    spent: dict[str, list[float]] = {}
     for _ in range(REPEATS):
         for n, sensor in cases:
-            spent[f"{n} x 60 {sensor}"].append(_median_update(place, drive, n, sensor))
+            for what, measure in (("update", _median_update), ("move, weigh, draw", _median_steps)):
+                spent.setdefault(f"{n} x 60 {sensor}, {what}", []).append(measure(place, drive, n, sensor))
     if cores is not None:
         os.sched_setaffinity(0, cores)
-    return {f"{name}_us": float(np.median(times)) for name, times in spent.items()}
+    return {f"{name} [us]": float(np.median(times)) for name, times in spent.items()}
 
 
 def cost_by_size(place: Place, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

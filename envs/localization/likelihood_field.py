@@ -43,7 +43,7 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
     return np.minimum(np.sqrt(np.arange(squared.max() + 1.0)) * resolution, max_distance)[squared]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def sum_field(flat, width, points_x, points_y, x, y, c, s, cells):
     """Sum the field over the points as seen from one pose.
 

@@ -75,6 +75,7 @@ def draw(particles, weights, bins, fresh, share, start, least, error, quantile, 
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)
     cumulate(weights, cumulated, guide)
     needed = float(least)
+    is_adaptive = least < drawn.shape[1]
     num_bins = 0
     num_fresh = 0
     for k in range(drawn.shape[1]):
@@ -92,6 +93,8 @@ def draw(particles, weights, bins, fresh, share, start, least, error, quantile, 
             while cumulated[i] <= u:
                 i += 1
             drawn[0, k], drawn[1, k], drawn[2, k] = particles[0, i], particles[1, i], particles[2, i]
+            if not is_adaptive:
+                continue
             slot = slot_of_bin[bins[i]]
             is_new = slot >= num_bins or bin_of_slot[slot] != bins[i]
             if is_new:
