@@ -99,8 +99,8 @@ class NetworkConfig(_Section):
 
     features: PositiveInt = 128
     """Width of the features that policy and value share."""
-    channels: tuple[PositiveInt, PositiveInt] = (16, 32)
-    """Channels of the two map convolutions."""
+    channels: PositiveInt = 16
+    """Features of a patch of a map crop."""
     hidden: PositiveInt = 64
     """Width of the hidden layer of the policy and of the value."""
     log_std: float = -0.5

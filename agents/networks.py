@@ -4,32 +4,32 @@ import math
 
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import PyTorchObs
 from torch import Tensor, nn
+from torch.nn import functional
 
-PATCH = 5
+PATCH = 10
 """Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
 SECTORS = 40
 """Number of angles into which the scan is pooled; fewer for a lidar with fewer beams."""
 
 
 class ExplorerFeatures(BaseFeaturesExtractor):
-    """Patch convolutions on the two map crops, sector pooling on the scan, a small layer on the motion state.
+    """A patch convolution on each map crop, sector pooling on the scan, a small layer on the motion state.
 
     A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall stands within
-    a patch matters less than that it does. Images arrive scaled to [0, 1]: stable-baselines3 does that, once, from the
-    uint8 of the observation space.
+    a patch matters less than that it does.
     """
 
-    def __init__(
-        self, observation_space: spaces.Dict, features_dim: int = 128, channels: tuple[int, int] = (16, 32)
-    ) -> None:
+    def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
         """Build the layers for the shapes of an observation space.
 
         Args:
             observation_space: with the keys `scan`, `map_near`, `map_far`, `motion`.
             features_dim: width of the features.
-            channels: of the first and of the second convolution.
+            channels: of the convolutions.
 
         Raises:
             ValueError: if a key is missing, or the crops cannot be cut into patches.
@@ -42,8 +42,8 @@ class ExplorerFeatures(BaseFeaturesExtractor):
                 f"it has {sorted(observation_space.spaces)}"
             )
         shapes = {key: tuple(observation_space[key].shape or ()) for key in needed}
-        self.map_near = self._map_layers(shapes["map_near"], channels)
-        self.map_far = self._map_layers(shapes["map_far"], channels)
+        self.map_near = MapPatches(shapes["map_near"], channels)
+        self.map_far = MapPatches(shapes["map_far"], channels)
         num_beams = shapes["scan"][0]
         beams_per_sector = math.ceil(num_beams / SECTORS)
         self.nearest = nn.MaxPool1d(beams_per_sector, ceil_mode=True)
@@ -58,18 +58,6 @@ class ExplorerFeatures(BaseFeaturesExtractor):
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         """Return the features, shape (batch, features_dim)."""
         return self.merge(self._encode(observations))
-
-    @staticmethod
-    def _map_layers(shape: tuple[int, ...], channels: tuple[int, int]) -> nn.Sequential:
-        if len(shape) != 3 or shape[1] % (2 * PATCH) or shape[2] % (2 * PATCH):
-            raise ValueError(f"map crops must have shape (channels, n {2 * PATCH}, m {2 * PATCH}), got {shape}")
-        return nn.Sequential(
-            nn.Conv2d(shape[0], channels[0], PATCH, stride=PATCH),
-            nn.ReLU(),
-            nn.Conv2d(channels[0], channels[1], 2, stride=2),
-            nn.ReLU(),
-            nn.Flatten(),
-        )
 
     def _encode(self, observations: dict[str, Tensor]) -> Tensor:
         """Return all parts side by side, shape (batch, width)."""
@@ -86,3 +74,32 @@ class ExplorerFeatures(BaseFeaturesExtractor):
             ],
             dim=1,
         )
+
+
+class MapPatches(nn.Conv2d):
+    """Features of the patches of a map crop."""
+
+    def __init__(self, shape: tuple[int, ...], channels: int) -> None:
+        """Build the convolution for crops of a shape.
+
+        Raises:
+            ValueError: if they cannot be cut into patches.
+        """
+        if len(shape) != 3 or shape[1] % PATCH or shape[2] % PATCH:
+            raise ValueError(f"map crops must have shape (channels, n {PATCH}, m {PATCH}), got {shape}")
+        super().__init__(shape[0], channels, PATCH, stride=PATCH)
+
+    def forward(self, crop: Tensor) -> Tensor:
+        """Return the features, shape (batch, channels * patches), of crops from 0 to 255.
+
+        The weights are scaled rather than the pixels, of which there are many more.
+        """
+        return functional.relu(self._conv_forward(crop.float(), self.weight / 255.0, self.bias)).flatten(1)
+
+
+class ExplorerPolicy(MultiInputActorCriticPolicy):
+    """Hands observations to the network as they are: it scales the crops itself, in place of two passes over them."""
+
+    def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor | None = None) -> Tensor:
+        """Return the features of an observation, shape (batch, features_dim); policy and value share them."""
+        return self.features_extractor(obs)

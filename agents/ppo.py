@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
@@ -20,7 +20,7 @@ from agents.checkpoint import (
     check_tensors,
 )
 from agents.config import NetworkConfig, TrainingConfig
-from agents.networks import ExplorerFeatures
+from agents.networks import ExplorerFeatures, ExplorerPolicy
 from agents.run_folder import CheckpointError
 from agents.vector import Observations
 
@@ -38,7 +38,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         return ppo.learning_rate * (remaining if ppo.anneal else 1.0)
 
     model = PPO(
-        MultiInputActorCriticPolicy,
+        ExplorerPolicy,
         env,
         learning_rate=learning_rate,
         n_steps=ppo.num_steps,
@@ -60,7 +60,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
     return model
 
 
-def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticPolicy:
+def build_policy(checkpoint: Checkpoint, folder: Path) -> ExplorerPolicy:
     """Make the policy of a checkpoint, for acting only.
 
     Raises:
@@ -68,7 +68,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
     """
     record = checkpoint.record
     observation_space = spaces.Dict({key: box.space() for key, box in record.observation.items()})
-    policy = MultiInputActorCriticPolicy(
+    policy = ExplorerPolicy(
         observation_space, record.action.space(), lambda _: 0.0, **_policy_arguments(record.config.network)
     )
     check_tensors(folder, POLICY_FILE, checkpoint.policy, policy.state_dict())

@@ -128,15 +128,18 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
 def count_new(new_cells, map_x, map_y, map_resolution, x, y, theta, explorable, origin_x, origin_y, resolution, seen):
     """Mark in `seen` the explorable true cells under newly known map cells; return how many were new."""
     height, width = explorable.shape
-    c, s = math.cos(theta), math.sin(theta)
+    # From the map's cells to the raster's: one affine map, in cells.
+    scale = map_resolution / resolution
+    c, s = math.cos(theta) * scale, math.sin(theta) * scale
+    u, v = map_x / map_resolution, map_y / map_resolution
+    first_col = (x - origin_x) / resolution + c * u - s * v
+    first_row = (y - origin_y) / resolution + s * u + c * v
     count = 0
     for k in range(new_cells.shape[0]):
         # Four points of each map cell: a lattice of half a cell leaves no true cell out, however the map is turned.
         for quarter in range(4):
-            u = map_x + (new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1)) * map_resolution
-            v = map_y + (new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)) * map_resolution
-            col = math.floor((x + c * u - s * v - origin_x) / resolution)
-            row = math.floor((y + s * u + c * v - origin_y) / resolution)
+            u, v = new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1), new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)
+            col, row = math.floor(first_col + c * u - s * v), math.floor(first_row + s * u + c * v)
             if 0 <= row < height and 0 <= col < width and explorable[row, col] and not seen[row, col]:
                 seen[row, col] = True
                 count += 1

@@ -9,12 +9,15 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.compilation import announce_compilation
 from envs.coverage import Coverage, ExplorableArea, explorable_area, map_iou
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
+from envs.map_pyramid import MapPyramid
 from envs.observation import Trail, observation_space, observe
 from envs.robots import RobotParams, WheelOdometry, load_robot
 from envs.simulation import Twist, make_simulator
+from envs.simulation.sensors import measure_ranges
 from envs.slam import make_slam
 from envs.worlds import World, world_sampler
 
@@ -172,6 +175,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             if unknown := sorted(set(reward) - set(REWARD_TERMS)):
                 raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
             reward = RewardWeights(**reward)
+        announce_compilation(measure_ranges)
         self._sample_world = world_sampler(world, split=split, size=world_size)
         world_name = world if isinstance(world, str) else world.name
         self.robot = load_robot(USUAL_ROBOTS.get(world_name, "turtlebot3_burger") if robot is None else robot)
@@ -216,6 +220,7 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.belief = self.slam.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
         self.coverage = Coverage(area, self.start)
         self.coverage.update(self.belief)
+        self.pyramid = MapPyramid(self.belief.grid)
         self.trail = Trail()
         self._true_trail = Trail()
         self._remember()
@@ -330,12 +335,14 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.belief = self.slam.update(self.reading.ranges, motion)
 
     def _remember(self) -> None:
-        self.trail.append(self.belief.pose)
+        self.pyramid.update(self.belief.touched, self.trail.positions)
+        if self.trail.append(self.belief.pose):
+            self.pyramid.mark(self.belief.pose.x, self.belief.pose.y)
         self._true_trail.append(self._state.pose)
 
     def _observe(self) -> dict[str, np.ndarray]:
         elapsed = self.reading.time / self.time_limit
-        return observe(self.robot, self.reading, self.belief, self.trail, self._twist, self._action, elapsed)
+        return observe(self.robot, self.reading, self.belief.pose, self.pyramid, self._twist, self._action, elapsed)
 
     def _info(self, rewards: dict[str, float]) -> dict[str, Any]:
         error = self.start.compose(self.belief.pose).between(self._state.pose)

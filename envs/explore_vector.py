@@ -3,7 +3,7 @@
 import itertools
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, cast
 
@@ -12,9 +12,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.compilation import announce_compilation
 from envs.coverage import map_iou
 from envs.explore import REWARD_TERMS, ExploreEnv
-from envs.lanes import Lanes, Numbers, Scratch, Views, draw_and_view, move_and_locate
+from envs.lanes import Lanes, Numbers, Scratch, Views, finish_lanes, step_lanes
+from envs.map_pyramid import block_size
 from envs.simulation import KinematicSimulator
 from envs.simulation.sensors import LidarNumbers
 from envs.slam import GivenPoseSlam, TinySlam
@@ -58,6 +60,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         Raises:
             ValueError: if an argument is not among the allowed values.
         """
+        self.closed = True  # until there is something to close
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
         if physics != "kinematic":
@@ -72,6 +75,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         num_threads = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
         if num_threads < 1:
             raise ValueError(f"num_threads must be at least 1 or None, got {num_threads}")
+        announce_compilation(step_lanes)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**ExploreEnv.metadata, "autoreset_mode": self.autoreset_mode}
@@ -104,8 +108,10 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         self._num_explorable = np.ones(num_envs, dtype=np.int64)
         self._returns = np.zeros(num_envs)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
+        self._waiting = np.zeros(num_envs, dtype=np.bool_)
         self._preparer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="places")
         self._preparations: list[Future[None] | None] = [None] * num_envs
+        self.closed = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -155,11 +161,8 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         views = self._new_views()
         for i in np.flatnonzero(~active).tolist():
             self._reset_lane(i, None, views)
-        self._draw_noise(active)
-        shared = (self._lanes, self._numbers, self._directions, self._scratch)
-        self._share(move_and_locate, actions, active, *shared)
-        self._make_room(active)
-        self._share(draw_and_view, actions, active, *shared, views)
+        self._move_circles(active)
+        self._step_all(actions, active, views)
 
         self._num_seen[active] += self._lanes.gained[active]
         rewards, terminated, truncated = self._judge(active)
@@ -184,15 +187,29 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         """Memory that the lanes hold beside their observations [bytes], all lanes together."""
         rows = sum(rows.nbytes for rows in self._lanes)
         maps = sum(slam.map.words.nbytes + slam.map.grid.data.nbytes for slam in self._slams)
+        maps += sum(env.pyramid.near.nbytes + env.pyramid.far.nbytes for env in self.envs)
         return rows + maps + sum(env.coverage.seen.nbytes + env.trail.buffer.nbytes for env in self.envs)
 
-    def _share(self, kernel: Callable[..., None], *arguments: Any) -> None:
-        """Run a kernel on all lanes, a share of them on each core."""
+    def _step_all(self, actions: np.ndarray, active: np.ndarray, views: Views) -> None:
+        """Step active lanes, a share of them on each core."""
         if len(self._shares) == 1:
-            kernel(*self._shares[0], *arguments)
-            return
-        for result in [self._workers.submit(kernel, *share, *arguments) for share in self._shares]:
-            result.result()
+            self._step_share(*self._shares[0], actions, active, views)
+        else:
+            work = [self._workers.submit(self._step_share, *share, actions, active, views) for share in self._shares]
+            for done in work:
+                done.result()
+        if self._waiting.any():
+            for i in np.flatnonzero(self._waiting).tolist():
+                self._make_room(i)
+            finish_lanes(actions, self._waiting, self._lanes, self._numbers, self._directions, self._scratch, views)
+
+    def _step_share(
+        self, thread: int, first: int, last: int, actions: np.ndarray, active: np.ndarray, views: Views
+    ) -> None:
+        """Step lanes `first` to `last` - 1."""
+        self._draw_noise(first, last, active)
+        shared = (self._lanes, self._numbers, self._directions, self._scratch)
+        step_lanes(thread, first, last, actions, active, self._waiting, *shared, views)
 
     def _new_views(self) -> Views:
         return Views(*(np.empty(space.shape, space.dtype) for space in self._view_spaces))
@@ -247,35 +264,39 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         words, occupancy = grid_map.words, grid_map.grid.data
         self._lanes.map[i] = words.ctypes.data, occupancy.ctypes.data, *words.shape
         self._lanes.corner[i] = grid_map.corner
+        near, far = self.envs[i].pyramid.near, self.envs[i].pyramid.far
+        self._lanes.pyramid[i] = near.ctypes.data, len(near), far.ctypes.data, len(far)
 
-    def _draw_noise(self, active: np.ndarray) -> None:
-        """Draw each lane's noise as its own simulator and SLAM would, and move what moves."""
+    def _draw_noise(self, first: int, last: int, active: np.ndarray) -> None:
+        """Draw the noise of lanes `first` to `last` - 1 as each one's own simulator and SLAM would."""
         lanes = self._lanes
-        for i in np.flatnonzero(active).tolist():
+        for i in range(first, last):
+            if not active[i]:
+                continue
             simulator, slam = self._simulators[i], self._slams[i]
             simulator.rng.standard_normal(out=lanes.normals[i])
             if self._loses_beams:
                 simulator.rng.random(out=lanes.uniforms[i])
             if isinstance(slam, TinySlam):
                 slam.rng.standard_normal(out=lanes.candidates[i])
+
+    def _move_circles(self, active: np.ndarray) -> None:
+        """Move what moves."""
         for i in self._moving:
             if active[i]:
                 before, after = self._circles[i]
                 before[:] = after
-                after[:] = self.envs[i].world.circles_at((lanes.steps[i] + 1) * self._numbers.period)
+                after[:] = self.envs[i].world.circles_at((self._lanes.steps[i] + 1) * self._numbers.period)
 
-    def _make_room(self, active: np.ndarray) -> None:
-        """Enlarge the maps and trails that the next kernel would overrun."""
-        lanes = self._lanes
-        low, high = lanes.touched[:, :2], lanes.touched[:, 2:]
-        outside = (low < 0).any(axis=1) | (high >= lanes.map[:, :1:-1]).any(axis=1)
-        for i in np.flatnonzero(active & outside).tolist():
-            self._slams[i].map.grow_to_hold(*lanes.touched[i].tolist())
+    def _make_room(self, i: int) -> None:
+        """Enlarge lane `i`'s map or trail, which its step would overrun."""
+        lanes, env, slam = self._lanes, self.envs[i], self._slams[i]
+        if lanes.trail[i, 1] == lanes.trail[i, 2]:
+            env.trail.enlarge()
+            lanes.trail[i] = env.trail.buffer.ctypes.data, lanes.trail[i, 1], len(env.trail.buffer)
+        if slam.map.grow_to_hold(*lanes.touched[i].tolist()):
+            env.pyramid.rebuild(env.belief.grid, env.trail.buffer[: lanes.trail[i, 1]])
             self._point_to_map(i)
-        for i in np.flatnonzero(active & (lanes.trail[:, 1] == lanes.trail[:, 2])).tolist():
-            trail = self.envs[i].trail
-            trail.enlarge()
-            lanes.trail[i] = trail.buffer.ctypes.data, lanes.trail[i, 1], len(trail.buffer)
 
     def _judge(self, active: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         """Return the reward terms, and which lanes terminate and truncate."""
@@ -367,6 +388,7 @@ def _numbers_of(env: ExploreEnv, simulator: KinematicSimulator, slam: TinySlam |
         told_pose=isinstance(slam, GivenPoseSlam),
         told_truth=env.slam_is_told_the_truth,
         resolution=float(params.resolution),
+        block=block_size(params.resolution),
         sigma_xy=params.sigma_xy / params.resolution,
         sigma_theta=float(params.sigma_theta),
         max_failed=params.max_failed,

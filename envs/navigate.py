@@ -15,6 +15,7 @@ from envs.explore import USUAL_ROBOTS
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
+from envs.map_pyramid import MapPyramid
 from envs.navigate_setup import DeadReckoning, TrueWay, draw_goal, known_map, make_localizer, read_map
 from envs.observation import Trail, observation_space, observe
 from envs.robots import RobotParams, WheelOdometry, load_robot
@@ -255,6 +256,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.estimate = self.localizer.estimate
         self.belief = Belief(self.estimate.pose, grid, NO_CELLS)
         """The estimated pose on the known map."""
+        self.pyramid = MapPyramid(grid)
         self.trail = Trail()
         self._true_trail = Trail()
         self._remember()
@@ -409,12 +411,13 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.belief.pose = self.estimate.pose
 
     def _remember(self) -> None:
-        self.trail.append(self.belief.pose)
+        if self.trail.append(self.belief.pose):
+            self.pyramid.mark(self.belief.pose.x, self.belief.pose.y)
         self._true_trail.append(self._state.pose)
 
     def _observe(self) -> dict[str, np.ndarray]:
         elapsed = self.reading.time / self.time_limit
-        seen = observe(self.robot, self.reading, self.belief, self.trail, self._twist, self._action, elapsed)
+        seen = observe(self.robot, self.reading, self.belief.pose, self.pyramid, self._twist, self._action, elapsed)
         ahead = self.belief.pose.between(self.goal)
         away = distance(ahead.x, ahead.y)
         bearing = math.atan2(ahead.y, ahead.x)

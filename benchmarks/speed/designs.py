@@ -4,10 +4,12 @@ import contextlib
 import dataclasses
 import multiprocessing
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from benchmarks.naive import NaiveExploreEnv
 from benchmarks.speed.halls import Hall
@@ -19,14 +21,17 @@ NUM_ACTIONS = 500
 """Actions of a lane before they start again."""
 SUBPROCESSES = 2
 """Processes of `subproc`."""
+TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
+"""Network and settings of `ppo`; where it learns and in how many lanes is up to the benchmark."""
 
 
 class Design(NamedTuple):
     """What is measured, and on how much of the machine."""
 
-    name: Literal["naive", "bullet", "kinematic", "vector", "subproc"]
+    name: Literal["naive", "bullet", "kinematic", "vector", "subproc", "ppo"]
     """`naive`: `benchmarks.naive`. `bullet` and `kinematic`: the single environment under either physics. `vector`:
-    `ExploreVectorEnv`. `subproc`: the single kinematic environment in stable-baselines3's `SubprocVecEnv`."""
+    `ExploreVectorEnv`. `subproc`: the single kinematic environment in stable-baselines3's `SubprocVecEnv`. `ppo`: PPO
+    of stable-baselines3 learning from `vector`, end to end."""
     lanes: int = 1
     """How many environments step together."""
     cores: int = 1
@@ -50,6 +55,9 @@ class Case(NamedTuple):
 
 class Drive(Protocol):
     """Robots under way in one design."""
+
+    at_once: int
+    """Steps of a lane that are taken together, between two looks at the clock."""
 
     def step(self, count: int) -> None:
         """Step every lane `count` times."""
@@ -82,9 +90,11 @@ def open_drive(case: Case, hall: Hall) -> Drive:
         "start": "spawn",
         "map_resolution": case.map_resolution,
     }
-    if design.name == "vector":
-        mode = "vector_entry_point"
-        return VectorDrive(gymnasium.make_vec("lidarnaut/Explore-v0", design.lanes, mode, **arguments))
+    if design.name in ("vector", "ppo"):
+        if design.name == "ppo":
+            arguments |= {"autoreset_mode": AutoresetMode.SAME_STEP}
+        env = gymnasium.make_vec("lidarnaut/Explore-v0", design.lanes, "vector_entry_point", **arguments)
+        return VectorDrive(env) if design.name == "vector" else TrainingDrive(env, design)
     if design.name == "subproc":
         return SubprocDrive(design.lanes, arguments)
     return SingleDrive(gymnasium.make("lidarnaut/Explore-v0", **arguments))
@@ -102,6 +112,8 @@ def make_actions(lanes: int) -> Iterator[np.ndarray]:
 
 class SingleDrive:
     """One environment."""
+
+    at_once = 5
 
     def __init__(self, env: gymnasium.Env) -> None:
         self._env = env
@@ -123,6 +135,7 @@ class VectorDrive:
 
     def __init__(self, env: gymnasium.vector.VectorEnv) -> None:
         self._env = env
+        self.at_once = 5 if env.num_envs < 64 else 1
         self._actions = make_actions(env.num_envs)
         env.reset(seed=0)
 
@@ -136,6 +149,8 @@ class VectorDrive:
 
 class SubprocDrive:
     """Single environments in processes of their own, under stable-baselines3's `SubprocVecEnv`."""
+
+    at_once = 5
 
     def __init__(self, lanes: int, arguments: dict[str, Any]) -> None:
         from stable_baselines3.common.vec_env import SubprocVecEnv
@@ -154,6 +169,31 @@ class SubprocDrive:
     def close(self) -> None:
         with contextlib.suppress(EOFError, BrokenPipeError):
             self._env.close()
+
+
+class TrainingDrive:
+    """PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
+
+    def __init__(self, env: gymnasium.vector.VectorEnv, design: Design) -> None:
+        import torch
+        from stable_baselines3.common.logger import Logger
+
+        from agents.config_files import load_config
+        from agents.lane_vec_env import LaneVecEnv
+        from agents.ppo import build_model
+
+        torch.set_num_threads(design.cores)
+        config = load_config(TRAINING)
+        self.at_once = config.ppo.num_steps
+        self._env = LaneVecEnv(env)
+        self._model = build_model(config, self._env)
+        self._model.set_logger(Logger(None, []))
+
+    def step(self, count: int) -> None:
+        self._model.learn(count * self._env.num_envs, reset_num_timesteps=False)
+
+    def close(self) -> None:
+        self._env.close()
 
 
 def _make_registered(arguments: dict[str, Any]) -> gymnasium.Env:

@@ -15,15 +15,16 @@ from benchmarks.speed.loops import (
     repeat_advance,
     repeat_cast_rays,
     repeat_count_new,
-    repeat_crop_map,
+    repeat_crop,
     repeat_draw_scan,
     repeat_match,
+    repeat_pool_map,
 )
-from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_map_in_numpy
+from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
 from envs.coverage import explorable_area
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
-from envs.observation import CROP_SIZE, NEAR_PIXEL, crop_map
+from envs.map_pyramid import CROP_SIZE, FAR_PIXEL, NEAR_PIXEL, MapPyramid
 from envs.simulation.drive import Drive, count_substeps
 from envs.simulation.kinematic import STATE_SIZE
 from envs.slam import load_params
@@ -84,7 +85,7 @@ class Scene:
 def make_kernels(hall: Hall) -> list[Kernel]:
     """Prepare every kernel with what it would meet in a hall."""
     scene = Scene(hall)
-    makers = (_cast_rays, _match, _draw_scan, _crop_map, _count_new, _advance)
+    makers = (_cast_rays, _match, _draw_scan, _pool_map, _crop, _count_new, _advance)
     return [make(scene) for make in makers]
 
 
@@ -133,19 +134,19 @@ def _match(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     points = np.empty((2, lidar.num_beams), dtype=np.float32)
     mount = (lidar.mount.x, lidar.mount.y)
-    hits = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
+    count = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
     noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
     sigma = (params.sigma_xy / params.resolution, params.sigma_theta)
     x, y = grid_map.to_cells(scene.pose.x + 0.01, scene.pose.y)
     start = Pose2D(x, y, scene.pose.theta + 0.01)
     search = (*sigma, params.max_failed, params.max_tries, noise, np.empty((0, 5)))
-    arguments = (grid_map.words, points, *hits, grid_map.unvisited, *start)
+    arguments = (grid_map.words, points, count, grid_map.unvisited, *start)
     return Kernel(
         "match",
         lambda times: repeat_match(times, *arguments, search),
         lambda: np.array(match(*arguments, *search)[:3]),
         lambda: np.array(
-            naive_slam.match(scene.naive.values, points[:, : hits[0]], start, sigma, noise, params.max_failed)
+            naive_slam.match(scene.naive.values, points[:, :count], start, sigma, noise, params.max_failed)
         ),
     )
 
@@ -178,22 +179,50 @@ def _draw_scan(scene: Scene) -> Kernel:
     return Kernel("draw_scan", repeat, result, reference)
 
 
-def _crop_map(scene: Scene) -> Kernel:
-    grid, pose = scene.map.grid, scene.pose
-    trail = 3.0 * np.random.default_rng(0).standard_normal((100, 2))
-    crop = np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
-    arguments = (grid.data, *grid.origin, grid.resolution, *pose, NEAR_PIXEL, trail, crop)
+def _pool_map(scene: Scene) -> Kernel:
+    grid, pyramid = scene.map.grid, MapPyramid(scene.map.grid)
+    cells = np.argwhere(grid.data >= 0)
+    (row_min, col_min), (row_max, col_max) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
+    arguments = (grid.data, (col_min, row_min, col_max, row_max), pyramid.block, pyramid.near, pyramid.far)
 
     def result() -> np.ndarray:
-        crop_map(*arguments)
-        return crop
+        repeat_pool_map(1, *arguments)
+        return pyramid.near[:-1].reshape(-(-len(grid.data) // pyramid.block), -1) & 0xFF
 
     return Kernel(
-        "crop_map",
-        lambda times: repeat_crop_map(times, *arguments),
+        "pool_map",
+        lambda times: repeat_pool_map(times, *arguments),
         result,
-        lambda: crop_map_in_numpy(grid.data, grid.origin, grid.resolution, pose, NEAR_PIXEL, trail, CROP_SIZE),
+        lambda: pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), pyramid.block)[1],
     )
+
+
+def _crop(scene: Scene) -> Kernel:
+    grid, pose, pyramid = scene.map.grid, scene.pose, MapPyramid(scene.map.grid)
+    crops = np.empty((2, 3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
+    x, y = pose.x - grid.origin[0], pose.y - grid.origin[1]
+    frame = (*grid.data.shape, pyramid.block, grid.resolution, x, y, pose.theta)
+    side = pyramid.block * grid.resolution
+    nowhere = np.empty((0, 2), dtype=np.int64)
+    near = pool_in_numpy(grid.data, nowhere, pyramid.block)
+    far = pool_in_numpy(grid.data, nowhere, round(FAR_PIXEL / NEAR_PIXEL) * pyramid.block)
+
+    def repeat(times: int) -> None:
+        repeat_crop(times, pyramid.near, pyramid.far, *frame, crops[0], crops[1])
+
+    def result() -> np.ndarray:
+        repeat(1)
+        return crops
+
+    def reference() -> np.ndarray:
+        levels = ((near, side, NEAR_PIXEL), (far, FAR_PIXEL / NEAR_PIXEL * side, FAR_PIXEL))
+        views = [
+            crop_in_numpy(pooled, x / block, y / block, pose.theta, pixel / block, CROP_SIZE)
+            for pooled, block, pixel in levels
+        ]
+        return np.stack(views)
+
+    return Kernel("crop", repeat, result, reference)
 
 
 def _count_new(scene: Scene) -> Kernel:

@@ -7,7 +7,7 @@ from numba import njit
 
 from envs.coverage import count_new
 from envs.geometry.raycast import cast_rays
-from envs.observation import crop_map
+from envs.map_pyramid import crop_pyramid, pool_map
 from envs.simulation.kinematic import advance
 from envs.slam.map_update import beam_ends, draw_scan
 from envs.slam.matcher import match
@@ -23,9 +23,9 @@ def repeat_cast_rays(times, x, y, heading, angle_min, increment, range_max, segm
 
 
 @njit
-def repeat_match(times, words, points, count, farthest, unvisited, x, y, theta, search):
+def repeat_match(times, words, points, count, unvisited, x, y, theta, search):
     for i in range(times):
-        match(words, points, count, farthest, unvisited, x + _LITTLE * i, y, theta, *search)
+        match(words, points, count, unvisited, x + _LITTLE * i, y, theta, *search)
 
 
 @njit
@@ -36,9 +36,15 @@ def repeat_draw_scan(times, words, occupancy, scan, x, y, c, s, resolution, ends
 
 
 @njit
-def repeat_crop_map(times, data, origin_x, origin_y, resolution, x, y, theta, pixel, trail, crop):
+def repeat_crop(times, near, far, height, width, block, resolution, x, y, theta, crop_near, crop_far):
     for i in range(times):
-        crop_map(data, origin_x, origin_y, resolution, x + _LITTLE * i, y, theta, pixel, trail, crop)
+        crop_pyramid(near, far, height, width, block, resolution, x + _LITTLE * i, y, theta, crop_near, crop_far)
+
+
+@njit
+def repeat_pool_map(times, data, touched, block, near, far):
+    for _ in range(times):
+        pool_map(data, *touched, block, near, far)
 
 
 @njit

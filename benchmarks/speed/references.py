@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.observation import OCCUPIED_FROM, SAMPLES
+from envs.geometry import wrap_angle
+from envs.map_pyramid import OCCUPIED_FROM
 from envs.robots import RobotParams
 
 
@@ -40,45 +40,52 @@ def cast_rays_in_numpy(
     return nearest
 
 
-def crop_map_in_numpy(
-    data: np.ndarray,
-    origin: tuple[float, float],
-    resolution: float,
-    pose: Pose2D,
-    pixel: float,
-    trail: np.ndarray,
-    size: int,
-) -> np.ndarray:
-    """Look at the map from the robot; see `envs.observation.crop_map`.
+def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
+    """Pool a map into blocks; see `envs.map_pyramid`.
 
     Args:
         data: shape (height, width), int8, occupancy.
-        origin: corner of cell (0, 0), map frame [m].
-        resolution: side of a map cell [m].
-        pose: of the robot, map frame.
-        pixel: side of a crop pixel [m].
-        trail: shape (n, 2), past positions, map frame [m].
+        visited: shape (n, 2), int64, (row, column) of the cells in which the robot has been.
+        block: side of a block [cells].
+
+    Returns:
+        Shape (3, rows, columns), uint8: 255 where a block has an occupied cell, the share of its cells that are free
+        times 255, and 255 where the robot has been in it.
+    """
+    rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
+    padded = np.pad(
+        data, ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1])), constant_values=-1
+    ).reshape(rows, block, cols, block)
+    free = ((padded >= 0) & (padded < OCCUPIED_FROM)).sum(axis=(1, 3))
+    pooled = np.zeros((3, rows, cols), dtype=np.uint8)
+    pooled[0] = 255 * (padded >= OCCUPIED_FROM).any(axis=(1, 3))
+    pooled[1] = 255 * free // block**2
+    pooled[2][tuple(visited.T // block)] = 255
+    return pooled
+
+
+def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
+    """Look at pooled blocks from the robot; see `envs.map_pyramid.crop_level`.
+
+    Args:
+        pooled: shape (channels, rows, columns), uint8.
+        x: position of the robot from the map's corner [blocks].
+        y: the same [blocks].
+        theta: heading of the robot [rad].
+        pixel: side of a crop pixel [blocks].
         size: side of the crop [pixels].
 
     Returns:
-        Shape (3, size, size), uint8.
+        Shape (channels, size, size), uint8; 0 outside.
     """
-    c, s = math.cos(pose.theta), math.sin(pose.theta)
-    steps = ((np.arange(size * SAMPLES) + 0.5) / SAMPLES - 0.5 * size) * (pixel / resolution)
+    c, s = math.cos(theta), math.sin(theta)
+    steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
     ahead, left = steps[:, None], steps
-    cols = np.floor((pose.x - origin[0]) / resolution + c * ahead - s * left).astype(np.int32)
-    rows = np.floor((pose.y - origin[1]) / resolution + s * ahead + c * left).astype(np.int32)
-    height, width = data.shape
-    inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-    values = np.where(inside, data.take(rows * width + cols, mode="clip"), -1)
-    values = values.reshape(size, SAMPLES, size, SAMPLES)
-    crop = np.zeros((3, size, size), dtype=np.uint8)
-    crop[0] = 255 * (values >= OCCUPIED_FROM).any(axis=(1, 3))
-    crop[1] = 255 * ((values >= 0) & (values < OCCUPIED_FROM)).sum(axis=(1, 3)) // SAMPLES**2
-    pixels = np.floor(pose.inverse().transform(trail) / pixel + 0.5 * size).astype(np.int64)
-    pixels = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]
-    crop[2, pixels[:, 0], pixels[:, 1]] = 255
-    return crop
+    cols = np.floor(x + c * ahead - s * left).astype(np.int32)
+    rows = np.floor(y + s * ahead + c * left).astype(np.int32)
+    inside = (rows >= 0) & (rows < pooled.shape[1]) & (cols >= 0) & (cols < pooled.shape[2])
+    indices = rows * pooled.shape[2] + cols
+    return np.where(inside, pooled.reshape(len(pooled), -1).take(indices, axis=1, mode="clip"), np.uint8(0))
 
 
 def advance_in_numpy(

@@ -27,6 +27,7 @@ DESIGNS = (
     Design("vector", PAIRED_LANES, cores=2),
     Design("subproc", SUBPROCESSES),
     Design("subproc", SUBPROCESSES, cores=2),
+    Design("ppo", PAIRED_LANES, cores=2),
 )
 """What is measured side by side."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "lanes": (1, 4, 16, 64, 256, 1024)}

@@ -8,6 +8,8 @@ from benchmarks.speed.results import BODIES, PAIRED_LANES, Results
 NAIVE, BULLET, ONE_LANE = Design("naive"), Design("bullet"), Design("vector", 1)
 LANES, TWO_CORES, MANY_LANES = Design("vector", PAIRED_LANES), Design("vector", PAIRED_LANES, 2), Design("vector", 1024)
 
+TRAINING = Design("ppo", PAIRED_LANES, 2)
+
 
 class Target(NamedTuple):
     """A figure, and the least (or, where `at_most`, the greatest) that it should be."""
@@ -32,6 +34,8 @@ def targets(results: Results) -> list[Target]:
         _ratio(results, "bullet over naive, tinyslam", BULLET, NAIVE, 10.0),
         _ratio(results, "vector on two cores over one, tinyslam", TWO_CORES, LANES, 1.8),
         _ratio(results, "vector, 1024 lanes over 1, tinyslam", MANY_LANES, ONE_LANE, 0.9),
+        _speed(results, "ppo on two cores, tinyslam [steps/s]", TRAINING, "tinyslam", 8_000),
+        _speed(results, "ppo on two cores, truth [steps/s]", TRAINING, "truth", 12_000),
         Target("state of a lane, 400 x 400 cells [MiB]", 1.0, results.state_bytes_per_lane / 2**20, at_most=True),
     ]
     return [target for target in wanted if target is not None]

@@ -55,12 +55,11 @@ class Bench:
     def measure(self, case: Case, seconds: float) -> Sample:
         """Drive on for about so many seconds."""
         drive, design = self._drives[case], case.design
-        at_once = 5 if design.lanes < 64 else 1
         count, elapsed = 0, 0.0
         computing, start = time.process_time(), time.perf_counter()
         while elapsed < seconds:
-            drive.step(at_once)
-            count += at_once
+            drive.step(drive.at_once)
+            count += drive.at_once
             elapsed = time.perf_counter() - start
         share = (time.process_time() - computing) / (elapsed * design.cores)
         return Sample(count * design.lanes / elapsed, share)

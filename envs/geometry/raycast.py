@@ -18,8 +18,10 @@ def _polar(x: float, y: float) -> float:
     Hastings' odd polynomial of ninth degree for the arctangent on [0, 1] (Abramowitz and Stegun 4.4.49), reflected
     into the other seven octants.
     """
+    # Written as selections: `min` and `max` treat NaN in ways that keep loops from being vectorised.
     ax, ay = abs(x), abs(y)
-    q = min(ax, ay) / max(max(ax, ay), 1e-300)
+    low, high = (ax if ax < ay else ay), (ay if ax < ay else ax)
+    q = low / (high if high > 1e-300 else 1e-300)
     q2 = q * q
     a = q * (0.9998660 + q2 * (-0.3302995 + q2 * (0.1801410 + q2 * (-0.0851330 + q2 * 0.0208351))))
     a = 0.5 * math.pi - a if ay > ax else a
@@ -31,18 +33,25 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, first, span):
     """Find the beams that can meet each segment.
 
-    Fills `local` (n, 4) with the segments in the frame of the first beam, `first` and `span` (n,) with the position
-    of the interval's start and its length, in beams; a segment out of range gets the length -1.
+    Fills `local` (4, n) with the segments in the frame of the first beam, as start and extent along x and y, `first`
+    and `span` (n,) with the position of the interval's start and its length, in beams; a segment out of range gets
+    the length -1.
     """
-    turn = 2.0 * math.pi
+    start_x, start_y, along_x, along_y = local[0], local[1], local[2], local[3]
     for i in range(segments.shape[0]):
         px, py = segments[i, 0] - x, segments[i, 1] - y
         qx, qy = segments[i, 2] - x, segments[i, 3] - y
-        ax, ay = cos0 * px + sin0 * py, cos0 * py - sin0 * px
-        bx, by = cos0 * qx + sin0 * qy, cos0 * qy - sin0 * qx
-        ex, ey = bx - ax, by - ay
-        local[i, 0], local[i, 1], local[i, 2], local[i, 3] = ax, ay, ex, ey
-        nearest = min(max(-(ax * ex + ay * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
+        start_x[i], start_y[i] = cos0 * px + sin0 * py, cos0 * py - sin0 * px
+        along_x[i], along_y[i] = cos0 * (qx - px) + sin0 * (qy - py), cos0 * (qy - py) - sin0 * (qx - px)
+    turn = 2.0 * math.pi
+    beams_per_radian = 1.0 / increment
+    for i in range(segments.shape[0]):
+        ax, ay, ex, ey = start_x[i], start_y[i], along_x[i], along_y[i]
+        bx, by = ax + ex, ay + ey
+        length2 = ex * ex + ey * ey
+        nearest = -(ax * ex + ay * ey) / (length2 if length2 > 1e-300 else 1e-300)
+        nearest = nearest if nearest > 0.0 else 0.0
+        nearest = nearest if nearest < 1.0 else 1.0
         nx, ny = ax + nearest * ex, ay + nearest * ey
         distance2 = nx * nx + ny * ny
         counter_clockwise = ax * by - ay * bx >= 0.0
@@ -53,11 +62,11 @@ def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, 
         sweep = sweep + turn if sweep < 0.0 else sweep
         sweep = turn if distance2 < 1e-12 else sweep
         sweep = -increment if distance2 > range_max * range_max else sweep
-        first[i] = start / increment
-        span[i] = sweep / increment
+        first[i] = start * beams_per_radian
+        span[i] = sweep * beams_per_radian
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
     """Shorten beams `low` to `high` - 1 to where they meet the segment from a along e."""
     area = ax * ey - ay * ex
@@ -70,7 +79,7 @@ def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
             out[k] = max(t, 0.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy")
 def _hit_circle(low, high, cx, cy, radius, cosines, sines, out):
     """Shorten beams `low` to `high` - 1 to where they meet the circle."""
     power = cx * cx + cy * cy - radius * radius
@@ -115,14 +124,14 @@ def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, ci
         out[k] = np.inf
 
     num_segments = segments.shape[0]
-    local = np.empty((num_segments, 4))
+    local = np.empty((4, num_segments))
     first, span = np.empty(num_segments), np.empty(num_segments)
     _segment_intervals(x, y, cos0, sin0, range_max, angle_increment, segments, local, first, span)
     beams_per_turn = turn / angle_increment
     for i in range(num_segments):
         if span[i] < 0.0:
             continue
-        ax, ay, ex, ey = local[i, 0], local[i, 1], local[i, 2], local[i, 3]
+        ax, ay, ex, ey = local[0, i], local[1, i], local[2, i], local[3, i]
         last = first[i] + span[i]
         low, high = math.ceil(first[i]), min(int(last) + 1, num_beams)
         _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out)

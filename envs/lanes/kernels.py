@@ -1,4 +1,4 @@
-"""Many kinematic robots side by side: the step of `ExploreEnv` as two kernels over lanes.
+"""Many kinematic robots side by side: the step of `ExploreEnv` as a kernel over lanes.
 
 Each lane is an `ExploreEnv`, which does its resets. Between them its numbers live in rows of shared arrays; what
 differs in size from lane to lane (walls, maps, masks) stays where the environment put it, and is reached by its
@@ -14,7 +14,8 @@ from numba.extending import intrinsic
 
 from envs.coverage import count_new
 from envs.geometry.pose import between, compose, distance, wrap_angle
-from envs.observation import FAR_PIXEL, NEAR_PIXEL, crop_map, fill_motion, is_apart, scale_scan
+from envs.map_pyramid import crop_pyramid, mark_visited, pool_map
+from envs.observation import fill_motion, is_apart, scale_scan
 from envs.robots.odometry import wheel_motion
 from envs.simulation.kinematic import LEFT_ANGLE, RIGHT_ANGLE, THETA, X, Y, advance
 from envs.simulation.sensors import OTHER_NORMALS, measure_ranges
@@ -99,15 +100,12 @@ def _locate(i, motion, lanes, numbers, directions, points):
     if not numbers.told_pose:
         words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
         ranges, lidar, resolution = lanes.ranges[i], numbers.lidar, numbers.resolution
-        count, farthest = project_hits(
-            ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points
-        )
+        count = project_hits(ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points)
         col, row = lanes.corner[i, 0], lanes.corner[i, 1]
         best_x, best_y, best_theta, _, accepted, _ = match(
             words,
             points,
             count,
-            farthest,
             numbers.unvisited,
             x / resolution - col,
             y / resolution - row,
@@ -143,31 +141,25 @@ def _end_beams(i, lanes, numbers, directions, ends):
     return col, row, extent
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def move_and_locate(thread, first, last, actions, active, lanes, numbers, directions, scratch):
-    """Drive active lanes for one control period, scan, and find the pose at which the scan fits the map.
+@njit(cache=True, error_model="numpy")
+def _has_room(i, lanes, numbers, directions, ends):
+    """Tell whether lane `i`'s map and trail have room for what its step adds to them; fills `lanes.touched`."""
+    lanes.touched[i] = 0
+    if lanes.quality[i] >= 0.0:
+        _, _, extent = _end_beams(i, lanes, numbers, directions, ends)
+        for k in range(4):
+            lanes.touched[i, k] = extent[k]
+    col_min, row_min, col_max, row_max = lanes.touched[i]
+    inside = col_min >= 0 and row_min >= 0 and col_max < lanes.map[i, 3] and row_max < lanes.map[i, 2]
+    return inside and lanes.trail[i, 1] < lanes.trail[i, 2]
 
-    Args:
-        thread: row of `scratch` to work in.
-        first: first lane.
-        last: lane after the last.
-        actions: shape (n, 2), float32.
-        active: shape (n,), bool: lanes to step.
-        lanes: all lanes, written.
-        numbers: what they share.
-        directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
-        scratch: room to work in.
-    """
-    for i in range(first, last):
-        if active[i]:
-            motion = _drive(i, actions[i], lanes, numbers)
-            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
-            if lanes.quality[i] >= 0.0:
-                _, _, extent = _end_beams(i, lanes, numbers, directions, scratch.ends[thread])
-                for k in range(4):
-                    lanes.touched[i, k] = extent[k]
-            else:
-                lanes.touched[i] = 0
+
+@njit(cache=True, error_model="numpy")
+def _levels(i, lanes):
+    """Return the levels of lane `i`'s map pyramid."""
+    pyramid = lanes.pyramid[i]
+    near, far = _array(pyramid[0], 1, pyramid[1], np.uint16), _array(pyramid[2], 1, pyramid[3], np.uint16)
+    return near[0], far[0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,7 +167,7 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
     """Draw lane `i`'s scan into its map, and count what became truly known."""
     words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
     occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
-    col, row, _ = _end_beams(i, lanes, numbers, directions, ends)
+    col, row, extent = _end_beams(i, lanes, numbers, directions, ends)
     count = draw_scan(
         words,
         occupancy,
@@ -193,6 +185,8 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
         numbers.add_blur,
         new_cells,
     )
+    near, far = _levels(i, lanes)
+    pool_map(occupancy, extent[0], extent[1], extent[2], extent[3], numbers.block, near, far)
     explorable = _array(lanes.area[i, 0], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
     seen = _array(lanes.area[i, 1], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
     lanes.gained[i] = count_new(
@@ -216,15 +210,28 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
 def _view(i, action, lanes, numbers, views):
     """Compose lane `i`'s observation."""
     x, y, theta = lanes.belief[i]
+    height, width = lanes.map[i, 2], lanes.map[i, 3]
+    left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
+    near, far = _levels(i, lanes)
     positions = _array(lanes.trail[i, 0], lanes.trail[i, 1] + 1, 2, np.float64)
     if is_apart(positions, lanes.trail[i, 1], x, y):
         positions[lanes.trail[i, 1], 0], positions[lanes.trail[i, 1], 1] = x, y
         lanes.trail[i, 1] += 1
-    trail = positions[: lanes.trail[i, 1]]
-    occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
-    left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
-    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, NEAR_PIXEL, trail, views.map_near[i])
-    crop_map(occupancy, left, low, numbers.resolution, x, y, theta, FAR_PIXEL, trail, views.map_far[i])
+        cells = (x - left) / numbers.resolution, (y - low) / numbers.resolution
+        mark_visited(cells[0], cells[1], height, width, numbers.block, near, far)
+    crop_pyramid(
+        near,
+        far,
+        height,
+        width,
+        numbers.block,
+        numbers.resolution,
+        x - left,
+        y - low,
+        theta,
+        views.map_near[i],
+        views.map_far[i],
+    )
     scale_scan(lanes.ranges[i], numbers.lidar.range_max, views.scan[i])
     fill_motion(
         lanes.twist[i, 0],
@@ -243,9 +250,21 @@ def _view(i, action, lanes, numbers, views):
     lanes.pose_error[i, 0], lanes.pose_error[i, 1] = distance(error[0], error[1]), abs(error[2])
 
 
+@njit(cache=True, error_model="numpy")
+def _finish(thread, i, action, lanes, numbers, directions, scratch, views):
+    """Draw lane `i`'s scan if it is due, and compose its observation."""
+    lanes.gained[i] = 0
+    if lanes.quality[i] >= 0.0:
+        _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
+    _view(i, action, lanes, numbers, views)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def draw_and_view(thread, first, last, actions, active, lanes, numbers, directions, scratch, views):
-    """Draw the scans of active lanes into their maps, and compose their observations.
+def step_lanes(thread, first, last, actions, active, waiting, lanes, numbers, directions, scratch, views):
+    """Step active lanes: drive, scan, find the pose at which the scan fits the map, draw it, and look.
+
+    Everything is done for one lane before the next, while its map is in the cache. A lane whose map or trail lacks room
+    stops before it draws, and waits for `finish_lanes`.
 
     Args:
         thread: row of `scratch` to work in.
@@ -253,15 +272,27 @@ def draw_and_view(thread, first, last, actions, active, lanes, numbers, directio
         last: lane after the last.
         actions: shape (n, 2), float32.
         active: shape (n,), bool: lanes to step.
-        lanes: all lanes, written; their maps have room for their scans.
+        waiting: shape (n,), bool, written: lanes that wait for room.
+        lanes: all lanes, written.
         numbers: what they share.
         directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
         scratch: room to work in.
         views: observations, written.
     """
     for i in range(first, last):
+        waiting[i] = False
         if active[i]:
-            lanes.gained[i] = 0
-            if lanes.quality[i] >= 0.0:
-                _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
-            _view(i, actions[i], lanes, numbers, views)
+            motion = _drive(i, actions[i], lanes, numbers)
+            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
+            if _has_room(i, lanes, numbers, directions, scratch.ends[thread]):
+                _finish(thread, i, actions[i], lanes, numbers, directions, scratch, views)
+            else:
+                waiting[i] = True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def finish_lanes(actions, waiting, lanes, numbers, directions, scratch, views):
+    """Do for lanes that have been given room what `step_lanes` left to do; arguments as there."""
+    for i in range(waiting.shape[0]):
+        if waiting[i]:
+            _finish(0, i, actions[i], lanes, numbers, directions, scratch, views)

@@ -50,6 +50,9 @@ class Lanes(NamedTuple):
     """Shape (n, 3), int64: addresses of the circles before and after the step, and their number."""
     map: np.ndarray
     """Shape (n, 4), int64: addresses of the map's words and of its occupancy, its height and width."""
+    pyramid: np.ndarray
+    """Shape (n, 4), int64: addresses of the near and of the far level of the map's pyramid, each followed by its
+    length."""
     corner: np.ndarray
     """Shape (n, 2), int64: column and row of the map's corner, counted from the map frame's origin."""
     area: np.ndarray
@@ -68,7 +71,8 @@ class Lanes(NamedTuple):
     @classmethod
     def of(cls, num_lanes: int, num_beams: int, loses_beams: bool, max_tries: int) -> "Lanes":
         """Make rows for `num_lanes` lanes."""
-        integers = {"ticks": 2, "touched": 4, "segments": 2, "circles": 3, "map": 4, "corner": 2, "area": 4, "trail": 3}
+        integers = {"ticks": 2, "touched": 4, "segments": 2, "circles": 3, "map": 4, "pyramid": 4}
+        integers |= {"corner": 2, "area": 4, "trail": 3}
         shapes = {
             "state": (STATE_SIZE,),
             "belief": (3,),
@@ -105,6 +109,8 @@ class Numbers(NamedTuple):
     told_pose: bool
     told_truth: bool
     resolution: float
+    block: int
+    """Side of a near block of the map's pyramid [cells]."""
     sigma_xy: float
     """[cells]"""
     sigma_theta: float

@@ -247,7 +247,7 @@ class Beams:
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
         """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
         picked = np.ascontiguousarray(ranges[self.picked])
-        count, _ = project_hits(
+        count = project_hits(
             picked, self.range_max, self.directions, self._mount.x, self._mount.y, self._resolution, self._points
         )
         return self._points, count

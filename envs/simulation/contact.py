@@ -45,12 +45,17 @@ def clearance(x, y, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def select_near(x, y, reach, segments, near):
-    """Write the indices of the segments within `reach` [m] of (x, y) to `near` and return how many there are."""
+    """Write the indices of segments to `near`, among them all within `reach` [m] of (x, y); return how many.
+
+    Those are taken whose bounding box comes that near: no division, and more than is near does no harm.
+    """
     count = 0
     for i in range(segments.shape[0]):
-        dx, dy = _segment_offset(x, y, segments, i)
+        x0, y0, x1, y1 = segments[i, 0] - x, segments[i, 1] - y, segments[i, 2] - x, segments[i, 3] - y
+        left, right = (x0 if x0 < x1 else x1), (x1 if x0 < x1 else x0)
+        low, high = (y0 if y0 < y1 else y1), (y1 if y0 < y1 else y0)
         near[count] = i
-        count += dx * dx + dy * dy < reach * reach
+        count += (left < reach) & (right > -reach) & (low < reach) & (high > -reach)
     return count
 
 

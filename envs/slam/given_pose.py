@@ -46,5 +46,5 @@ class GivenPoseSlam:
         """
         ranges = check_scan(ranges, motion, self._lidar)
         self._belief.pose = self._belief.pose.compose(motion)
-        self._belief.new_cells = self.map.offer(ranges, self._belief.pose, self.params.quality)
+        self._belief.new_cells, self._belief.touched = self.map.offer(ranges, self._belief.pose, self.params.quality)
         return self._belief

@@ -53,15 +53,21 @@ class GridMap:
     def _origin(self) -> tuple[float, float]:
         return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
-    def offer(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
-        """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`."""
+    def offer(
+        self, ranges: np.ndarray, pose: Pose2D, quality: float
+    ) -> tuple[np.ndarray, tuple[int, int, int, int] | None]:
+        """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`.
+
+        Returns:
+            What `Belief` calls `new_cells` and `touched`.
+        """
         last, params = self.last_drawn, self._params
         if last is not None and not has_moved(*last, *pose, params.draw_distance, params.draw_angle):
-            return np.empty((0, 2), dtype=np.int32)
+            return np.empty((0, 2), dtype=np.int32), None
         self.last_drawn = pose
         return self.draw(ranges, pose, quality)
 
-    def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> np.ndarray:
+    def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> tuple[np.ndarray, tuple[int, int, int, int]]:
         """Draw a scan taken with the base at `pose`.
 
         Args:
@@ -70,7 +76,8 @@ class GridMap:
             quality: weight of the scan, from 0 to 1.
 
         Returns:
-            Shape (k, 2), int32, (row, column) of the cells that became known.
+            Shape (k, 2), int32, (row, column) of the cells that became known; first column and row and last column and
+            row of the cells that were drawn to.
         """
         params, mount = self._params, self._lidar.mount
         c, s = math.cos(pose.theta), math.sin(pose.theta)
@@ -80,7 +87,7 @@ class GridMap:
         touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
         if self.grow_to_hold(*touched):
             x, y = self.to_cells(*sensor)
-            beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+            touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
         # Made anew for each scan: only what is written takes memory, and the result stays as it is.
         new_cells = np.empty((self._most_cells, 2), dtype=np.int32)
         count = draw_scan(
@@ -100,7 +107,7 @@ class GridMap:
             params.blur == "add",
             new_cells,
         )
-        return new_cells[:count].copy()
+        return new_cells[:count].copy(), touched
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""

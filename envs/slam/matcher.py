@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.geometry.lookup import load
+
 from .cells import COUNT_BITS, ONE
 
 
@@ -22,10 +24,9 @@ def project_hits(ranges, range_max, directions, mount_x, mount_y, resolution, po
         points: shape (2, num_beams), float32, written: x and y of the hits [cells].
 
     Returns:
-        Number of hits, and the distance of the farthest from the base [cells].
+        Number of hits.
     """
     count = 0
-    farthest = 0.0
     for k in range(ranges.shape[0]):
         r = ranges[k]
         if r > 0.0 and r < range_max:
@@ -33,61 +34,57 @@ def project_hits(ranges, range_max, directions, mount_x, mount_y, resolution, po
             y = (mount_y + r * directions[1, k]) / resolution
             points[0, count] = x
             points[1, count] = y
-            farthest = max(farthest, x * x + y * y)
             count += 1
-    return count, math.sqrt(farthest)
+    return count
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_inside(words, points, num_points, x, y, c, s):
-    """Sum the occupancies under the points, all of which lie in the map."""
-    flat = words.ravel()
-    width = np.float32(words.shape[1])
-    total = 0
-    for k in range(num_points):
-        col = np.int32(c * points[0, k] - s * points[1, k] + x)
-        row = np.int32(s * points[0, k] + c * points[1, k] + y)
-        total += flat[np.uint32(np.float32(row) * width + np.float32(col))] >> COUNT_BITS
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_checked(words, points, num_points, x, y, c, s, unvisited):
-    """Sum the occupancies under the points; outside the map nothing was ever observed."""
-    height, width = words.shape
-    total = 0
-    for k in range(num_points):
-        col = math.floor(c * points[0, k] - s * points[1, k] + x)
-        row = math.floor(s * points[0, k] + c * points[1, k] + y)
-        inside = row >= 0 and col >= 0 and row < height and col < width
-        total += (words[row, col] if inside else unvisited) >> COUNT_BITS
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def score(words, points, num_points, farthest, unvisited, x, y, theta):
+def score(words, points, num_points, unvisited, x, y, theta, indices):
     """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
 
-    The original's cost is the number of hits minus this sum; the best pose is the same.
+    The original's cost is the number of hits minus this sum; the best pose is the same. Outside the map nothing was
+    ever observed.
 
     Args:
         words: shape (height, width), int32, the map.
         points: shape (2, >= num_points), float32, the hits in the base frame [cells].
         num_points: number of hits.
-        farthest: greatest distance of a hit from the base [cells].
         unvisited: word of a cell never observed.
         x: position of the base from the map's corner [cells].
         y: position of the base from the map's corner [cells].
         theta: heading of the base [rad].
+        indices: shape (>= num_points,), uint32: room to work in.
     """
-    height, width = words.shape
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
-    reach = farthest + 1.0
-    small = height * width < 1 << 24  # so that float32 holds every index
-    if small and reach <= x < width - reach and reach <= y < height - reach:
-        return _sum_inside(words, points, num_points, x32, y32, c, s)
-    return _sum_checked(words, points, num_points, x32, y32, c, s, unvisited)
+    rows, cols, width = np.float32(words.shape[0]), np.float32(words.shape[1]), np.int32(words.shape[1])
+    lowest = np.uint32(0xFFFFFFFF)
+    for k in range(num_points):
+        col = c * points[0, k] - s * points[1, k] + x32
+        row = s * points[0, k] + c * points[1, k] + y32
+        inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+        # Outside is 0, which a hit in the map's corner is as well: the loop below tells them apart.
+        index = np.uint32(np.int32(row) * width + np.int32(col) if inside else 0)
+        indices[k] = index
+        lowest = min(lowest, index)
+    flat = words.ravel()
+    total = 0
+    for k in range(num_points):
+        total += load(flat, indices[k]) >> COUNT_BITS
+    if lowest == 0:
+        for k in range(num_points):
+            if indices[k] == 0:
+                col = c * points[0, k] - s * points[1, k] + x32
+                row = s * points[0, k] + c * points[1, k] + y32
+                if col < 0 or row < 0 or col >= cols or row >= rows:
+                    total += (unvisited >> COUNT_BITS) - (flat[0] >> COUNT_BITS)
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _note(row, x, y, theta, cost, accepted):
+    """Write a pose that was tested to a row of the record. Assigning a tuple takes seconds longer to compile."""
+    row[0], row[1], row[2], row[3], row[4] = x, y, theta, cost, 1.0 if accepted else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -95,7 +92,6 @@ def match(
     words,
     points,
     num_points,
-    farthest,
     unvisited,
     x,
     y,
@@ -116,7 +112,6 @@ def match(
         words: shape (height, width), int32, the map.
         points: shape (2, >= num_points), float32, the hits in the base frame [cells].
         num_points: number of hits.
-        farthest: greatest distance of a hit from the base [cells].
         unvisited: word of a cell never observed.
         x: predicted position [cells].
         y: predicted position [cells].
@@ -133,9 +128,10 @@ def match(
         x, y, theta of the best pose, its cost (number of hits minus the sum of occupancies), candidates accepted,
         candidates tried.
     """
-    best = score(words, points, num_points, farthest, unvisited, x, y, theta)
+    indices = np.empty(points.shape[1], dtype=np.uint32)
+    best = score(words, points, num_points, unvisited, x, y, theta, indices)
     if record.shape[0] > 0:
-        record[0] = (x, y, theta, num_points - best / ONE, 1.0)
+        _note(record[0], x, y, theta, num_points - best / ONE, True)
     failed = 0
     tries = 0
     accepted = 0
@@ -143,11 +139,11 @@ def match(
         new_x = x + sigma_xy * noise[tries, 0]
         new_y = y + sigma_xy * noise[tries, 1]
         new_theta = theta + sigma_theta * noise[tries, 2]
-        value = score(words, points, num_points, farthest, unvisited, new_x, new_y, new_theta)
+        value = score(words, points, num_points, unvisited, new_x, new_y, new_theta, indices)
         tries += 1
         improved = value > best
         if record.shape[0] > 0:
-            record[tries] = (new_x, new_y, new_theta, num_points - value / ONE, 1.0 if improved else 0.0)
+            _note(record[tries], new_x, new_y, new_theta, num_points - value / ONE, improved)
         if not improved:
             failed += 1
             continue

@@ -21,6 +21,9 @@ class Belief:
     """The map. The array behind it is live, and is replaced when the map grows."""
     new_cells: np.ndarray
     """Shape (k, 2), int32, (row, column) in `grid`: cells that the last scan turned from unknown to known."""
+    touched: tuple[int, int, int, int] | None = None
+    """First column, first row, last column and last row of what the last scan may have changed in `grid`; None if it
+    was not drawn."""
 
 
 class Slam(Protocol):

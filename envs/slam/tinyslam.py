@@ -65,7 +65,7 @@ class TinySlam:
         predicted = self._predict(motion)
         pose = predicted if self._map_is_empty else self._match(ranges, predicted)
         quality = self.params.raw_quality if pose is predicted else self.params.quality
-        self._belief.new_cells = self.map.offer(ranges, pose, quality)
+        self._belief.new_cells, self._belief.touched = self.map.offer(ranges, pose, quality)
         self._belief.pose = pose
         self._map_is_empty = False
         return self._belief
@@ -84,7 +84,7 @@ class TinySlam:
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
         params, grid_map, mount = self.params, self.map, self._lidar.mount
-        count, farthest = project_hits(
+        count = project_hits(
             ranges, self._lidar.range_max, grid_map.directions, mount.x, mount.y, params.resolution, self._points
         )
         self.rng.standard_normal(out=self._noise)
@@ -92,7 +92,6 @@ class TinySlam:
             grid_map.words,
             self._points,
             count,
-            farthest,
             grid_map.unvisited,
             *grid_map.to_cells(predicted.x, predicted.y),
             predicted.theta,

@@ -2,6 +2,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import CheckpointCallback
+from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import EnvironmentConfig
 from agents.lane_vec_env import LaneVecEnv
@@ -43,3 +46,22 @@ def test_other_autoresets_are_refused():
     with pytest.raises(ValueError, match="SAME_STEP"):
         LaneVecEnv(env)
     env.close()
+
+
+def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_path):
+    """With the library's own PPO, policy, `VecNormalize` and `CheckpointCallback`."""
+    env = VecNormalize(LaneVecEnv(make_lanes()), norm_obs_keys=["motion"])
+    # A checkpoint every eight steps of the three lanes.
+    keep = CheckpointCallback(8, str(tmp_path), save_vecnormalize=True)
+    model = PPO("MultiInputPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=3)
+    model.learn(192, keep)
+    assert env.ret_rms.count > 192
+    assert len(model.ep_info_buffer) == 12  # episodes of 15 steps: four in each lane
+    env.close()
+
+    lanes = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), LaneVecEnv(make_lanes()))
+    resumed = PPO.load(tmp_path / "rl_model_96_steps.zip", lanes)
+    assert resumed.num_timesteps == 96
+    resumed.learn(96, reset_num_timesteps=False)
+    assert resumed.num_timesteps == 192
+    lanes.close()

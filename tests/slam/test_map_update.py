@@ -117,7 +117,9 @@ def test_map_matches_the_slow_reference(changes):
         ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
         ranges[:4] = np.nan, np.inf, 0.06, 1.0
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
-        new = grid_map.draw(ranges, pose, params.quality)
+        new, (col_min, row_min, col_max, row_max) = grid_map.draw(ranges, pose, params.quality)
+        assert (new >= (row_min, col_min)).all()
+        assert (new <= (row_max, col_max)).all()
         reference.draw(ranges, pose, params.quality)
         corner = np.round(np.array(grid_map.grid.origin) / params.resolution).astype(int)
         new = {(row + corner[1], col + corner[0]) for row, col in new.tolist()}
@@ -152,7 +154,7 @@ def test_growth_by_powers_of_two_keeps_what_is_known_in_place():
     before = grid.data
     assert grid.origin == (-2.0, -2.0)
 
-    new = grid_map.draw(np.array([11.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi), 1.0)
+    new, _ = grid_map.draw(np.array([11.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi), 1.0)
     # Column 2 - 11 = -9 needs 4 times 5 columns, all of the new ones on the left.
     assert grid is grid_map.grid
     assert grid.data.shape == (5, 20)
