@@ -8,7 +8,8 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams, WheelOdometry
 from envs.simulation import Reading
 
-from .ekf import STATE_SIZE, Ekf, EkfParams, Estimate, Kind, Measurement
+from .ekf import Ekf, EkfParams, Estimate, Kind, Measurement
+from .ekf_kernels import STATE_SIZE
 from .localizer import Localizer
 from .measurements import CompassMeter, WheelMeter
 

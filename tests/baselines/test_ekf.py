@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from baselines.ekf import KINDS, Ekf, EkfParams, Measurement
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import MEASURED, predict
+from envs.localization.ekf import MEASURED
+from envs.localization.ekf_kernels import predict
 
 NOISE = {
     "map": np.diag([0.02, 0.02, 0.01]) ** 2,

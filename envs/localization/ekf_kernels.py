@@ -1,0 +1,99 @@
+"""The arithmetic of the Kalman filter in `ekf.py`: predict, compare, correct."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import wrap_angle
+
+X, Y, THETA, V, W = range(5)
+"""Entries of the state: pose in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""
+STATE_SIZE = 5
+"""Number of entries of the state."""
+MAX_STEPS = 5000
+"""Into how many steps a prediction is cut at most; after a long silence they become longer."""
+
+
+@njit(cache=True, error_model="numpy")
+def predict(state, covariance, duration, noise, max_step):
+    """Move the state and its covariance on, in place: equations (2) and (3), and P = F P F^T + Q.
+
+    Args:
+        state: shape (5,), float64.
+        covariance: shape (5, 5), float64.
+        duration: how far into the future [s].
+        noise: shape (5,), float64, spectral densities of what disturbs the state [unit^2/s].
+        max_step: longest step [s].
+    """
+    num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
+    dt = duration / num_steps
+    for _ in range(num_steps):
+        c, s = math.cos(state[THETA]), math.sin(state[THETA])
+        turn_x, turn_y = -state[V] * dt * s, state[V] * dt * c
+        state[X] += state[V] * dt * c
+        state[Y] += state[V] * dt * s
+        state[THETA] += state[W] * dt
+        # F differs from the identity in five places: first F P, row by row, then (F P) F^T, column by column.
+        for j in range(STATE_SIZE):
+            covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
+            covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]
+            covariance[THETA, j] += dt * covariance[W, j]
+        for i in range(STATE_SIZE):
+            covariance[i, X] += turn_x * covariance[i, THETA] + dt * c * covariance[i, V]
+            covariance[i, Y] += turn_y * covariance[i, THETA] + dt * s * covariance[i, V]
+            covariance[i, THETA] += dt * covariance[i, W]
+            covariance[i, i] += noise[i] * dt
+    state[THETA] = wrap_angle(state[THETA])
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_of(state, covariance, measured, values, noise):
+    """Compare a measurement with what the state leads to expect.
+
+    Args:
+        state: shape (5,), float64.
+        covariance: shape (5, 5), float64.
+        measured: shape (k,), int64, entries of the state that are measured.
+        values: shape (k,), float64, the measurement.
+        noise: shape (k, k), float64, its covariance R.
+
+    Returns:
+        The innovation, shape (k,), its heading wrapped; its covariance S, shape (k, k); and its squared Mahalanobis
+        length, which is chi-square distributed with k degrees of freedom where all is well.
+    """
+    size = measured.shape[0]
+    innovation, spread = np.empty(size), np.empty((size, size))
+    for i in range(size):
+        innovation[i] = values[i] - state[measured[i]]
+        if measured[i] == THETA:
+            innovation[i] = wrap_angle(innovation[i])
+        for j in range(size):
+            spread[i, j] = covariance[measured[i], measured[j]] + noise[i, j]
+    return innovation, spread, np.dot(innovation, np.linalg.solve(spread, innovation))
+
+
+@njit(cache=True, error_model="numpy")
+def correct(state, covariance, measured, innovation, spread, noise):
+    """Take a measurement in: the state is changed in place, the covariance in Joseph's form is returned.
+
+    Args:
+        state: shape (5,), float64.
+        covariance: shape (5, 5), float64.
+        measured: shape (k,), int64, entries of the state that are measured.
+        innovation: shape (k,), float64, from `innovation_of`.
+        spread: shape (k, k), float64, the same.
+        noise: shape (k, k), float64, covariance R of the measurement.
+    """
+    size = measured.shape[0]
+    rows = np.empty((size, STATE_SIZE))
+    for i in range(size):
+        rows[i] = covariance[measured[i]]
+    gain = np.ascontiguousarray(np.linalg.solve(spread, rows).T)
+    state += np.dot(gain, innovation)
+    state[THETA] = wrap_angle(state[THETA])
+    kept = np.eye(STATE_SIZE)
+    for i in range(size):
+        kept[:, measured[i]] -= gain[:, i]
+    corrected = kept @ covariance @ kept.T + gain @ noise @ gain.T
+    return 0.5 * (corrected + corrected.T)
