@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.lookup import load
 from envs.navigation.costmap import squared_distances
 from envs.robots import LidarParams
 from envs.slam.matcher import project_hits
@@ -47,7 +48,7 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
 def sum_field(flat, width, points_x, points_y, x, y, c, s, cells):
     """Sum the field over the points as seen from one pose.
 
-    Finding the cells first and reading them afterwards lets the first half vectorise, and saves the slow gathers.
+    Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
 
     Args:
         flat: shape (height * width,), uint16, the field row by row, with a border that no point can leave.
@@ -66,7 +67,7 @@ def sum_field(flat, width, points_x, points_y, x, y, c, s, cells):
         cells[k] = np.uint32(np.int32(row * width + col))
     total = np.int32(0)
     for k in range(cells.shape[0]):
-        total += flat[cells[k]]
+        total += load(flat, cells[k])
     return total
 
 
