@@ -31,7 +31,7 @@ UNREACHED = np.int32(np.iinfo(np.int32).max)
 COST_WEIGHT = 3.0
 """How many times its length a step over the dearest free cell costs more than one over a free one."""
 NUM_BUCKETS = 1 << 15
-"""Buckets of the queue; more than the estimated total can grow by from one cell to the next."""
+"""Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
 MAX_COST_WEIGHT = 9.0
 """Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
@@ -102,12 +102,12 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     travel[start] = 0
     total = _octile(goal_row - start_row, goal_col - start_col) if has_goal else 0
     entries[0, 0], entries[0, 1] = start, -1
-    heads[total % NUM_BUCKETS] = 0
+    heads[total & (NUM_BUCKETS - 1)] = 0
     num_entries = num_waiting = 1
     while num_waiting > 0:
-        while heads[np.uint32(total % NUM_BUCKETS)] < 0:
+        while heads[np.uint32(total & (NUM_BUCKETS - 1))] < 0:
             total += 1
-        bucket = np.uint32(total % NUM_BUCKETS)
+        bucket = np.uint32(total & (NUM_BUCKETS - 1))
         entry = heads[bucket]
         heads[bucket] = entries[entry, 1]
         num_waiting -= 1
@@ -124,7 +124,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
         for k in range(8):
             weight = open_weights[np.uint32(node + jumps[k])]
             around[k] = 0 if weight == touching and not escaping else weight
-            is_uniform = is_uniform and around[k] == open_weights[node]
+            is_uniform &= weight == open_weights[node]
         tried = ONWARD[came_by[node]] if is_uniform else ALL_STEPS
         for k in range(8):
             if (tried >> k) & 1 == 0 or around[k] == 0 or (k >= 4 and (around[k - 4] == 0 or around[(k - 3) & 3] == 0)):
@@ -140,7 +140,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
                 there += _octile(row + d_row - goal_row, col + d_col - goal_col)
             if num_entries == entries.shape[0]:
                 entries = np.concatenate((entries, np.empty_like(entries)))
-            bucket = np.uint32(there % NUM_BUCKETS)
+            bucket = np.uint32(there & (NUM_BUCKETS - 1))
             entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
             num_entries += 1
