@@ -31,6 +31,7 @@ MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
     """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from."""
     ppo = config.ppo
+    torch.set_num_threads(config.torch_threads)
 
     def learning_rate(progress_remaining: float) -> float:
         # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.

@@ -4,7 +4,6 @@ import contextlib
 from pathlib import Path
 
 import numpy as np
-import torch
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
@@ -37,7 +36,6 @@ def train(
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
         ValueError: if the environment refuses its arguments.
     """
-    torch.set_num_threads(config.torch_threads)
     source = None if resume is None else find_checkpoint(resume)
     checkpoint = None if source is None else load_checkpoint(source)
     with (

@@ -85,6 +85,8 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         self._slams = [cast(TinySlam | GivenPoseSlam, env.slam) for env in self.envs]
         self.single_observation_space = self.envs[0].observation_space
         self.single_action_space = self.envs[0].action_space
+        for env in self.envs:  # each would hold bounds of its own for every pixel
+            env.observation_space = self.single_observation_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         spaces = cast(gymnasium.spaces.Dict, self.observation_space)

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+import agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
 from benchmarks.naive import NaiveExploreEnv
 from benchmarks.speed.halls import Hall
 from envs.robots import RobotParams, load_robot
@@ -94,7 +95,7 @@ def open_drive(case: Case, hall: Hall) -> Drive:
         if design.name == "ppo":
             arguments |= {"autoreset_mode": AutoresetMode.SAME_STEP}
         env = gymnasium.make_vec("lidarnaut/Explore-v0", design.lanes, "vector_entry_point", **arguments)
-        return VectorDrive(env) if design.name == "vector" else TrainingDrive(env, design)
+        return VectorDrive(env) if design.name == "vector" else TrainingDrive(env, design.cores)
     if design.name == "subproc":
         return SubprocDrive(design.lanes, arguments)
     return SingleDrive(gymnasium.make("lidarnaut/Explore-v0", **arguments))
@@ -174,16 +175,14 @@ class SubprocDrive:
 class TrainingDrive:
     """PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
 
-    def __init__(self, env: gymnasium.vector.VectorEnv, design: Design) -> None:
-        import torch
+    def __init__(self, env: gymnasium.vector.VectorEnv, cores: int) -> None:
         from stable_baselines3.common.logger import Logger
 
         from agents.config_files import load_config
         from agents.lane_vec_env import LaneVecEnv
         from agents.ppo import build_model
 
-        torch.set_num_threads(design.cores)
-        config = load_config(TRAINING)
+        config = load_config(TRAINING).model_copy(update={"torch_threads": cores})
         self.at_once = config.ppo.num_steps
         self._env = LaneVecEnv(env)
         self._model = build_model(config, self._env)
