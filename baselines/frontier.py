@@ -1,9 +1,12 @@
-"""Seed 3's frontier explorer in its first form: dilation, DBSCAN, clearance filter, utility, blacklist.
+"""Seed 3's frontier explorer: dilation, DBSCAN, clearance filter, utility, valid paths, blacklist, progress.
 
 Where the seed leaves something open, the program that it describes decides: DBSCAN's `min_samples` is the least
 frontier size, the radius of the information gain is scaled by the map's diagonal over 20 m (at most doubled), and a
 blacklist that covers too much forgets its oldest two thirds. Detection and DBSCAN are kernels of `envs.navigation`
-here, equal to SciPy's and scikit-learn's cell by cell. Two things had to be settled anew:
+here, equal to SciPy's and scikit-learn's cell by cell. Whether a valid path leads to a candidate, which the seed asks
+Nav2 for one by one, the travel field tells for all at once. A robot that is stuck (`NavigatorParams.stuck_distance`)
+gives its goal up: that cancels the way there, blacklists it, and the next goal is chosen at once. Two things had to be
+settled anew:
 
 - *Share explored.* The seed divides the free cells by all cells of the map, and its map ends where observations end.
   Ours grows ahead of them, so the rectangle around everything observed takes the place of the map.
@@ -12,17 +15,24 @@ here, equal to SciPy's and scikit-learn's cell by cell. Two things had to be set
   ends.
 """
 
+import logging
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from baselines.goal_explorer import Goal, GoalExplorer
+from baselines.navigator import Navigator
 from baselines.survey import Survey
 from baselines.viewpoints import find_viewpoint
+from envs.geometry import OccupancyGrid
 from envs.navigation import count_unknown, dbscan
 from envs.navigation.costmap import squared_distances
+from envs.navigation.frontiers import FREE_BELOW
 from envs.robots import RobotParams
+from envs.slam import Belief
+
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +64,23 @@ class FrontierParams:
     max_blacklist_size: int = 25
     """Failed goals that are remembered."""
 
+    def __post_init__(self) -> None:
+        if not 1 <= self.min_frontier_size_final <= self.min_frontier_size:
+            sizes = f"{self.min_frontier_size_final} for {self.min_frontier_size}"
+            raise ValueError(f"min_frontier_size_final must lie in [1, min_frontier_size], got {sizes}")
+        if not 0 <= self.adaptive_threshold <= 1:
+            raise ValueError(f"adaptive_threshold must lie in [0, 1], got {self.adaptive_threshold}")
+        if not 0 <= self.obstacle_above < 100:
+            raise ValueError(f"obstacle_above must lie in [0, 100), got {self.obstacle_above}")
+        for name in ("cluster_tolerance", "information_gain_radius"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("obstacle_clearance", "min_goal_distance", "goal_tolerance", "blacklist_radius"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if self.max_blacklist_size < 1:
+            raise ValueError(f"max_blacklist_size must be at least 1, got {self.max_blacklist_size}")
+
     def relaxed(self, step: int) -> "FrontierParams":
         """Return the params after relaxation step 0 (none) to `RELAXED`."""
         params = self
@@ -75,6 +102,22 @@ RELAXED = 5
 the robot; frontiers seen from up to a metre away; goals that failed before."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontierStatus:
+    """How far the exploration has come (section 3.4.7)."""
+
+    explored_share: float
+    """Free cells over all cells of the rectangle around everything observed."""
+    goal: tuple[float, float] | None
+    """The frontier that the robot is going to see (x, y), map frame [m]; None without one."""
+    candidates: np.ndarray
+    """Centroids that the last choice was made from, best first, shape (n, 2), map frame [m]."""
+    relaxation: int
+    """Relaxation step of the last choice, from 0 to `RELAXED`."""
+    blacklist_size: int
+    """Failed goals that are remembered."""
+
+
 class FrontierExplorer(GoalExplorer):
     """Goes where the information gain over the distance is greatest."""
 
@@ -87,6 +130,36 @@ class FrontierExplorer(GoalExplorer):
         """Prepare for a new episode; see `Explorer`."""
         super().reset(robot, control_period, rng)
         self._blacklist: list[tuple[float, float]] = []
+        self._explored_share = 0.0
+        self._candidates = np.empty((0, 2))
+        self._relaxation = 0
+
+    @property
+    def status(self) -> FrontierStatus:
+        """Where the exploration stands; of the last look at the map."""
+        goal = None if self._goal is None else self._goal.frontier
+        return FrontierStatus(
+            self._explored_share, goal, self._candidates, self._relaxation, blacklist_size=len(self._blacklist)
+        )
+
+    def _consider(self, navigator: Navigator, belief: Belief) -> None:
+        goal = self._goal
+        super()._consider(navigator, belief)
+        if self._goal is not goal:
+            status = self.status
+            LOGGER.info(
+                "%.0f %% explored, %s, %d candidates at relaxation %d, %d blacklisted",
+                100.0 * status.explored_share,
+                "no goal" if status.goal is None else "goal ({:.2f}, {:.2f})".format(*status.goal),
+                len(status.candidates),
+                status.relaxation,
+                status.blacklist_size,
+            )
+
+    def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
+        survey = super()._survey(navigator, belief, tightness)
+        self._explored_share = _free_share(survey.grid)
+        return survey
 
     def _fail(self, survey: Survey, goal: Goal) -> None:
         super()._fail(survey, goal)
@@ -94,6 +167,7 @@ class FrontierExplorer(GoalExplorer):
         del self._blacklist[: -self._params.max_blacklist_size]
 
     def _choose(self, survey: Survey) -> Goal | None:
+        self._candidates = np.empty((0, 2))
         if survey.field is None:
             return None
         cells = np.argwhere(survey.frontier)
@@ -101,6 +175,7 @@ class FrontierExplorer(GoalExplorer):
             return None
         for step in range(RELAXED + 1):
             params = self._params.relaxed(step)
+            self._relaxation = step
             goal = self._best(survey, cells, params)
             if goal is not None:
                 return goal
@@ -120,7 +195,9 @@ class FrontierExplorer(GoalExplorer):
         keep = keep[~near[keep] & (distances[keep] >= params.min_goal_distance)]
         gains = np.array([_information_gain(survey, centroids[k], params) for k in keep])
         utilities = gains / (distances[keep] + 0.1)
-        for k in keep[np.argsort(-utilities, kind="stable")]:
+        keep = keep[np.argsort(-utilities, kind="stable")]
+        self._candidates = centroids[keep]
+        for k in keep:
             goal = _reachable_goal(survey, centroids[k], clusters[k], params)
             if goal is not None:
                 return goal
@@ -128,9 +205,7 @@ class FrontierExplorer(GoalExplorer):
 
     def _clusters(self, survey: Survey, cells: np.ndarray, params: FrontierParams) -> list[np.ndarray]:
         """Group frontier cells with DBSCAN; what is too sparse is left out."""
-        known = survey.grid.data >= 0
-        free_share = np.count_nonzero(known & (survey.grid.data < 50)) / known.size
-        final = free_share > params.adaptive_threshold
+        final = _free_share(survey.grid) > params.adaptive_threshold
         size = params.min_frontier_size_final if final else params.min_frontier_size
         labels, num_clusters = dbscan(survey.frontier, params.cluster_tolerance / survey.grid.resolution, size)
         by_label = cells[np.argsort(labels[cells[:, 0], cells[:, 1]], kind="stable")]
@@ -143,6 +218,11 @@ class FrontierExplorer(GoalExplorer):
             return np.zeros(len(points), dtype=bool)
         gaps = points[:, None] - np.array(self._blacklist)
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
+
+
+def _free_share(grid: OccupancyGrid) -> float:
+    """Return how many of a map's cells are known to be free."""
+    return np.count_nonzero((grid.data >= 0) & (grid.data < FREE_BELOW)) / grid.data.size
 
 
 def _is_clear(survey: Survey, points: np.ndarray, params: FrontierParams) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.navigator import Navigator, Status
+from baselines.recovery import Dwell
 from baselines.survey import Survey
 from envs.navigation import clear_around
 from envs.robots import RobotParams
@@ -23,6 +24,10 @@ RETRY_RADIUS = 0.5
 """Goals that failed count as the same goal within this distance [m]."""
 MAX_FAILURES = 3
 """Failures after which a goal's frontier is given up."""
+STILL_DISTANCE = 0.1
+"""An explorer that runs out of goals when it has not come farther than this... [m]"""
+STILL_TIME = 60.0
+"""...for this long is stuck [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +50,7 @@ class GoalExplorer(ABC):
 
     @property
     def end_reason(self) -> str | None:
-        """`"no_reachable_frontier"` once there is none left; None before."""
+        """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
         return self._end_reason
 
     @property
@@ -63,6 +68,9 @@ class GoalExplorer(ABC):
         self._countdown = 0
         self._goal: Goal | None = None
         self._end_reason = None
+        self._dwell = Dwell(STILL_DISTANCE)
+        self._still_time = 0.0
+        self._period = control_period
         self._given_up = np.empty((0, 2))
         self._failures: list[tuple[float, float]] = []
 
@@ -74,6 +82,7 @@ class GoalExplorer(ABC):
         if self._end_reason is not None:
             return np.zeros(2, dtype=np.float32)
         navigator.sense(observation)
+        self._still_time = self._dwell.update(belief.pose) * self._period
         self._countdown -= 1
         if not navigator.is_busy and (navigator.status is not Status.DRIVING or self._countdown <= 0):
             self._countdown = self._decision_steps
@@ -92,6 +101,10 @@ class GoalExplorer(ABC):
             elif navigator.status is Status.FAILED:
                 self._fail(survey, self._goal)
             elif len(remaining) and navigator.replan(survey):
+                better = self._better(survey, self._goal)
+                if better is not None:
+                    self._goal = better
+                    self._set_out(navigator, survey, better, navigator.tightness)
                 return
             elif len(remaining):
                 self._fail(survey, self._goal)
@@ -102,7 +115,8 @@ class GoalExplorer(ABC):
                 self._set_out(navigator, again, self._goal, tightness)
                 return
         if self._has_looked_around:
-            self._end_reason = "no_reachable_frontier"
+            is_stuck = again.field is None or self._still_time > STILL_TIME
+            self._end_reason = "stuck" if is_stuck else "no_reachable_frontier"
         self._has_looked_around = True
         navigator.look_around()
 
@@ -124,6 +138,10 @@ class GoalExplorer(ABC):
     @abstractmethod
     def _choose(self, survey: Survey) -> Goal | None:
         """Return the next goal; None if nothing that is left can be reached."""
+
+    def _better(self, survey: Survey, goal: Goal) -> Goal | None:
+        """Return what to go for instead of a goal that is still worth its way; None to stay with it, as by default."""
+        return None
 
     def _fail(self, survey: Survey, goal: Goal) -> None:
         """Take note that the robot did not get to a goal."""

@@ -8,14 +8,10 @@ import envs  # noqa: F401
 from baselines import EXPLORERS, FrontierExplorer, FrontierParams, NearestExplorer, make_explorer
 from baselines.goal_explorer import Goal
 from baselines.navigator import Navigator, Status
-from baselines.survey import Survey
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams
 from envs.robots import load_robot
 from envs.slam import Belief
-
-BURGER = load_robot("turtlebot3_burger")
-NO_CELLS = np.empty((0, 2), dtype=np.int32)
+from tests.baselines.places import BURGER, NO_CELLS, chosen_by, hall, observation_of, survey_from
 
 
 def explore(name, *, seed, max_time, **kwargs):
@@ -87,30 +83,9 @@ def test_random_covers_the_action_space_and_follows_its_generator():
 
 
 def test_unknown_names_are_answered_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"'rrt'.*random, nearest, frontier"):
-        make_explorer("rrt")
-    assert set(EXPLORERS) == {"random", "nearest", "frontier"}
-
-
-def hall():
-    """A hall of 10 m x 6 m; through openings in its short walls it borders on the unknown: little of it on the left."""
-    data = np.full((160, 260), -1, dtype=np.int8)
-    data[20:140, 30:230] = 0
-    data[18:20, 28:232] = data[140:142, 28:232] = 100
-    data[20:140, 28:30] = data[20:140, 230:232] = 100
-    data[:, :14] = 100
-    data[64:96, 28:30] = 0
-    data[40:120, 230:232] = 0
-    return OccupancyGrid(data, 0.05, (-1.5, -4.0))
-
-
-def survey_from(x, y, grid=None):
-    return Survey(Belief(Pose2D(x, y, 0.0), grid or hall(), NO_CELLS), CostmapParams(0.155, 0.6, 4.0))
-
-
-def chosen_by(explorer, survey):
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    return explorer._choose(survey)
+    with pytest.raises(ValueError, match=r"'teleporter'.*random, nearest, frontier"):
+        make_explorer("teleporter")
+    assert set(EXPLORERS) >= {"random", "nearest", "frontier"}
 
 
 def test_nearest_goes_to_the_nearest_opening():
@@ -167,11 +142,6 @@ def test_a_closed_room_has_no_goals():
     grid.data[64:96, 28:30] = grid.data[40:120, 230:232] = 100
     for explorer in (NearestExplorer(), FrontierExplorer()):
         assert chosen_by(explorer, survey_from(5.0, 0.0, grid)) is None
-
-
-def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
-    motion = np.array([*action, *action, bump, 0.0], dtype=np.float32)
-    return {"scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32), "motion": motion}
 
 
 def driving_navigator():
