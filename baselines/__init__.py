@@ -4,11 +4,13 @@ from .explorer import Explorer
 from .frontier import FrontierExplorer, FrontierParams
 from .nearest import NearestExplorer, NearestParams
 from .random import RandomExplorer
+from .rrt import RrtExplorer, RrtParams
 
 EXPLORERS: dict[str, type[Explorer]] = {
     "random": RandomExplorer,
     "nearest": NearestExplorer,
     "frontier": FrontierExplorer,
+    "rrt": RrtExplorer,
 }
 """Explorers by name."""
 
@@ -32,5 +34,7 @@ __all__ = [
     "NearestExplorer",
     "NearestParams",
     "RandomExplorer",
+    "RrtExplorer",
+    "RrtParams",
     "make_explorer",
 ]

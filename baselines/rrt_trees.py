@@ -1,0 +1,210 @@
+"""Rapidly-exploring random trees that find frontiers.
+
+Seed 2, section 2.1.1, algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on Multiple
+Rapidly-exploring Randomized Trees" (2017).
+
+Three things the seed leaves open:
+
+- *Where the frontier point lies.* A step may be 15 m long; the point is where it first enters unknown space.
+- *The cell a step starts from is not checked.* It was free when the vertex was added, or it is the robot's. Otherwise
+  a vertex that the map has since covered with an obstacle would swallow every sample around it.
+- *Vertices keep a distance.* Without one a tree that is never reset gains a vertex with every sample, and Nearest
+  becomes slower for ever, though a vertex beside another one finds nothing that the other does not.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import OccupancyGrid
+from envs.navigation.frontiers import FREE_BELOW
+
+UNKNOWN_AHEAD = -1
+"""GridCheck: the step enters unknown space before it meets an obstacle."""
+BLOCKED = 0
+"""GridCheck: an obstacle comes first."""
+CLEAR = 1
+"""GridCheck: the step stays in free space."""
+
+
+@njit(cache=True, error_model="numpy")
+def nearest(vertices, count, x, y):
+    """Return the index of the vertex nearest to (x, y) among the first `count`; the first of equals.
+
+    Args:
+        vertices: shape (2, capacity), float32, x and y [m].
+        count: how many of them there are, at least 1.
+        x: position [m].
+        y: position [m].
+    """
+    xs, ys = vertices[0, :count], vertices[1, :count]
+    best, index = np.float32(np.inf), 0
+    # The least of sixteen at once: that the compiler turns into vector instructions, the search for where it was not.
+    for first in range(0, count, 16):
+        last = min(first + 16, count)
+        least = np.float32(np.inf)
+        for k in range(first, last):
+            dx, dy = xs[k] - np.float32(x), ys[k] - np.float32(y)
+            least = min(least, dx * dx + dy * dy)
+        if least < best:
+            best = least
+            for k in range(first, last):
+                dx, dy = xs[k] - np.float32(x), ys[k] - np.float32(y)
+                if dx * dx + dy * dy <= least:
+                    index = k
+                    break
+    return index
+
+
+@njit(cache=True, error_model="numpy")
+def steer(x0, y0, x, y, eta):
+    """Return the point nearest to (x, y) that is at most `eta` [m] away from (x0, y0)."""
+    length = math.hypot(x - x0, y - y0)
+    if length <= eta:
+        return x, y
+    return x0 + (x - x0) * eta / length, y0 + (y - y0) * eta / length
+
+
+@njit(cache=True, error_model="numpy")
+def grid_check(data, u0, v0, u1, v1):
+    """Walk over every cell that a line crosses (Amanatides and Woo 1987), but for the first.
+
+    Args:
+        data: shape (height, width), int8, occupancy; outside of it everything is unknown.
+        u0: column of the start as a real number: cell c holds [c, c + 1).
+        v0: row of the start.
+        u1: column of the end.
+        v1: row of the end.
+
+    Returns:
+        -1 if an unknown cell comes before any occupied one, 0 if an occupied one comes first, otherwise 1; and where
+        the walk ended: middle of the unknown or occupied cell, or the end of the line (column, row).
+    """
+    height, width = data.shape
+    row, col = math.floor(v0), math.floor(u0)
+    d_row, d_col = (1 if v1 > v0 else -1), (1 if u1 > u0 else -1)
+    # Share of the line after which the walk enters the next row or column, and between one of them and the next.
+    per_row = 1.0 / abs(v1 - v0) if v1 != v0 else np.inf
+    per_col = 1.0 / abs(u1 - u0) if u1 != u0 else np.inf
+    next_row = ((row + 1 - v0) if d_row > 0 else (v0 - row)) * per_row if v1 != v0 else np.inf
+    next_col = ((col + 1 - u0) if d_col > 0 else (u0 - col)) * per_col if u1 != u0 else np.inf
+    for _ in range(abs(math.floor(v1) - row) + abs(math.floor(u1) - col)):
+        if next_row < next_col:
+            row += d_row
+            next_row += per_row
+        else:
+            col += d_col
+            next_col += per_col
+        if row < 0 or row >= height or col < 0 or col >= width or data[row, col] < 0:
+            return UNKNOWN_AHEAD, col + 0.5, row + 0.5
+        if data[row, col] >= FREE_BELOW:
+            return BLOCKED, col + 0.5, row + 0.5
+    return CLEAR, u1, v1
+
+
+@njit(cache=True, error_model="numpy")
+def grow(data, samples, eta, spacing, root_u, root_v, resets, vertices, parents, count, found):
+    """Take samples in, one after the other (algorithm 2.1). All lengths are in cells.
+
+    Args:
+        data: shape (height, width), int8, occupancy.
+        samples: shape (n, 2), float64, (column, row).
+        eta: greatest length of a step.
+        spacing: least distance of a new vertex from the nearest one.
+        root_u: column where the tree starts again after a find.
+        root_v: its row.
+        resets: whether it does so.
+        vertices: shape (2, capacity), float32, columns and rows, written.
+        parents: shape (capacity,), int32, written: index of the vertex that each one hangs on; the root on itself.
+        count: number of vertices.
+        found: shape (n, 2), float64, written: frontier points (column, row).
+
+    Returns:
+        Number of vertices, and of frontier points found.
+    """
+    num_found = 0
+    for k in range(len(samples)):
+        near = nearest(vertices, count, samples[k, 0], samples[k, 1])
+        u0, v0 = float(vertices[0, near]), float(vertices[1, near])
+        u, v = steer(u0, v0, samples[k, 0], samples[k, 1], eta)
+        verdict, end_u, end_v = grid_check(data, u0, v0, u, v)
+        if verdict == UNKNOWN_AHEAD:
+            found[num_found] = end_u, end_v
+            num_found += 1
+            if resets:
+                vertices[0, 0], vertices[1, 0] = root_u, root_v
+                parents[0] = 0
+                count = 1
+        elif verdict == CLEAR and math.hypot(u - u0, v - v0) >= spacing:
+            vertices[0, count], vertices[1, count] = u, v
+            parents[count] = near
+            count += 1
+    return count, num_found
+
+
+class Tree:
+    """A detector: a tree that grows through free space, and reports where it would enter the unknown."""
+
+    def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
+        """Plant a tree.
+
+        Args:
+            root: where it starts (x, y), map frame [m].
+            eta: greatest length of a step [m].
+            spacing: least distance of a new vertex from the nearest one [m].
+            resets: whether it starts again at the robot after each find (the local detector) or stays (the global one).
+        """
+        if not eta >= spacing > 0:
+            raise ValueError(f"eta must be at least spacing, and spacing positive, got {eta} and {spacing}")
+        self._eta = eta
+        self._spacing = spacing
+        self._resets = resets
+        self._points = np.array([[root[0]], [root[1]]], dtype=np.float64)
+        self._parents = np.zeros(1, dtype=np.int32)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Shape (n, 2), float64, map frame [m]; the root is the first."""
+        return self._points.T
+
+    @property
+    def parents(self) -> np.ndarray:
+        """Shape (n,), int32: index of the vertex that each one hangs on; the root hangs on itself."""
+        return self._parents
+
+    def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
+        """Take samples in.
+
+        Args:
+            grid: the map.
+            samples: shape (n, 2), float64, map frame [m].
+            robot: where the robot is (x, y), map frame [m]; where a tree that resets starts again.
+
+        Returns:
+            Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].
+        """
+        count = len(self._parents)
+        vertices = np.empty((2, count + len(samples)), dtype=np.float32)
+        parents = np.empty(count + len(samples), dtype=np.int32)
+        origin = np.array(grid.origin)
+        root_u, root_v = (np.array(robot) - origin) / grid.resolution
+        vertices[:, :count] = (self._points - origin[:, None]) / grid.resolution
+        parents[:count] = self._parents
+        found = np.empty((len(samples), 2))
+        count, num_found = grow(
+            grid.data,
+            (samples - origin) / grid.resolution,
+            self._eta / grid.resolution,
+            self._spacing / grid.resolution,
+            root_u,
+            root_v,
+            self._resets,
+            vertices,
+            parents,
+            count,
+            found,
+        )
+        self._points = vertices[:, :count] * np.float64(grid.resolution) + origin[:, None]
+        self._parents = parents[:count]
+        return found[:num_found] * grid.resolution + origin

@@ -1,0 +1,340 @@
+"""The random trees, the filter, the assigner, and the explorer made of them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.cluster import MeanShift
+
+from baselines import RrtExplorer, RrtParams, make_explorer
+from baselines.frontier_filter import information_gain, mean_shift
+from baselines.rrt_assigner import NOBODY, assign
+from baselines.rrt_trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
+from baselines.survey import Survey
+from envs.explore import ExploreEnv
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import CostmapParams
+from envs.robots import load_robot
+from envs.slam import Belief
+
+BURGER = load_robot("turtlebot3_burger")
+NO_CELLS = np.empty((0, 2), dtype=np.int32)
+REVENUE = {"info_radius": 1.0, "info_multiplier": 3.0, "hysteresis_radius": 3.0, "hysteresis_gain": 2.0}
+
+
+def rooms():
+    """Two rooms of 5 m x 4 m, joined by a door of 1 m; the right one borders on the unknown along its right side."""
+    data = np.full((104, 240), -1, dtype=np.int8)
+    data[12:92, 2:202] = 0
+    data[:12] = data[92:] = data[:, :2] = 100
+    data[12:92, 100:102] = 100
+    data[42:62, 100:102] = 0
+    return OccupancyGrid(data, 0.05, (-1.0, -2.6))
+
+
+def checked_slowly(data, start, end):
+    """Sample the line densely, and judge by the first cell, after the one it starts in, that is not free."""
+    points = np.linspace(start, end, 20001)
+    cells = np.floor(points).astype(int)
+    cols, rows = cells[(cells != cells[0]).any(axis=1)].T
+    inside = (rows >= 0) & (rows < data.shape[0]) & (cols >= 0) & (cols < data.shape[1])
+    values = np.where(inside, data[np.where(inside, rows, 0), np.where(inside, cols, 0)], -1)
+    stops = np.flatnonzero((values < 0) | (values >= 50))
+    if len(stops) == 0:
+        return CLEAR, tuple(end)
+    first = stops[0]
+    return UNKNOWN_AHEAD if values[first] < 0 else BLOCKED, (cols[first] + 0.5, rows[first] + 0.5)
+
+
+def test_grid_check_says_what_comes_first():
+    data = np.zeros((5, 9), dtype=np.int8)
+    data[2, 4], data[2, 6], data[1, 3] = 100, -1, -1
+    assert grid_check(data, 0.5, 0.5, 8.5, 0.5) == (CLEAR, 8.5, 0.5)
+    assert grid_check(data, 0.5, 2.5, 8.5, 2.5) == (BLOCKED, 4.5, 2.5)
+    assert grid_check(data, 8.5, 2.5, 0.5, 2.5) == (UNKNOWN_AHEAD, 6.5, 2.5)
+    assert grid_check(data, 0.5, 1.5, 8.5, 1.5) == (UNKNOWN_AHEAD, 3.5, 1.5)
+    assert grid_check(data, 4.5, 2.5, 4.5, 3.5)[0] == CLEAR  # from an occupied cell
+    assert grid_check(data, 8.5, 3.5, 9.5, 3.5)[0] == UNKNOWN_AHEAD  # out of the map
+    assert grid_check(data, 1.2, 3.1, 1.2, 3.1)[0] == CLEAR
+
+
+def test_grid_check_equals_dense_sampling():
+    rng = np.random.default_rng(0)
+    verdicts = []
+    for _ in range(300):
+        data = rng.choice(np.array([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -1, 100], dtype=np.int8), size=(12, 15))
+        start, end = rng.uniform(0, (15, 12)), rng.uniform(0, (15, 12))
+        verdict, *where = grid_check(data, *start, *end)
+        expected, place = checked_slowly(data, start, end)
+        assert verdict == expected
+        np.testing.assert_allclose(where, place)
+        verdicts.append(verdict)
+    assert min(verdicts.count(v) for v in (UNKNOWN_AHEAD, BLOCKED, CLEAR)) > 30
+
+
+def test_nearest_equals_a_search_of_all_distances():
+    rng = np.random.default_rng(1)
+    vertices = rng.uniform(0, 100, (2, 500)).astype(np.float32)
+    for count in (1, 2, 15, 16, 17, 33, 500):
+        for x, y in rng.uniform(0, 100, (20, 2)).astype(np.float32):
+            squared = (vertices[0, :count] - x) ** 2 + (vertices[1, :count] - y) ** 2
+            assert squared[nearest(vertices, count, x, y)] == pytest.approx(squared.min(), rel=1e-5)
+
+
+def test_steer_goes_to_the_target_but_no_farther_than_eta():
+    assert steer(1.0, 1.0, 4.0, 5.0, 6.0) == (4.0, 5.0)
+    np.testing.assert_allclose(steer(1.0, 1.0, 4.0, 5.0, 2.5), (2.5, 3.0))
+    assert steer(1.0, 1.0, 1.0, 1.0, 2.5) == (1.0, 1.0)
+
+
+def grown(tree, grid, num_steps, robot=(0.0, 0.0), seed=0):
+    rng = np.random.default_rng(seed)
+    x0, y0, x1, y1 = grid.bounds
+    return [tree.grow(grid, rng.uniform((x0, y0), (x1, y1), (200, 2)), robot) for _ in range(num_steps)]
+
+
+@pytest.mark.parametrize("eta", [1.0, 15.0])
+def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_door(eta):
+    grid = rooms()
+    tree = Tree((0.0, 0.0), eta=eta, spacing=0.3, resets=False)
+    found = np.concatenate(grown(tree, grid, 20))
+    assert len(tree.vertices) > 50
+    np.testing.assert_allclose(tree.vertices[0], (0.0, 0.0), atol=1e-5)
+    rows, cols = grid.cells(tree.vertices).T
+    assert (grid.data[rows, cols] == 0).all()
+    gaps = np.hypot(*(tree.vertices[:, None] - tree.vertices[None]).transpose(2, 0, 1))
+    assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 0.3 - 1e-4
+    for k, parent in enumerate(tree.parents[1:], 1):
+        assert parent < k
+        assert 0.3 - 1e-4 <= gaps[k, parent] <= eta + 1e-4
+        ends = ((tree.vertices[[parent, k]] - grid.origin) / grid.resolution).ravel()
+        assert grid_check(grid.data, *ends)[0] == CLEAR
+    # All finds lie along the open side at x = 9.1, from wall to wall.
+    np.testing.assert_allclose(found[:, 0], 9.125, atol=1e-9)
+    assert found[:, 1].min() < -1.5
+    assert found[:, 1].max() > 1.5
+
+
+def test_the_local_tree_starts_again_at_the_robot_after_a_find():
+    grid = rooms()
+    local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
+    assert sum(len(found) for found in grown(local, grid, 20, robot=(8.0, 1.0))) > 20
+    np.testing.assert_allclose(local.vertices[0], (8.0, 1.0), atol=1e-5)
+    # A room without a frontier gives it no reason to.
+    grid.data[42:62, 100:102] = 100
+    local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
+    assert sum(len(found) for found in grown(local, grid, 20, robot=(1.0, 1.0))) == 0
+    np.testing.assert_allclose(local.vertices[0], (0.0, 0.0), atol=1e-5)
+    assert local.vertices[:, 0].max() < 4.0
+
+
+def test_a_tree_stays_where_it_is_when_the_map_grows():
+    grid = rooms()
+    tree = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False)
+    grown(tree, grid, 3)
+    before = tree.vertices.copy()
+    larger = np.pad(grid.data, ((40, 0), (60, 10)), constant_values=-1)
+    tree.grow(OccupancyGrid(larger, 0.05, (-4.0, -4.1)), np.array([[0.0, 0.0]]), (0.0, 0.0))
+    np.testing.assert_allclose(tree.vertices, before, atol=1e-4)
+
+
+def test_mean_shift_equals_scikit_learn():
+    rng = np.random.default_rng(2)
+    for n in (1, 2, 40, 150):
+        points = rng.uniform(0.0, 3.0, (n, 2))
+        points[n // 2 :] = points[: n - n // 2] + rng.normal(0.0, 0.05, (n - n // 2, 2))
+        expected = MeanShift(bandwidth=0.3).fit(points).cluster_centers_
+        np.testing.assert_allclose(mean_shift(points, 0.3), expected, atol=1e-9)
+    assert mean_shift(np.empty((0, 2)), 0.3).shape == (0, 2)
+
+
+def test_mean_shift_finds_the_middles_of_heaps():
+    rng = np.random.default_rng(3)
+    heaps = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 5.0]])
+    points = np.concatenate([rng.normal(heap, 0.04, (n, 2)) for heap, n in zip(heaps, (60, 40, 20))])
+    np.testing.assert_allclose(mean_shift(points, 0.3), heaps, atol=0.03)
+
+
+def test_information_gain_is_the_unknown_area_within_the_radius():
+    grid = rooms()
+    deep, edge, none = information_gain(grid, np.array([[40.0, 40.0], [9.1, 0.0], [0.5, 0.0]]), 1.0)
+    assert deep == pytest.approx(math.pi, rel=0.02)
+    assert edge == pytest.approx(math.pi / 2, rel=0.05)
+    assert none == 0.0
+
+
+def island_map():
+    """Known free space with square holes of unknown of 1 m^2 around (2, 2) and 0.25 m^2 around (8, 2) and (5, 8)."""
+    data = np.zeros((200, 200), dtype=np.int8)
+    data[30:50, 30:50] = data[35:45, 155:165] = data[155:165, 95:105] = -1
+    return OccupancyGrid(data, 0.05, (0.0, 0.0))
+
+
+ISLANDS = np.array([[2.0, 2.0], [8.0, 2.0], [5.0, 8.0]])
+
+
+def distances(robots, points):
+    return np.hypot(*(robots[:, None] - points[None]).transpose(2, 0, 1))
+
+
+def test_one_robot_gets_the_point_of_the_greatest_revenue():
+    grid = island_map()
+    # R of the islands from (6, 2): 3 * 1 - 4 = -1, 3 * 2 * 0.25 - 2 = -0.5, 3 * 0.25 - 6.1 = -5.3.
+    for x, best in ((6.0, 1), (5.0, 0), (7.5, 1), (3.0, 0)):
+        # At 5.0 both lie 3 m away: h doubles both gains.
+        robots = np.array([[x, 2.0]])
+        gains = np.array([1.0, 0.25, 0.25])
+        costs = distances(robots, ISLANDS)
+        revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
+        assert int(np.argmax(revenues)) == best
+        assert assign(grid, robots, ISLANDS, costs, **REVENUE).tolist() == [best]
+
+
+def test_hysteresis_keeps_a_robot_where_it_is():
+    grid, robots = island_map(), np.array([[6.0, 2.0]])
+    costs = distances(robots, ISLANDS)
+    weak = REVENUE | {"hysteresis_gain": 1.001}
+    assert assign(grid, robots, ISLANDS, costs, **weak).tolist() == [0]
+    assert assign(grid, robots, ISLANDS, costs, **REVENUE).tolist() == [1]
+
+
+def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
+    grid = island_map()
+    # Two points on one island, a small island elsewhere. The first robot sees all of the island from either point.
+    points = np.array([[2.0, 2.0], [2.1, 2.0], [5.0, 8.0]])
+    robots = np.array([[1.5, 2.0], [3.0, 5.0]])
+    # For the second robot alone the island is worth more than the small one ...
+    costs = distances(robots, points)
+    assert assign(grid, robots[1:], points, costs[1:], **REVENUE)[0] in (0, 1)
+    # ... but not once the first has it.
+    first, second = assign(grid, robots, points, costs, **REVENUE)
+    assert first in (0, 1)
+    assert second == 2
+    # With gains that stay, it would go to the island's other point.
+    assert (6.0 * 1.0 - costs[1, 1 - first]) > (3.0 * 0.25 - costs[1, 2])
+
+
+def test_three_robots_take_three_points_and_a_fourth_gets_none():
+    robots = np.array([[7.5, 2.0], [5.0, 7.5], [1.0, 2.0]])
+    costs = distances(robots, ISLANDS)
+    assert assign(island_map(), robots, ISLANDS, costs, **REVENUE).tolist() == [1, 2, 0]
+    more = np.vstack([robots, [[9.0, 9.0]]])
+    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), **REVENUE).tolist() == [1, 2, 0, NOBODY]
+
+
+def test_points_that_cannot_be_got_to_are_not_assigned():
+    robots = np.array([[1.0, 2.0], [7.0, 2.0]])
+    costs = distances(robots, ISLANDS)
+    costs[0] = np.inf
+    assert assign(island_map(), robots, ISLANDS, costs, **REVENUE)[0] == NOBODY
+    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], **REVENUE).tolist() == [NOBODY, NOBODY]
+    with pytest.raises(ValueError, match=r"\(2, 3\)"):
+        assign(island_map(), robots, ISLANDS, costs.T, **REVENUE)
+
+
+def test_params_refuse_nonsense():
+    for name, value in (("eta_local", 0.0), ("num_samples", 0), ("hysteresis_gain", 1.0), ("view_distances", ())):
+        with pytest.raises(ValueError, match=name):
+            replace(RrtParams(), **{name: value})
+    with pytest.raises(ValueError, match="spacing"):
+        RrtParams(spacing=2.0)
+
+
+def explorer_in(grid, pose, num_steps=20):
+    """Return an explorer whose trees have grown, and the belief."""
+    explorer = RrtExplorer()
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    belief = Belief(pose, grid, NO_CELLS)
+    for _ in range(num_steps):
+        explorer._detect(belief)
+    return explorer, belief
+
+
+def survey_of(belief):
+    return Survey(belief, CostmapParams(0.155, 0.6, 4.0))
+
+
+def test_the_filter_keeps_few_points_and_drops_stale_ones():
+    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
+    assert 3 <= len(explorer.points) <= 16
+    assert distances(explorer.points, explorer.points)[~np.eye(len(explorer.points), dtype=bool)].min() > 0.3
+    assert explorer._choose(survey_of(belief)).frontier[0] == pytest.approx(9.075)
+    belief.grid.data[12:92, 202:239] = 0
+    belief.grid.data[:, 239] = 100
+    explorer._detect(belief)
+    assert len(explorer.points) == 0
+
+
+def test_points_that_no_way_leads_to_are_invalid():
+    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
+    belief.grid.data[42:62, 100:102] = 100
+    assert len(explorer.points)
+    assert explorer._choose(survey_of(belief)) is None
+
+
+def run(seed, max_time, **kwargs):
+    env = ExploreEnv(**kwargs)
+    observation, info = env.reset(seed=seed)
+    explorer = make_explorer("rrt")
+    explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))
+    actions, done = [], False
+    while not done and explorer.end_reason is None and info["time"] < max_time:
+        actions.append(explorer.act(observation, env.belief))
+        observation, _, terminated, truncated, info = env.step(actions[-1])
+        done = terminated or truncated
+    env.close()
+    return explorer, info, np.array(actions)
+
+
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_it_gets_to_know_a_small_world(physics):
+    if physics == "bullet":
+        pytest.importorskip("pybullet")
+    _, info, _ = run(1, 180.0, world="turtlebot3_world", physics=physics, slam="tinyslam", start="spawn")
+    assert info["explored_fraction"] >= 0.95
+    assert info["collisions"] == 0
+
+
+def steps_until_the_end(explorer, belief):
+    observation = {"scan": np.ones(BURGER.lidar.num_beams, dtype=np.float32), "motion": np.zeros(6, dtype=np.float32)}
+    steps = 0
+    while explorer.end_reason is None and steps < 1000:
+        explorer.act(observation, belief)
+        steps += 1
+    # From then on it stands still.
+    assert explorer.act(observation, belief).tolist() == [0.0, 0.0]
+    return steps
+
+
+def test_a_place_without_frontiers_ends_the_episode_after_patience():
+    grid = rooms()
+    grid.data[12:92, 202:] = 100
+    explorer = RrtExplorer(RrtParams(patience=250))
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    steps = steps_until_the_end(explorer, Belief(Pose2D(0.0, 0.0, 0.0), grid, NO_CELLS))
+    assert 250 <= steps < 500
+    assert explorer.end_reason == "no_reachable_frontier"
+    assert len(explorer.points) == 0
+
+
+def test_points_that_cannot_be_got_to_do_not_keep_an_episode_going():
+    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
+    # The global tree stays behind the door that closes, and finds on.
+    belief.grid.data[42:62, 100:102] = 100
+    steps = steps_until_the_end(explorer, belief)
+    assert RrtParams().patience - 20 <= steps < 500
+    assert explorer.end_reason == "no_reachable_frontier"
+    assert len(explorer.points) > 0
+
+
+def test_same_seed_same_actions():
+    kwargs = {"world": "rooms", "physics": "kinematic", "slam": "tinyslam"}
+    runs = [run(3, 5.0, **kwargs) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0][2], runs[1][2])
+    np.testing.assert_array_equal(runs[0][0].points, runs[1][0].points)
+
+
+def test_it_wants_a_reset_first():
+    with pytest.raises(RuntimeError, match="reset"):
+        RrtExplorer().act({}, Belief(Pose2D(0.0, 0.0, 0.0), rooms(), NO_CELLS))
