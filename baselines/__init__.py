@@ -1,15 +1,25 @@
 """Classic explorers and the path follower that they drive with."""
 
+from .explore_lite import ExploreLiteExplorer, ExploreLiteParams
 from .explorer import Explorer
 from .frontier import FrontierExplorer, FrontierParams
+from .greedy_gain import GreedyGainExplorer
 from .nearest import NearestExplorer, NearestParams
+from .next_best_view import NextBestViewExplorer, NextBestViewParams
 from .random import RandomExplorer
 from .rrt import RrtExplorer, RrtParams
+from .tour import TourExplorer, TourParams
+from .wall_follower import WallFollower
 
 EXPLORERS: dict[str, type[Explorer]] = {
     "random": RandomExplorer,
     "nearest": NearestExplorer,
     "frontier": FrontierExplorer,
+    "tour": TourExplorer,
+    "explore_lite": ExploreLiteExplorer,
+    "greedy_gain": GreedyGainExplorer,
+    "next_best_view": NextBestViewExplorer,
+    "wall_follower": WallFollower,
     "rrt": RrtExplorer,
 }
 """Explorers by name."""
@@ -28,13 +38,21 @@ def make_explorer(name: str) -> Explorer:
 
 __all__ = [
     "EXPLORERS",
+    "ExploreLiteExplorer",
+    "ExploreLiteParams",
     "Explorer",
     "FrontierExplorer",
     "FrontierParams",
+    "GreedyGainExplorer",
     "NearestExplorer",
     "NearestParams",
+    "NextBestViewExplorer",
+    "NextBestViewParams",
     "RandomExplorer",
     "RrtExplorer",
     "RrtParams",
+    "TourExplorer",
+    "TourParams",
+    "WallFollower",
     "make_explorer",
 ]

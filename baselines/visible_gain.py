@@ -1,0 +1,68 @@
+"""How much unknown area a lidar could see from a place, if nothing stood there."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import OccupancyGrid
+
+OCCUPIED_FROM = 50
+"""Occupancy from which a cell stops a ray [percent]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _count_visible(data, row, col, reach, seen):
+    """Count the unknown cells that straight lines from the centre of a cell meet before anything occupied.
+
+    The rays end one cell apart on a circle, and are sampled once per cell.
+
+    Args:
+        data: shape (height, width), int8, occupancy.
+        row: row of the place.
+        col: column of the place.
+        reach: length of the rays [cells].
+        seen: shape (height, width), bool, all false before and after.
+    """
+    height, width = data.shape
+    num_rays = math.ceil(2.0 * math.pi * reach)
+    count = 0
+    top, bottom = max(row - reach, 0), min(row + reach + 1, height)
+    left, right = max(col - reach, 0), min(col + reach + 1, width)
+    for k in range(num_rays):
+        angle = 2.0 * math.pi * k / num_rays
+        d_row, d_col = math.sin(angle), math.cos(angle)
+        for step in range(1, reach + 1):
+            r, c = math.floor(row + step * d_row + 0.5), math.floor(col + step * d_col + 0.5)
+            if r < 0 or c < 0 or r >= height or c >= width or data[r, c] >= OCCUPIED_FROM:
+                break
+            if data[r, c] < 0 and not seen[r, c]:
+                seen[r, c] = True
+                count += 1
+    seen[top:bottom, left:right] = False
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _gains(data, places, reach):
+    seen = np.zeros(data.shape, dtype=np.bool_)
+    counts = np.empty(places.shape[0], dtype=np.int64)
+    for k in range(places.shape[0]):
+        counts[k] = _count_visible(data, places[k, 0], places[k, 1], reach, seen)
+    return counts
+
+
+def visible_gains(grid: OccupancyGrid, places: np.ndarray, max_range: float) -> np.ndarray:
+    """Tell how much unknown area lies in view of places: behind nothing occupied, the unknown itself taken for free.
+
+    Args:
+        grid: the map. What lies beyond its edge is unknown, too.
+        places: shape (n, 2), int64, (row, column).
+        max_range: how far is looked [m].
+
+    Returns:
+        Shape (n,), float64 [m2].
+    """
+    reach = round(max_range / grid.resolution)
+    data = np.pad(grid.data, reach, constant_values=-1)
+    return _gains(data, np.ascontiguousarray(places) + reach, reach) * grid.resolution**2
