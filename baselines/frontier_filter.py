@@ -17,19 +17,22 @@ def _climb(points, bandwidth):
     """Move from each point to the mean of the points around it, until that stays.
 
     Args:
-        points: shape (n, 2), float64.
+        points: shape (n, 2), float64, in the order of their x.
         bandwidth: radius of what counts as around.
 
     Returns:
         Where each climb ended, shape (n, 2), float64, and how many points lay around it, shape (n,), int64.
     """
     tops = points.copy()
+    xs = points[:, 0].copy()
+    # Only points in this strip can lie around; a hair wider than it need be, so that rounding leaves none out.
+    strip = bandwidth * (1.0 + 1e-9)
     weights = np.zeros(len(points), dtype=np.int64)
     for k in range(len(points)):
         x, y = points[k]
         for _ in range(MAX_ITERATIONS):
             sum_x, sum_y, count = 0.0, 0.0, 0
-            for j in range(len(points)):
+            for j in range(np.searchsorted(xs, x - strip), np.searchsorted(xs, x + strip)):
                 dx, dy = points[j, 0] - x, points[j, 1] - y
                 inside = dx * dx + dy * dy <= bandwidth * bandwidth
                 sum_x += points[j, 0] if inside else 0.0
@@ -57,7 +60,7 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
     Returns:
         Shape (k, 2), float64 [m]: the centres, those with most points around them first.
     """
-    tops, weights = _climb(points, bandwidth)
+    tops, weights = _climb(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     tops = tops[np.lexsort((tops[:, 1], tops[:, 0], weights))[::-1]]
     centers = []
     while len(tops):
