@@ -32,8 +32,9 @@ def evaluate(
     Writes episodes.csv, summary.json, curves and maps as PNG, and report.html. Run again, it goes on where it stopped.
 
     Args:
-        policies: Classic explorers by name (random, nearest, frontier), learned ones as ppo:PATH of a run folder or,
-            with a name of your own, LABEL=ppo:PATH.
+        policies: Classic explorers by name (random, nearest, frontier, tour, explore_lite, greedy_gain,
+            next_best_view, wall_follower, rrt), learned ones as ppo:PATH of a run folder or, with a name of your own,
+            LABEL=ppo:PATH.
         worlds: Library worlds, procedural families (their test split), or paths of world files.
         out: Folder for the results.
         episodes: Episodes of each policy in each world.

@@ -52,7 +52,7 @@ def draw(worlds: list[World], path: Path, columns: int = 6) -> None:
     from matplotlib import pyplot as plt
 
     rows = -(-len(worlds) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(2.4 * columns, 2.6 * rows), layout="constrained")
+    figure, axes = plt.subplots(rows, columns, figsize=(2.4 * columns, 2.6 * rows), layout="constrained", squeeze=False)
     for ax in axes.flat:
         ax.axis("off")
     for ax, world in zip(axes.flat, worlds):
