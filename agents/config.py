@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from envs.explore import RewardWeights
+from envs.rewards import RewardWeights
 
 
 class _Section(BaseModel):

@@ -16,8 +16,8 @@ from benchmarks.naive_physics import NaivePhysics
 from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.halls import Hall
 from envs.coverage import ExplorableArea, explorable_area
-from envs.explore import RewardWeights
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.rewards import RewardWeights
 from envs.robots import RobotParams, WheelOdometry
 from envs.slam import load_params
 

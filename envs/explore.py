@@ -1,76 +1,26 @@
 """The exploration environment: drive, map, and earn what you truly get to know."""
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.compilation import announce_compilation
 from envs.coverage import Coverage, ExplorableArea, explorable_area, map_iou
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.map_pyramid import MapPyramid
 from envs.observation import Trail, observation_space, observe
-from envs.robots import RobotParams, WheelOdometry, load_robot
-from envs.simulation import Twist, make_simulator
-from envs.simulation.sensors import measure_ranges
+from envs.rendering.scene import Scene
+from envs.rewards import RewardWeights
+from envs.robot_env import RobotEnv, choose_robot, choose_start, read_start
+from envs.robots import RobotParams, WheelOdometry
+from envs.simulation import Twist
 from envs.slam import make_slam
 from envs.worlds import World, world_sampler
 
-USUAL_ROBOTS = {
-    "turtlebot3_house": "turtlebot3_waffle_pi",
-    "tugbot_warehouse": "tugbot",
-    "pimouse_arena": "raspimouse",
-    "raspimouse_sample_maze": "raspimouse",
-    "create3_maze": "create3",
-}
-"""Robot that a world is explored with when none is named; TurtleBot3 Burger everywhere else."""
 
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class RewardWeights:
-    """What a step is worth. The reward is the sum of the terms that `info["rewards"]` names."""
-
-    explored: float = 1.0
-    """For area that became truly known [1/m2]."""
-    time: float = -0.02
-    """For time that passes [1/s]."""
-    collision: float = -0.5
-    """For time in contact with anything [1/s]."""
-    completed: float = 10.0
-    """Once, when the target coverage is reached."""
-
-    def __post_init__(self) -> None:
-        for name, weight in dataclasses.asdict(self).items():
-            if not math.isfinite(weight):
-                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
-
-    def terms(self, gained: Any, touching: Any, completed: Any, period: float) -> dict[str, Any]:
-        """Return the reward terms of a step, or arrays of them.
-
-        Args:
-            gained: area that became truly known [m2].
-            touching: whether the robot touched anything.
-            completed: whether the target coverage is reached.
-            period: length of the step [s].
-        """
-        return {
-            "explored": self.explored * gained,
-            "time": self.time * period,
-            "collision": self.collision * period * touching,
-            "completed": self.completed * completed,
-        }
-
-
-REWARD_TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
-"""Names of the reward's terms, in the order in which they are summed."""
-
-
-class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+class ExploreEnv(RobotEnv):
     """Explore an unknown place with a lidar robot.
 
     ## Description
@@ -136,8 +86,6 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     * v0: first version
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -160,43 +108,26 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
-        if not (math.isfinite(control_hz) and control_hz > 0):
-            raise ValueError(f"control_hz must be positive, got {control_hz!r}")
-        if time_limit is not None and not time_limit > 0:
-            raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         if not 0 < target_coverage <= 1:
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
-        is_pose = not isinstance(start, str) and len(start) == 3 and all(map(math.isfinite, start))
-        if not (is_pose or start in ("random", "spawn")):
-            raise ValueError(f"start must be 'random', 'spawn' or (x, y, theta), got {start!r}")
-        if not isinstance(reward, RewardWeights):
-            if unknown := sorted(set(reward) - set(REWARD_TERMS)):
-                raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
-            reward = RewardWeights(**reward)
-        announce_compilation(measure_ranges)
+        self._start = read_start(start)
+        self.weights = RewardWeights.of(reward)
         self._sample_world = world_sampler(world, split=split, size=world_size)
-        world_name = world if isinstance(world, str) else world.name
-        self.robot = load_robot(USUAL_ROBOTS.get(world_name, "turtlebot3_burger") if robot is None else robot)
-        self.control_period = 1.0 / control_hz
-        self.time_limit = time_limit or math.inf
-        self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
+        super().__init__(
+            robot=choose_robot(robot, world),
+            physics=physics,
+            control_hz=control_hz,
+            time_limit=time_limit,
+            render_mode=render_mode,
+        )
         self.plan: np.ndarray | None = None
         """Planned path for drawing, shape (n, 2), map frame [m]; set it from outside, `reset` clears it."""
-        self._time_limit = time_limit
         self.target_coverage = target_coverage
-        self._start = start if isinstance(start, str) else Pose2D(*map(float, start))
-        self.weights = reward
         self.resolution = map_resolution
-        self.simulator = make_simulator(physics, self.robot, self.control_period)
         self.slam = make_slam(slam, self.robot.lidar, map_resolution)
         self.slam_is_told_the_truth = slam == "truth"
         self.odometry = WheelOdometry(self.robot)
         self._next_place: tuple[World, ExplorableArea] | None = None
-        self._renderer: Any = None
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = observation_space(self.robot)
 
     def reset(
@@ -208,13 +139,13 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._next_place = None
         self.world, area = self._next_place or self._draw_place()
         self._next_place = None
-        self._place(area)
+        self.start = choose_start(self._start, self.world, area, self.robot, self.np_random)
+        """World pose of the map frame's origin: where the robot starts."""
         if self._time_limit is None:
             # Time to sweep the area twice with a swath of a metre at full speed, rounded to ten seconds.
             self.time_limit = 120.0 + 10.0 * round(0.2 * area.area / self.robot.max_v)
         simulator_rng, slam_rng = self.np_random.spawn(2)
-        self.reading = self.simulator.reset(self.world, self.start, simulator_rng)
-        self._state = self.simulator.state
+        self._stand(self.world, self.start, simulator_rng)
         self.odometry.reset(self.reading.ticks)
         self.slam.reset(slam_rng)
         self.belief = self.slam.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
@@ -222,16 +153,12 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.coverage.update(self.belief)
         self.pyramid = MapPyramid(self.belief.grid)
         self.trail = Trail()
-        self._true_trail = Trail()
         self._remember()
         self._twist = Twist(0.0, 0.0)
-        self._action = np.zeros(2, dtype=np.float32)
-        self._path_length = 0.0
-        self._collisions = 0
         self.plan = None
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info(dict.fromkeys(REWARD_TERMS, 0.0))
+        return self._observe(), self._info(dict.fromkeys(RewardWeights.names(), 0.0))
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for one control period.
@@ -239,19 +166,13 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1].
         """
-        self._action = self._checked(action)
-        command = Twist(float(self._action[0]) * self.robot.max_v, float(self._action[1]) * self.robot.max_w)
-        touching = self.reading.bumper
-        self.reading = self.simulator.step(command)
-        before, self._state = self._state, self.simulator.state
-        self._update_belief(before.pose)
+        before = self._drive(action)
+        self._update_belief(before)
         self._remember()
-        self._path_length += distance(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
-        self._collisions += self.reading.bumper and not touching
 
         gained = self.coverage.update(self.belief)
         terminated = self.coverage.explored_fraction >= self.target_coverage
-        truncated = not terminated and self.reading.time >= self.time_limit - 1e-6
+        truncated = not terminated and self._is_late
         rewards = self.weights.terms(gained, self.reading.bumper, terminated, self.control_period)
         info = self._info(rewards)
         if terminated or truncated:
@@ -265,66 +186,29 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Draw the place of the next episode ahead of time; a `reset` with a seed throws it away."""
         self._next_place = self._next_place or self._draw_place()
 
-    def render(self) -> np.ndarray | None:
-        """Draw the truth beside what the robot believes; an array (height, width, 3), uint8, for `rgb_array`."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
-            return None
-        from envs.rendering import Renderer, Scene
-
-        if self._renderer is None:
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
-        return self._renderer.draw(
-            Scene(
-                world=self.world,
-                robot=self.robot,
-                pose=self._state.pose,
-                start=self.start,
-                belief=self.belief,
-                ranges=self.reading.ranges,
-                trail=self._true_trail.positions,
-                believed_trail=self.trail.positions,
-                plan=self.plan,
-                explored_fraction=self.coverage.explored_fraction,
-                time=self.reading.time,
-                collisions=self._collisions,
-            )
+    def scene(self) -> Scene:
+        """Return this moment for drawing: the truth beside what the robot believes."""
+        return Scene(
+            world=self.world,
+            robot=self.robot,
+            pose=self._state.pose,
+            start=self.start,
+            belief=self.belief,
+            ranges=self.reading.ranges,
+            trail=self._true_trail.positions,
+            believed_trail=self.trail.positions,
+            plan=self.plan,
+            explored_fraction=self.coverage.explored_fraction,
+            time=self.reading.time,
+            collisions=self._collisions,
         )
 
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.simulator.close()
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the window behind when pickled."""
-        return {**self.__dict__, "_renderer": None}
+    def _painter(self) -> None:
+        """Paint with what the renderer paints with anyway."""
 
     def _draw_place(self) -> tuple[World, ExplorableArea]:
         world = self._sample_world(self.np_random)
         return world, explorable_area(world, self.robot, self.resolution)
-
-    def _place(self, area: ExplorableArea) -> None:
-        """Choose the start pose."""
-        if self._start == "random":
-            self.start = area.draw_pose(self.np_random)
-            return
-        self.start = self.world.spawns[0] if self._start == "spawn" else self._start
-        if not area.can_stand(self.start):
-            raise ValueError(
-                f"start {tuple(self.start)} is no place where robot {self.robot.name!r} (radius {self.robot.radius} m) "
-                f"can stand in world {self.world.name!r}; its spawns are {[tuple(pose) for pose in self.world.spawns]}"
-            )
-
-    def _checked(self, action: np.ndarray) -> np.ndarray:
-        action = np.array(action, dtype=np.float32)
-        if action.shape != (2,):
-            raise ValueError(f"action must have shape (2,), got {action.shape}")
-        if not (np.abs(action) <= 1.0).all():
-            raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
-        return action
 
     def _update_belief(self, pose_before: Pose2D) -> None:
         """Feed the new scan to the SLAM, with the motion that it may know of."""
@@ -338,7 +222,6 @@ class ExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.pyramid.update(self.belief.touched, self.trail.positions)
         if self.trail.append(self.belief.pose):
             self.pyramid.mark(self.belief.pose.x, self.belief.pose.y)
-        self._true_trail.append(self._state.pose)
 
     def _observe(self) -> dict[str, np.ndarray]:
         elapsed = self.reading.time / self.time_limit

@@ -14,9 +14,10 @@ from gymnasium.vector.utils import batch_space
 
 from envs.compilation import announce_compilation
 from envs.coverage import map_iou
-from envs.explore import REWARD_TERMS, ExploreEnv
+from envs.explore import ExploreEnv
 from envs.lanes import Lanes, Numbers, Scratch, Views, finish_lanes, step_lanes
 from envs.map_pyramid import block_size
+from envs.rewards import RewardWeights
 from envs.simulation import KinematicSimulator
 from envs.simulation.sensors import LidarNumbers
 from envs.slam import GivenPoseSlam, TinySlam
@@ -136,7 +137,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 raise ValueError(f"reset_mask must have shape ({self.num_envs},), dtype bool and select a lane")
         views = self._new_views()
-        rewards = {name: np.zeros(self.num_envs) for name in REWARD_TERMS}
+        rewards = {name: np.zeros(self.num_envs) for name in RewardWeights.names()}
         for i in np.flatnonzero(mask).tolist():
             self._reset_lane(i, seeds[i], views)
         for i in np.flatnonzero(~mask).tolist():

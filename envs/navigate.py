@@ -1,25 +1,25 @@
 """The navigation environment: a known map, a goal, and only the lidar and the wheels to tell where the robot is."""
 
-import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.coverage import ExplorableArea, explorable_area
-from envs.explore import USUAL_ROBOTS
+from envs.coverage import explorable_area
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
 from envs.map_pyramid import MapPyramid
 from envs.navigate_setup import DeadReckoning, TrueWay, draw_goal, known_map, make_localizer, read_map
 from envs.observation import Trail, observation_space, observe
-from envs.robots import RobotParams, WheelOdometry, load_robot
-from envs.simulation import Twist, make_simulator
+from envs.rendering.scene import NavigationScene
+from envs.rewards import NavigateRewards
+from envs.robot_env import RobotEnv, check_positive, choose_robot, choose_start, is_pose, read_start
+from envs.robots import RobotParams, WheelOdometry
+from envs.simulation import Twist
 from envs.slam import Belief
 from envs.worlds import World, world_sampler
 
@@ -30,46 +30,7 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class NavigateRewards:
-    """What a step is worth. The reward is the sum of the terms that `info["rewards"]` names."""
-
-    progress: float = 1.0
-    """For the true way to the goal that became shorter [1/m]."""
-    time: float = -0.02
-    """For time that passes [1/s]."""
-    collision: float = -0.5
-    """For time in contact with anything [1/s]."""
-    reached: float = 10.0
-    """Once, when the goal is reached."""
-
-    def __post_init__(self) -> None:
-        for name, weight in dataclasses.asdict(self).items():
-            if not math.isfinite(weight):
-                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
-
-    def terms(self, gained: float, touching: bool, reached: bool, period: float) -> dict[str, float]:
-        """Return the reward terms of a step.
-
-        Args:
-            gained: by how much the true way to the goal became shorter [m].
-            touching: whether the robot touched anything.
-            reached: whether it is at the goal.
-            period: length of the step [s].
-        """
-        return {
-            "progress": self.progress * gained,
-            "time": self.time * period,
-            "collision": self.collision * period * touching,
-            "reached": self.reached * reached,
-        }
-
-
-REWARD_TERMS = tuple(field.name for field in dataclasses.fields(NavigateRewards))
-"""Names of the reward's terms, in the order in which they are summed."""
-
-
-class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+class NavigateEnv(RobotEnv):
     """Drive to a goal on a known map.
 
     ## Description
@@ -145,8 +106,6 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     * v0: first version
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -175,54 +134,39 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         if initial_pose not in ("known", "unknown"):
             raise ValueError(f"initial_pose must be 'known' or 'unknown', got {initial_pose!r}")
         if initial_pose == "unknown" and localizer != "amcl":
             raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {localizer!r}")
-        for name, value in (("control_hz", control_hz), ("goal_tolerance", goal_tolerance)):
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive, got {value!r}")
+        check_positive(goal_tolerance=goal_tolerance)
         if not 0 < heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {heading_tolerance!r}")
-        if time_limit is not None and not time_limit > 0:
-            raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        if not (_is_pose(start) or start in ("random", "spawn")):
-            raise ValueError(f"start must be 'random', 'spawn' or (x, y, theta), got {start!r}")
-        if not (_is_pose(goal) or goal == "random"):
+        if not (is_pose(goal) or goal == "random"):
             raise ValueError(f"goal must be 'random' or (x, y, theta), got {goal!r}")
-        if not _is_pose(map_pose):
+        if not is_pose(map_pose):
             raise ValueError(f"map_pose must be (x, y, theta), got {map_pose!r}")
-        if not isinstance(reward, NavigateRewards):
-            if unknown := sorted(set(reward) - set(REWARD_TERMS)):
-                raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
-            reward = NavigateRewards(**reward)
+        self._start = read_start(start)
+        self.weights = NavigateRewards.of(reward)
         self._sample_world = world_sampler(world, split=split, size=world_size)
-        world_name = world if isinstance(world, str) else world.name
-        self.robot = load_robot(USUAL_ROBOTS.get(world_name, "turtlebot3_burger") if robot is None else robot)
-        self.control_period = 1.0 / control_hz
-        self.time_limit = time_limit or math.inf
-        self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
+        super().__init__(
+            robot=choose_robot(robot, world),
+            physics=physics,
+            control_hz=control_hz,
+            time_limit=time_limit,
+            render_mode=render_mode,
+        )
         self.plan: np.ndarray | None = None
         """Planned path for drawing, shape (n, 2), map frame [m]; set it from outside, `reset` clears it."""
         self.map_pose = Pose2D(*(float(k) for k in map_pose))
         """Pose of the map's frame in the world."""
         self._map = read_map(map)
-        self._time_limit = time_limit
-        self._start = start if isinstance(start, str) else Pose2D(*(float(k) for k in start))
         self._goal = goal if isinstance(goal, str) else Pose2D(*(float(k) for k in goal))
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
-        self.weights = reward
         self.resolution = map_resolution
-        self.simulator = make_simulator(physics, self.robot, self.control_period)
         self.localizer = make_localizer(localizer, self.robot.lidar, amcl)
         self.localizer_is_told_the_truth = localizer == "truth"
         self.odometry = WheelOdometry(self.robot)
-        self._renderer: Any = None
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 **observation_space(self.robot).spaces,
@@ -246,10 +190,9 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         super().reset(seed=seed)
         self.world = self._sample_world(self.np_random)
         self.area = explorable_area(self.world, self.robot, self.resolution)
-        start = self._place(self.area)
+        start = choose_start(self._start, self.world, self.area, self.robot, self.np_random)
         simulator_rng, localizer_rng = self.np_random.spawn(2)
-        self.reading = self.simulator.reset(self.world, start, simulator_rng)
-        self._state = self.simulator.state
+        self._stand(self.world, start, simulator_rng)
         self.odometry.reset(self.reading.ticks)
         grid = known_map(self.area) if self._map is None else self._map
         self._tell_start(grid, start, localizer_rng)
@@ -258,19 +201,15 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """The estimated pose on the known map."""
         self.pyramid = MapPyramid(grid)
         self.trail = Trail()
-        self._true_trail = Trail()
         self._remember()
         self._twist = Twist(0.0, 0.0)
-        self._action = np.zeros(2, dtype=np.float32)
-        self._path_length = 0.0
-        self._collisions = 0
         goal = (options or {}).get("goal", self._goal)
         if isinstance(goal, str):
             goal = self.map_pose.between(draw_goal(self.area, start, self.np_random))
         self.set_goal(goal)
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info(dict.fromkeys(REWARD_TERMS, 0.0))
+        return self._observe(), self._info(dict.fromkeys(NavigateRewards.names(), 0.0))
 
     def set_goal(self, goal: tuple[float, float, float]) -> None:
         """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
@@ -278,7 +217,7 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if the goal is not finite, or no place where the robot can stand.
         """
-        if not _is_pose(goal):
+        if not is_pose(goal):
             raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
         self.goal = Pose2D(*(float(k) for k in goal))
         """Where to go, map frame."""
@@ -297,19 +236,13 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1].
         """
-        self._action = self._checked(action)
-        command = Twist(float(self._action[0]) * self.robot.max_v, float(self._action[1]) * self.robot.max_w)
-        touching = self.reading.bumper
-        self.reading = self.simulator.step(command)
-        before, self._state = self._state, self.simulator.state
-        self._update_belief(before.pose)
+        before = self._drive(action)
+        self._update_belief(before)
         self._remember()
-        self._path_length += distance(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
-        self._collisions += self.reading.bumper and not touching
 
         way_before, self._way_left = self._way_left, self._way.length(self._state.pose)
         terminated = self._is_at_goal()
-        truncated = not terminated and self.reading.time >= self.time_limit - 1e-6
+        truncated = not terminated and self._is_late
         gained = way_before - self._way_left
         rewards = self.weights.terms(gained, self.reading.bumper, terminated, self.control_period)
         info = self._info(rewards)
@@ -319,22 +252,8 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.render()
         return self._observe(), sum(rewards.values()), terminated, truncated, info
 
-    def render(self) -> np.ndarray | None:
-        """Draw the map with what the robot believes on it; an array (height, width, 3), uint8, for `rgb_array`."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
-            return None
-        from envs.rendering import Renderer
-        from envs.rendering.navigation import NavigationPicture
-
-        if self._renderer is None:
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], make_picture=NavigationPicture)
-        return self._renderer.draw(self.scene())
-
-    def scene(self) -> Any:
-        """Return this moment for drawing, an `envs.rendering.navigation.NavigationScene`."""
-        from envs.rendering.navigation import NavigationScene
-
+    def scene(self) -> NavigationScene:
+        """Return this moment for drawing: the map with what the robot believes on it."""
         return NavigationScene(
             world=self.world,
             robot=self.robot,
@@ -351,28 +270,10 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             collisions=self._collisions,
         )
 
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.simulator.close()
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+    def _painter(self) -> Callable[[tuple[int, int]], Any]:
+        from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the window behind when pickled."""
-        return {**self.__dict__, "_renderer": None}
-
-    def _place(self, area: ExplorableArea) -> Pose2D:
-        """Return the start pose, world frame."""
-        if self._start == "random":
-            return area.draw_pose(self.np_random)
-        start = self.world.spawns[0] if isinstance(self._start, str) else self._start
-        if not area.can_stand(start):
-            raise ValueError(
-                f"start {tuple(start)} is no place where robot {self.robot.name!r} (radius {self.robot.radius} m) "
-                f"can stand in world {self.world.name!r}; its spawns are {[tuple(pose) for pose in self.world.spawns]}"
-            )
-        return start
+        return NavigationPicture
 
     def _tell_start(self, grid: OccupancyGrid, start: Pose2D, rng: np.random.Generator) -> None:
         """Reset the localiser with what it may know of the start (world frame)."""
@@ -393,14 +294,6 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         near, aligned = self._tolerances
         return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned
 
-    def _checked(self, action: np.ndarray) -> np.ndarray:
-        action = np.array(action, dtype=np.float32)
-        if action.shape != (2,):
-            raise ValueError(f"action must have shape (2,), got {action.shape}")
-        if not (np.abs(action) <= 1.0).all():
-            raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
-        return action
-
     def _update_belief(self, pose_before: Pose2D) -> None:
         """Feed the new scan to the localiser, with the motion that it may know of."""
         motion = self.odometry.update(self.reading.ticks)
@@ -413,7 +306,6 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _remember(self) -> None:
         if self.trail.append(self.belief.pose):
             self.pyramid.mark(self.belief.pose.x, self.belief.pose.y)
-        self._true_trail.append(self._state.pose)
 
     def _observe(self) -> dict[str, np.ndarray]:
         elapsed = self.reading.time / self.time_limit
@@ -444,8 +336,3 @@ class NavigateEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             "rewards": rewards,
             "is_success": self._is_at_goal(),
         }
-
-
-def _is_pose(pose: Any) -> bool:
-    """Tell whether something is (x, y, theta), all finite."""
-    return not isinstance(pose, str) and len(pose) == 3 and all(math.isfinite(value) for value in pose)

@@ -1,11 +1,9 @@
 """The tracking environment: follow a route by a pose that is fused from map, encoders and compass."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -13,11 +11,13 @@ from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.localization import Amcl, AmclParams
 from envs.localization.fusion import FusedPose, start_covariance
-from envs.observation import Trail, fill_motion, scale_scan
+from envs.observation import fill_motion, scale_scan
+from envs.rendering.scene import NavigationScene
+from envs.rewards import TrackRewards
+from envs.robot_env import RobotEnv, check_positive
 from envs.robots import RobotParams, load_robot
 from envs.route import Progress, Route, rectangle
 from envs.route_map import make_route_map
-from envs.simulation import Twist, make_simulator
 from envs.worlds import World, load_world
 
 NUM_AHEAD = 10
@@ -43,52 +43,7 @@ AMCL_PARAMS = AmclParams(
 """A map with cells of 0.02 m and a lidar that errs by less deserve a sharper look than Nav2's defaults take."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackRewards:
-    """What a step is worth. The reward is the sum of the terms that `info["rewards"]` names."""
-
-    progress: float = 1.0
-    """For the way made along the route [1/m]."""
-    deviation: float = -2.0
-    """For being off the route [1/(m s)]."""
-    time: float = -0.02
-    """For time that passes [1/s]."""
-    collision: float = -0.5
-    """For time in contact with anything [1/s]."""
-    completed: float = 10.0
-    """Once, at the end of the route."""
-
-    def __post_init__(self) -> None:
-        for name, weight in asdict(self).items():
-            if not math.isfinite(weight):
-                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
-
-    def terms(
-        self, gained: float, deviation: float, touching: bool, completed: bool, period: float
-    ) -> dict[str, float]:
-        """Return the reward terms of a step.
-
-        Args:
-            gained: way made along the route [m].
-            deviation: distance from it [m].
-            touching: whether the robot touched anything.
-            completed: whether the end of the route is reached.
-            period: length of the step [s].
-        """
-        return {
-            "progress": self.progress * gained,
-            "deviation": self.deviation * period * deviation,
-            "time": self.time * period,
-            "collision": self.collision * period * touching,
-            "completed": self.completed * completed,
-        }
-
-
-REWARD_TERMS = tuple(field.name for field in fields(TrackRewards))
-"""Names of the reward's terms, in the order in which they are summed."""
-
-
-class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+class TrackEnv(RobotEnv):
     """Follow a route with a robot that knows its place by a map, its wheels and a compass.
 
     ## Description
@@ -154,8 +109,6 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     * v0: first version
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 17}  # noqa: RUF012
-
     def __init__(
         self,
         *,
@@ -180,41 +133,31 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
-        for name, value in (("control_hz", control_hz), ("max_deviation", max_deviation)):
-            if not 0 < value < math.inf:
-                raise ValueError(f"{name} must be positive, got {value!r}")
-        if time_limit is not None and not time_limit > 0:
-            raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
+        check_positive(max_deviation=max_deviation)
         if not 0 <= map_latency < math.inf:
             raise ValueError(f"map_latency must be finite and not negative, got {map_latency!r}")
         if len(start_spread) != 2 or not all(0 <= spread < math.inf for spread in start_spread):
             raise ValueError(f"start_spread must be two numbers that are not negative, got {start_spread!r}")
-        if not isinstance(reward, TrackRewards):
-            if unknown := sorted(set(reward) - set(REWARD_TERMS)):
-                raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(REWARD_TERMS)}")
-            reward = TrackRewards(**reward)
+        self.weights = TrackRewards.of(reward)
+        super().__init__(
+            robot=load_robot(robot),
+            physics=physics,
+            control_hz=control_hz,
+            time_limit=time_limit,
+            render_mode=render_mode,
+        )
         self.world = world if isinstance(world, World) else load_world(world)
-        self.robot = load_robot(robot)
         self.route_world = Route.of(rectangle(self.world.spawns[0]) if path is None else path)
         self.start = self.route_world.start
         """World pose of the map frame's origin."""
         self.route = self.route_world.seen_from(self.start)
         """The route in the map frame."""
-        self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or 30.0 + 2.0 * self.route.length / self.robot.max_v
         self.max_deviation = max_deviation
-        self.weights = reward
-        self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
         self._physics, self._slam, self._map_seed, self._resolution = physics, slam, map_seed, map_resolution
         self._start_spread = start_spread
-        self.simulator = make_simulator(physics, self.robot, self.control_period)
         self.localizer = Amcl(self.robot.lidar, AMCL_PARAMS)
         self.fused = FusedPose(self.robot, self.localizer, fusion, map_latency)
-        self._renderer: Any = None
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 "scan": spaces.Box(0.0, 1.0, (self.robot.lidar.num_beams,), np.float32),
@@ -241,8 +184,7 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         )
         spread, turn = self._start_spread
         off = Pose2D(*(self.np_random.standard_normal(3) * (spread, spread, turn)).tolist())
-        self.reading = self.simulator.reset(self.world, self.start.compose(off), simulator_rng)
-        self._state = self.simulator.state
+        self._stand(self.world, self.start.compose(off), simulator_rng)
         origin = Pose2D(0.0, 0.0, 0.0)
         self.estimate = self.fused.reset(
             self.map.grid, self.map.north, origin, self.reading, localizer_rng, start_covariance(spread, turn)
@@ -250,14 +192,9 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._driven, self._deviation = self._true_progress.update(self._state.pose)
         self.progress.update(origin)
-        self._true_trail = Trail()
-        self._true_trail.append(self._state.pose)
-        self._action = np.zeros(2, dtype=np.float32)
-        self._path_length = 0.0
-        self._collisions = 0
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info(dict.fromkeys(REWARD_TERMS, 0.0))
+        return self._observe(), self._info(dict.fromkeys(TrackRewards.names(), 0.0))
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for one control period.
@@ -265,24 +202,16 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1].
         """
-        self._action = self._checked(action)
-        touching = self.reading.bumper
-        self.reading = self.simulator.step(
-            Twist(float(self._action[0]) * self.robot.max_v, float(self._action[1]) * self.robot.max_w)
-        )
-        before, self._state = self._state, self.simulator.state
+        self._drive(action)
         self.estimate = self.fused.update(self.reading)
         self.progress.update(self.estimate.pose)
-        self._true_trail.append(self._state.pose)
-        self._path_length += distance(self._state.pose.x - before.pose.x, self._state.pose.y - before.pose.y)
-        self._collisions += self.reading.bumper and not touching
 
         driven_before = self._driven
         self._driven, self._deviation = self._true_progress.update(self._state.pose)
         away = distance(*(self._true_progress.route.points[self._true_progress.index] - self._state.pose[:2]))
         completed = self._driven >= self.route.length - END
         strayed = not completed and away > self.max_deviation
-        truncated = not (completed or strayed) and self.reading.time >= self.time_limit - 1e-6
+        truncated = not (completed or strayed) and self._is_late
         rewards = self.weights.terms(
             self._driven - driven_before, abs(self._deviation), self.reading.bumper, completed, self.control_period
         )
@@ -298,53 +227,28 @@ class TrackEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Where the robot truly is, in the map frame; for metrics, never for a policy."""
         return self.start.between(self._state.pose)
 
-    def render(self) -> np.ndarray | None:
-        """Draw the robot on its map; an array (height, width, 3), uint8, for `rgb_array`."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
-            return None
-        from envs.rendering import Renderer
-        from envs.rendering.navigation import NavigationPicture, NavigationScene
-
-        if self._renderer is None:
-            fps = self.metadata["render_fps"]
-            self._renderer = Renderer(self.render_mode, fps, make_picture=NavigationPicture)
-        return self._renderer.draw(
-            NavigationScene(
-                world=self.world,
-                robot=self.robot,
-                pose=self.true_pose,
-                believed_pose=self.estimate.pose,
-                is_lost=self.localizer.estimate.is_lost,
-                particles=self.localizer.particles,
-                grid=self.map.grid,
-                ranges=self.reading.ranges,
-                trail=self.start.inverse().transform(self._true_trail.positions),
-                goal=None,
-                plan=self.route.points[self.progress.index :],
-                time=self.reading.time,
-                collisions=self._collisions,
-            )
+    def scene(self) -> NavigationScene:
+        """Return this moment for drawing: the robot on its map."""
+        return NavigationScene(
+            world=self.world,
+            robot=self.robot,
+            pose=self.true_pose,
+            believed_pose=self.estimate.pose,
+            is_lost=self.localizer.estimate.is_lost,
+            particles=self.localizer.particles,
+            grid=self.map.grid,
+            ranges=self.reading.ranges,
+            trail=self.start.inverse().transform(self._true_trail.positions),
+            goal=None,
+            plan=self.route.points[self.progress.index :],
+            time=self.reading.time,
+            collisions=self._collisions,
         )
 
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.simulator.close()
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+    def _painter(self) -> Callable[[tuple[int, int]], Any]:
+        from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the window behind when pickled."""
-        return {**self.__dict__, "_renderer": None}
-
-    def _checked(self, action: np.ndarray) -> np.ndarray:
-        action = np.array(action, dtype=np.float32)
-        if action.shape != (2,):
-            raise ValueError(f"action must have shape (2,), got {action.shape}")
-        if not (np.abs(action) <= 1.0).all():
-            raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
-        return action
+        return NavigationPicture
 
     def _observe(self) -> dict[str, np.ndarray]:
         robot, estimate, scan = self.robot, self.estimate, np.empty_like(self.reading.ranges)

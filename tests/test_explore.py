@@ -11,7 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.explore import ExploreEnv, RewardWeights
+from envs.explore import ExploreEnv
+from envs.rewards import RewardWeights
 
 IDS = sorted(id for id in gymnasium.registry if id.startswith("lidarnaut/Explore"))
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}

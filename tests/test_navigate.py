@@ -12,8 +12,9 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigate import NavigateEnv, NavigateRewards
+from envs.navigate import NavigateEnv
 from envs.navigate_setup import DeadReckoning
+from envs.rewards import NavigateRewards
 from envs.worlds import save_map
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}

@@ -14,10 +14,11 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from baselines.path_tracker import PathTracker
 from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
+from envs.rewards import TrackRewards
 from envs.robots import load_robot
 from envs.route import Progress, Route, rectangle
 from envs.route_map import make_route_map
-from envs.track import TrackEnv, TrackRewards
+from envs.track import TrackEnv
 from envs.worlds import load_world
 
 BEND = np.array([[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]])

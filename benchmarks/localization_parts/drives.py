@@ -9,9 +9,9 @@ from scipy import ndimage
 
 from benchmarks.slam_drive import Errands
 from envs.coverage import ExplorableArea, explorable_area
-from envs.explore import USUAL_ROBOTS
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.robots import RobotParams, WheelOdometry, load_robot
+from envs.robot_env import choose_robot
+from envs.robots import RobotParams, WheelOdometry
 from envs.simulation import make_simulator
 from envs.worlds import World, load_world
 
@@ -62,7 +62,7 @@ def load_place(name: str) -> Place:
     Walls of library worlds like to lie where cells would meet, which would move all of them half a cell up and right:
     the raster is laid so that what bounds the world runs through the middle of cells.
     """
-    world, robot = load_world(name), load_robot(USUAL_ROBOTS.get(name, "turtlebot3_burger"))
+    world, robot = load_world(name), choose_robot(None, name)
     half = 0.5 * RESOLUTION
     x_min, y_min, x_max, y_max = world.bounds
     world = replace(world, bounds=(x_min - half, y_min - half, x_max + half, y_max + half))

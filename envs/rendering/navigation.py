@@ -1,20 +1,18 @@
 """The picture of a robot that finds its way on a known map: what it believes, over the map, with where it truly is."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pygame
 
-from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry import Pose2D
 from envs.navigation import crop_to_known
-from envs.robots import RobotParams
-from envs.worlds import World
 
 from . import style
 from .glyphs import draw_dashes, draw_mark, draw_path, draw_robot
 from .panels import SUPERSAMPLING, beam_ends, new_surface
 from .picture import FOOTER, GAP, HEADER, Typesetter
+from .scene import NavigationScene
 from .view import View
 
 LEGEND = (
@@ -29,38 +27,6 @@ LEGEND = (
 """What is drawn, its colour, and the kind of mark that stands for it."""
 MAX_PARTICLES = 3000
 """Particles that are drawn at most."""
-
-
-@dataclass(slots=True)
-class NavigationScene:
-    """One moment of a drive over a known map. All poses lie in the map's frame."""
-
-    world: World
-    """The place, for its name."""
-    robot: RobotParams
-    """The robot."""
-    pose: Pose2D
-    """True pose of the robot's base."""
-    believed_pose: Pose2D
-    """Where the localiser takes it to be."""
-    is_lost: bool
-    """Whether the localiser says that this must not be trusted."""
-    particles: np.ndarray
-    """Shape (n, 3): x, y, heading; empty for localisers without."""
-    grid: OccupancyGrid
-    """The map."""
-    ranges: np.ndarray
-    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
-    trail: np.ndarray
-    """True positions so far, shape (n, 2) [m]."""
-    goal: Pose2D | None
-    """Where to go; None without a goal."""
-    plan: np.ndarray | None
-    """Planned path, shape (n, 2) [m]; None without one."""
-    time: float
-    """Time since the reset [s]."""
-    collisions: int
-    """Contacts so far."""
 
 
 class NavigationPicture:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.geometry import Pose2D
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.worlds import World
@@ -50,3 +50,35 @@ class Scene:
         """Distance [m] and angle [rad] between the believed and the true pose, both at least 0."""
         error = self.believed_pose.between(self.pose)
         return math.hypot(error.x, error.y), abs(error.theta)
+
+
+@dataclass(slots=True)
+class NavigationScene:
+    """One moment of a drive over a known map. All poses lie in the map's frame."""
+
+    world: World
+    """The place, for its name."""
+    robot: RobotParams
+    """The robot."""
+    pose: Pose2D
+    """True pose of the robot's base."""
+    believed_pose: Pose2D
+    """Where the localiser takes it to be."""
+    is_lost: bool
+    """Whether the localiser says that this must not be trusted."""
+    particles: np.ndarray
+    """Shape (n, 3): x, y, heading; empty for localisers without."""
+    grid: OccupancyGrid
+    """The map."""
+    ranges: np.ndarray
+    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
+    trail: np.ndarray
+    """True positions so far, shape (n, 2) [m]."""
+    goal: Pose2D | None
+    """Where to go; None without a goal."""
+    plan: np.ndarray | None
+    """Planned path, shape (n, 2) [m]; None without one."""
+    time: float
+    """Time since the reset [s]."""
+    collisions: int
+    """Contacts so far."""
