@@ -17,7 +17,6 @@ After Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on Multiple 
 The robot keeps its point until it is there, or the frontier around it is gone.
 """
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -26,10 +25,10 @@ from baselines.frontier_filter import information_gain, mean_shift
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.navigator import Navigator
 from baselines.rrt_assigner import assign
+from baselines.rrt_goals import goals_of
 from baselines.rrt_trees import Tree
 from baselines.survey import Survey
-from baselines.viewpoints import find_viewpoint
-from envs.navigation import COST_MAX_FREE, COST_UNKNOWN, crop_to_known
+from envs.navigation import crop_to_known
 from envs.robots import RobotParams
 from envs.slam import Belief
 
@@ -140,50 +139,37 @@ class RrtExplorer(GoalExplorer):
     def _choose(self, survey: Survey) -> Goal | None:
         if survey.field is None:
             return None
-        goals = [goal for point in self._points if (goal := self._goal_at(survey, point)) is not None]
+        params = self._params
+        places, cells = goals_of(
+            survey,
+            self._points,
+            max_cost=params.max_cost,
+            radius=params.bandwidth,
+            view_distances=params.view_distances,
+        )
+        frontiers = survey.grid.centers(cells)
+        failures = self._count_failures(frontiers)
         # Places that the robot failed to get to come last.
         for allowed_failures in (0, MAX_FAILURES - 1):
-            open_goals = [goal for goal in goals if self._num_failures(goal.frontier) <= allowed_failures]
-            if open_goals:
-                return open_goals[self._assigned(survey, open_goals)]
+            is_open = failures <= allowed_failures
+            if is_open.any():
+                best = np.flatnonzero(is_open)[self._assigned(survey, places[is_open], frontiers[is_open])]
+                (row, col), (x, y) = places[best], frontiers[best]
+                return Goal((int(row), int(col)), (float(x), float(y)))
         return None
 
-    def _goal_at(self, survey: Survey, point: np.ndarray) -> Goal | None:
-        """Return where to go for a frontier point (x, y), map frame [m]; None if the point is invalid."""
-        assert survey.field is not None
-        cells = self._frontier_near(survey, (float(point[0]), float(point[1])), self._params.bandwidth)
-        if len(cells) == 0 or _ros_cost(survey.costmap.cost_at(*point)) > self._params.max_cost:
-            return None
-        centers = survey.grid.centers(cells)
-        nearest = int(np.argmin(((centers - point) ** 2).sum(axis=1)))
-        for distance in self._params.view_distances:
-            found = find_viewpoint(survey.field, cells[nearest : nearest + 1], distance)
-            if found is not None:
-                x, y = centers[nearest]
-                return Goal(found[0], (float(x), float(y)))
-        return None
-
-    def _assigned(self, survey: Survey, goals: list[Goal]) -> int:
-        """Return the index of the goal of the greatest revenue."""
+    def _assigned(self, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
+        """Return the index of the frontier (x, y) [m] of the greatest revenue, seen from its place (row, column)."""
         assert survey.field is not None
         params = self._params
         chosen = assign(
             survey.grid,
             np.array([survey.pose[:2]]),
-            np.array([goal.frontier for goal in goals]),
-            survey.field.cost(np.array([goal.cell for goal in goals]))[None],
+            frontiers,
+            survey.field.cost(places)[None],
             info_radius=params.info_radius,
             info_multiplier=params.info_multiplier,
             hysteresis_radius=params.hysteresis_radius,
             hysteresis_gain=params.hysteresis_gain,
         )
         return int(chosen[0])
-
-
-def _ros_cost(cost: int) -> float:
-    """Return a costmap's cost on the scale on which ROS publishes costmaps: 1 to 98, 99 inscribed, 100 lethal."""
-    if cost == COST_UNKNOWN:
-        return 0.0
-    if cost > COST_MAX_FREE:
-        return 99.0
-    return 1.0 + math.floor(97.0 * (cost - 1) / 251.0) if cost else 0.0

@@ -30,6 +30,15 @@ def _count_shared(data, row0, col0, row1, col1, radius):
     return count
 
 
+@njit(cache=True, error_model="numpy")
+def _shared_counts(data, cells, taken, radius):
+    """Count the unknown cells within `radius` cells both of each cell (shape (n, 2)) and of one: shape (n,), int64."""
+    counts = np.empty(len(cells), dtype=np.int64)
+    for k in range(len(cells)):
+        counts[k] = _count_shared(data, taken[0], taken[1], cells[k, 0], cells[k, 1], radius)
+    return counts
+
+
 def assign(
     grid: OccupancyGrid,
     robots: np.ndarray,
@@ -83,7 +92,6 @@ def assign(
 
 def _shared_gain(grid: OccupancyGrid, points: np.ndarray, taken: np.ndarray, radius: float) -> np.ndarray:
     """Return the unknown area within `radius` [m] both of each point and of the one taken: shape (n,), float64 [m2]."""
-    row, col = grid.cells(taken)
-    reach = radius / grid.resolution
-    counts = [_count_shared(grid.data, row, col, r, c, reach) for r, c in grid.cells(points)]
-    return np.array(counts, dtype=np.float64) * grid.resolution**2
+    counts = _shared_counts(grid.data, grid.cells(points), grid.cells(taken), radius / grid.resolution)
+    areas: np.ndarray = counts * grid.resolution**2
+    return areas

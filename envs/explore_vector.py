@@ -239,7 +239,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         lanes, simulator, area = self._lanes, self._simulators[i], env.coverage.area
         lanes.state[i] = simulator.row
         lanes.belief[i] = env.belief.pose
-        lanes.drawn[i] = self._slams[i].map.last_drawn
+        lanes.drawn[i] = env.belief.drawn_at
         lanes.start[i] = env.start
         lanes.ticks[i] = env.reading.ticks
         lanes.bumper[i] = env.reading.bumper

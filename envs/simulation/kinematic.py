@@ -19,6 +19,8 @@ X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W = range(9)
 far the wheels have turned since the reset [rad], and the true twist of the base [m/s, rad/s]."""
 STATE_SIZE = 9
 """Number of entries of the state."""
+ALONE = np.empty((0, 3))
+"""The mates of a robot without any."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -118,12 +120,8 @@ class KinematicSimulator:
         Raises:
             ValueError: the robot does not fit there.
         """
-        circles = world.circles_at(0.0)
-        check_start(pose, self._robot.radius, world.segments, circles, world.name)
-        self._world, self.rng, self.circles, self._steps = world, rng, circles, 0
-        self.row[:] = 0.0
-        self.row[X], self.row[Y], self.row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
-        return self._read(self._sensors.draw(rng), bumper=False)
+        self.place(world, pose, rng)
+        return self.read(bumper=False)
 
     def step(self, command: Twist) -> Reading:
         """Drive with the commanded twist for one control period and return what the sensors say at its end.
@@ -132,42 +130,82 @@ class KinematicSimulator:
             ValueError: the command holds NaN or infinity.
             RuntimeError: there was no reset.
         """
+        return self.read(self.move(command))
+
+    def place(self, world: World, pose: Pose2D, rng: np.random.Generator) -> None:
+        """Put the robot at rest at `pose` (world frame); the first part of `reset`.
+
+        Raises:
+            ValueError: the robot does not fit there.
+        """
+        circles = world.circles_at(0.0)
+        check_start(pose, self._robot.radius, world.segments, circles, world.name)
+        self._world, self.rng, self.circles, self._steps = world, rng, circles, 0
+        self.row[:] = 0.0
+        self.row[X], self.row[Y], self.row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+        self._noise = self._sensors.draw(rng)
+
+    def move(self, command: Twist, mates: np.ndarray = ALONE) -> bool:
+        """Drive with the commanded twist for one control period; the first part of `step`.
+
+        Args:
+            command: the twist.
+            mates: shape (m, 3), float64, other robots, which stand still meanwhile, as circles (x, y, radius) [m].
+
+        Returns:
+            Whether the robot touched anything.
+
+        Raises:
+            ValueError: the command holds NaN or infinity.
+            RuntimeError: there was no reset.
+        """
         if self._world is None:
             raise RuntimeError("call reset before step")
         v, w = check_command(command)
-        noise = self._sensors.draw(self.rng)
+        self._noise = self._sensors.draw(self.rng)
         self._steps += 1
         before = self.circles
         if self._world.movers:
             self.circles = self._world.circles_at(self._steps * self._period)
-        touched = advance(
-            self.row,
-            v,
-            w,
-            noise[0][0],
-            noise[0][1],
-            self._period,
-            self.substeps,
-            self.drive,
-            self._world.segments,
-            before,
-            self.circles,
+        return bool(
+            advance(
+                self.row,
+                v,
+                w,
+                self._noise[0][0],
+                self._noise[0][1],
+                self._period,
+                self.substeps,
+                self.drive,
+                self._world.segments,
+                _joined(before, mates),
+                _joined(self.circles, mates),
+            )
         )
-        return self._read(noise, touched)
 
-    def close(self) -> None:
-        """Release what the simulator holds: nothing."""
+    def read(self, bumper: bool, mates: np.ndarray = ALONE) -> Reading:
+        """Return what the sensors say; the second part of `reset` and `step`.
 
-    def _read(self, noise: tuple[np.ndarray, np.ndarray], bumper: bool) -> Reading:
+        Args:
+            bumper: whether the robot touched anything.
+            mates: see `move`.
+        """
         assert self._world is not None
         x, y, theta, _, _, left, right, _, w = self.row.tolist()
         return self._sensors.read(
-            noise,
+            self._noise,
             self._steps * self._period,
             Pose2D(x, y, theta),
             (left, right),
             w,
             bumper,
             self._world.segments,
-            self.circles,
+            _joined(self.circles, mates),
         )
+
+    def close(self) -> None:
+        """Release what the simulator holds: nothing."""
+
+
+def _joined(circles: np.ndarray, mates: np.ndarray) -> np.ndarray:
+    return np.vstack([circles, mates]) if len(mates) else circles

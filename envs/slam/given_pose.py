@@ -7,10 +7,9 @@ from envs.robots import LidarParams
 
 from .grid_map import GridMap
 from .params import TinySlamParams
-from .slam import Belief
+from .slam import NO_CELLS, Belief
 from .tinyslam import check_scan
 
-_NO_CELLS = np.empty((0, 2), dtype=np.int32)
 _ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
@@ -28,10 +27,10 @@ class GivenPoseSlam:
         """The current belief."""
         return self._belief
 
-    def reset(self, rng: np.random.Generator) -> Belief:
-        """Forget everything: an unknown map with the robot at its origin. Draws nothing from `rng`."""
-        self.map = GridMap(self.params, self._lidar)
-        self._belief = Belief(_ORIGIN, self.map.grid, _NO_CELLS)
+    def reset(self, rng: np.random.Generator, start: Pose2D = _ORIGIN, shared_map: GridMap | None = None) -> Belief:
+        """Forget everything: an unknown map with the robot at its origin; see `TinySlam`. Draws nothing from `rng`."""
+        self.map = GridMap(self.params, self._lidar) if shared_map is None else shared_map
+        self._belief = Belief(start, self.map.grid, NO_CELLS)
         return self._belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
@@ -46,5 +45,5 @@ class GivenPoseSlam:
         """
         ranges = check_scan(ranges, motion, self._lidar)
         self._belief.pose = self._belief.pose.compose(motion)
-        self._belief.new_cells, self._belief.touched = self.map.offer(ranges, self._belief.pose, self.params.quality)
+        self.map.offer(ranges, self._belief, self.params.quality)
         return self._belief

@@ -12,6 +12,7 @@ from envs.robots import LidarParams
 from .cells import unvisited_word
 from .map_update import AVG, BASE, REPORT, beam_ends, draw_scan
 from .params import TinySlamParams
+from .slam import NO_CELLS, Belief
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: an estimate that has run away must not take all memory."""
@@ -45,7 +46,6 @@ class GridMap:
         """Shape (height, width), int32: the cells."""
         self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
         """The same as an occupancy grid, always up to date."""
-        self.last_drawn: Pose2D | None = None
         self._most_cells = lidar.num_beams * (math.ceil(lidar.range_max / params.resolution) + 2)
         self._ends = np.empty((lidar.num_beams, 2))
 
@@ -53,19 +53,17 @@ class GridMap:
     def _origin(self) -> tuple[float, float]:
         return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
-    def offer(
-        self, ranges: np.ndarray, pose: Pose2D, quality: float
-    ) -> tuple[np.ndarray, tuple[int, int, int, int] | None]:
-        """Draw a scan if the robot has moved enough since the last one that was drawn; see `draw`.
+    def offer(self, ranges: np.ndarray, belief: Belief, quality: float) -> None:
+        """Draw a scan at the believed pose if the robot has moved enough since its last one was drawn; see `draw`.
 
-        Returns:
-            What `Belief` calls `new_cells` and `touched`.
+        Updates `new_cells`, `touched` and `drawn_at` of the belief.
         """
-        last, params = self.last_drawn, self._params
+        last, pose, params = belief.drawn_at, belief.pose, self._params
         if last is not None and not has_moved(*last, *pose, params.draw_distance, params.draw_angle):
-            return np.empty((0, 2), dtype=np.int32), None
-        self.last_drawn = pose
-        return self.draw(ranges, pose, quality)
+            belief.new_cells, belief.touched = NO_CELLS, None
+            return
+        belief.drawn_at = pose
+        belief.new_cells, belief.touched = self.draw(ranges, pose, quality)
 
     def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> tuple[np.ndarray, tuple[int, int, int, int]]:
         """Draw a scan taken with the base at `pose`.

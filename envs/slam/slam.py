@@ -7,6 +7,9 @@ import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
 
+NO_CELLS = np.empty((0, 2), dtype=np.int32)
+"""`new_cells` of a scan that made nothing known."""
+
 
 @dataclass(slots=True)
 class Belief:
@@ -24,6 +27,8 @@ class Belief:
     touched: tuple[int, int, int, int] | None = None
     """First column, first row, last column and last row of what the last scan may have changed in `grid`; None if it
     was not drawn."""
+    drawn_at: Pose2D | None = None
+    """Pose at which the last scan was drawn that was; None before the first."""
 
 
 class Slam(Protocol):

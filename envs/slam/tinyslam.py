@@ -12,9 +12,8 @@ from .grid_map import GridMap
 from .matcher import match, project_hits
 from .observers import MatcherObserver
 from .params import TinySlamParams
-from .slam import Belief
+from .slam import NO_CELLS, Belief
 
-_NO_CELLS = np.empty((0, 2), dtype=np.int32)
 _ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
@@ -42,13 +41,19 @@ class TinySlam:
         """The current belief."""
         return self._belief
 
-    def reset(self, rng: np.random.Generator) -> Belief:
-        """Forget everything: an unknown map with the robot at its origin. Candidates are drawn from `rng`."""
+    def reset(self, rng: np.random.Generator, start: Pose2D = _ORIGIN, shared_map: GridMap | None = None) -> Belief:
+        """Forget everything: an unknown map with the robot at its origin. Candidates are drawn from `rng`.
+
+        Args:
+            rng: source of the candidates.
+            start: known pose of the robot in the map frame, for a robot that is not at its origin.
+            shared_map: the map that other robots draw their scans into as well; None for one of its own.
+        """
         self.rng = rng
-        self.map = GridMap(self.params, self._lidar)
-        self._map_is_empty = True
-        self._odometry = _ORIGIN
-        self._belief = Belief(_ORIGIN, self.map.grid, _NO_CELLS)
+        self.map = GridMap(self.params, self._lidar) if shared_map is None else shared_map
+        self._is_first = True
+        self._odometry = start
+        self._belief = Belief(start, self.map.grid, NO_CELLS)
         return self._belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
@@ -63,11 +68,11 @@ class TinySlam:
         """
         ranges = check_scan(ranges, motion, self._lidar)
         predicted = self._predict(motion)
-        pose = predicted if self._map_is_empty else self._match(ranges, predicted)
+        pose = predicted if self._is_first else self._match(ranges, predicted)
         quality = self.params.raw_quality if pose is predicted else self.params.quality
-        self._belief.new_cells, self._belief.touched = self.map.offer(ranges, pose, quality)
         self._belief.pose = pose
-        self._map_is_empty = False
+        self.map.offer(ranges, self._belief, quality)
+        self._is_first = False
         return self._belief
 
     def _predict(self, motion: Pose2D) -> Pose2D:
