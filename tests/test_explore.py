@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 from envs.explore import ExploreEnv
 from envs.rewards import RewardWeights
+from tests.rollouts import rollout
 
 IDS = sorted(id for id in gymnasium.registry if id.startswith("lidarnaut/Explore"))
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
@@ -26,17 +27,6 @@ INFO_KEYS = {
     "rewards",
     "is_success",
 }
-
-
-def rollout(env, seed, steps):
-    """Drive with fixed pseudo-random actions; return everything that comes out."""
-    rng = np.random.default_rng(seed)
-    out = [env.reset(seed=seed)]
-    for _ in range(steps):
-        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
-        if out[-1][2] or out[-1][3]:
-            break
-    return out
 
 
 @pytest.mark.parametrize("id", IDS)

@@ -16,6 +16,7 @@ from envs.navigate import NavigateEnv
 from envs.navigate_setup import DeadReckoning
 from envs.rewards import NavigateRewards
 from envs.worlds import save_map
+from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
 INFO_KEYS = {
@@ -30,17 +31,6 @@ INFO_KEYS = {
     "is_success",
 }
 STAND = np.zeros(2, dtype=np.float32)
-
-
-def rollout(env, seed, steps):
-    """Drive with fixed pseudo-random actions; return everything that comes out."""
-    rng = np.random.default_rng(seed)
-    out = [env.reset(seed=seed)]
-    for _ in range(steps):
-        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
-        if out[-1][2] or out[-1][3]:
-            break
-    return out
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])

@@ -20,6 +20,7 @@ from envs.route import Progress, Route, rectangle
 from envs.route_map import make_route_map
 from envs.track import TrackEnv
 from envs.worlds import load_world
+from tests.rollouts import rollout
 
 BEND = np.array([[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]])
 QUICK = {
@@ -42,16 +43,6 @@ def follow(env, seed=0, max_steps=2000):
     tracker.reset(env.robot, env.control_period, env.route)
     for _ in range(max_steps):
         out.append(env.step(tracker.act(out[-1][0], env.estimate.pose)))
-        if out[-1][2] or out[-1][3]:
-            break
-    return out
-
-
-def rollout(env, seed, steps):
-    rng = np.random.default_rng(seed)
-    out = [env.reset(seed=seed)]
-    for _ in range(steps):
-        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
         if out[-1][2] or out[-1][3]:
             break
     return out
