@@ -5,8 +5,8 @@ from collections import deque
 
 import numpy as np
 
-from baselines.obstacles import free_distance
 from envs.geometry import Pose2D
+from envs.navigation import free_distance
 from envs.robots import RobotParams
 from envs.simulation import Twist
 

@@ -4,7 +4,6 @@ from functools import cached_property
 
 import numpy as np
 
-from baselines.obstacles import mark_missing
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import (
     Costmap,
@@ -13,6 +12,7 @@ from envs.navigation import (
     crop_to_known,
     frontier_mask,
     make_costmap,
+    mark_missing,
     travel_field,
 )
 from envs.slam import Belief

@@ -1,50 +1,8 @@
 """Where to stand to look at a frontier."""
 
 import numpy as np
-from numba import njit
 
-from envs.navigation import TravelField
-
-OCCUPIED_FROM = 50
-"""Occupancy from which a cell blocks the view [percent]."""
-
-
-@njit(cache=True, error_model="numpy")
-def _is_visible(data, row0, col0, row1, col1):
-    """Tell whether no occupied cell lies between two cells."""
-    steps = max(abs(row1 - row0), abs(col1 - col0))
-    for k in range(1, steps):
-        row = row0 + int(np.floor((row1 - row0) * k / steps + 0.5))
-        col = col0 + int(np.floor((col1 - col0) * k / steps + 0.5))
-        if data[row, col] >= OCCUPIED_FROM:
-            return False
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def _cheapest_view(data, travel, cells, reach):
-    """Find the cell with the least travel cost within `reach` cells of any of `cells` and in sight of it.
-
-    Args:
-        data: shape (height, width), int8, occupancy.
-        travel: shape (height + 2, width + 2), int32, with a border of one cell.
-        cells: shape (k, 2), int64, (row, column).
-        reach: radius [cells].
-
-    Returns:
-        Row and column of the place, and the index of the cell in view; -1, -1, -1 if there is none.
-    """
-    height, width = data.shape
-    best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
-    for k in range(cells.shape[0]):
-        row, col = cells[k]
-        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-                if travel[r + 1, c + 1] >= best or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
-                    continue
-                if _is_visible(data, r, c, row, col):
-                    best, best_row, best_col, seen = travel[r + 1, c + 1], r, c, k
-    return best_row, best_col, seen
+from envs.navigation import TravelField, cheapest_view
 
 
 def find_viewpoint(field: TravelField, cells: np.ndarray, reach: float) -> tuple[tuple[int, int], int] | None:
@@ -59,5 +17,5 @@ def find_viewpoint(field: TravelField, cells: np.ndarray, reach: float) -> tuple
         The place (row, column) and the index of the cell that is seen from there; None if none can be reached.
     """
     grid = field.costmap.grid
-    row, col, seen = _cheapest_view(grid.data, field.travel, cells, int(reach / grid.resolution + 1e-9))
+    row, col, seen = cheapest_view(grid.data, field.travel, cells, int(reach / grid.resolution + 1e-9))
     return None if seen < 0 else ((row, col), seen)

@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
-from baselines.obstacles import ObstacleMemory, free_distance
+from baselines.obstacles import ObstacleMemory
 from baselines.recovery import Maneuvers
+from envs.navigation import free_distance
 from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import Belief

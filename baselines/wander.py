@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from baselines.obstacles import free_distance
+from envs.navigation import free_distance
 from envs.robots import RobotParams
 from envs.simulation import Twist
 

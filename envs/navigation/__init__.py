@@ -16,8 +16,11 @@ from .dwb import DwbParams, DwbPlanner
 from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
 from .layers import LayeredCostmap, ObstacleParams
 from .local_planner import LocalPlanner
+from .obstacles import free_distance, mark_missing
 from .paths import TravelField, plan_path, travel_field
+from .pursuit import FollowerParams
 from .smoothing import smooth_path
+from .viewpoints import cheapest_view
 
 __all__ = [
     "COST_FREE",
@@ -29,19 +32,23 @@ __all__ = [
     "CostmapParams",
     "DwbParams",
     "DwbPlanner",
+    "FollowerParams",
     "LayeredCostmap",
     "LocalPlanner",
     "ObstacleParams",
     "TravelField",
+    "cheapest_view",
     "check_goal",
     "clear_around",
     "count_unknown",
     "crop_to_known",
     "dbscan",
+    "free_distance",
     "frontier_clusters",
     "frontier_mask",
     "is_path_valid",
     "make_costmap",
+    "mark_missing",
     "plan_path",
     "smooth_path",
     "travel_field",

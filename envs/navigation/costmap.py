@@ -120,8 +120,8 @@ def squared_distances(occupied, reach):
 
 
 @njit(cache=True, error_model="numpy")
-def _costs(data, occupied_from, reach, cost_of_squared):
-    """Turn occupancy (int8) into costs (uint8) by the table of the squared distance to the nearest obstacle."""
+def inflate(data, occupied_from, reach, cost_of_squared):
+    """Turn occupancy (int8) into costs (uint8) by a table; the arguments beside `data` are those of `Inflation`."""
     height, width = data.shape
     squared = squared_distances(data >= occupied_from, reach)
     limit = np.uint16(len(cost_of_squared) - 1)
@@ -163,7 +163,7 @@ class Inflation:
 
     def costs(self, data: np.ndarray) -> np.ndarray:
         """Return the costs (uint8) of occupancy (int8), both of shape (height, width)."""
-        costs: np.ndarray = _costs(data, self.occupied_from, self.reach, self.cost_of_squared)
+        costs: np.ndarray = inflate(data, self.occupied_from, self.reach, self.cost_of_squared)
         return costs
 
 
@@ -194,6 +194,28 @@ def _known_rows_and_columns(data):
             deepest[col] = max(deepest[col], line[col])
         rows[row] = highest >= 0
     return rows, deepest >= 0
+
+
+@njit(cache=True, error_model="numpy")
+def known_window(data):
+    """Return the first row and column and the last row and column that hold an observed cell.
+
+    Args:
+        data: shape (height, width), int8, occupancy. Where nothing has been observed, the window is all of it.
+    """
+    rows, cols = _known_rows_and_columns(data)
+    top, left, bottom, right = 0, 0, data.shape[0] - 1, data.shape[1] - 1
+    if not rows.any():
+        return top, left, bottom, right
+    while not rows[top]:
+        top += 1
+    while not rows[bottom]:
+        bottom -= 1
+    while not cols[left]:
+        left += 1
+    while not cols[right]:
+        right -= 1
+    return top, left, bottom, right
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:

@@ -12,7 +12,7 @@ FREE_BELOW = 50
 
 
 @njit(cache=True, error_model="numpy")
-def _frontier_mask(data):
+def mark_frontier(data):
     """Mark free cells (0..49) with an unknown cell (-1) among their eight neighbours.
 
     Works on whole rows, so that the compiler vectorises it: the least value in the three rows around a cell, then the
@@ -40,11 +40,11 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
     Returns:
         Shape of the map, bool.
     """
-    return _frontier_mask(grid.data)
+    return mark_frontier(grid.data)
 
 
 @njit(cache=True, error_model="numpy")
-def _flood(mask, cells):
+def flood(mask, cells):
     """Group marked cells that touch, also diagonally.
 
     Args:
@@ -87,7 +87,7 @@ def frontier_clusters(mask: np.ndarray) -> list[np.ndarray]:
         For each group its cells (row, column), shape (k, 2), int64, in the order of their lowest cells.
     """
     cells = np.empty((np.count_nonzero(mask), 2), dtype=np.int64)
-    starts = _flood(mask.copy(), cells)
+    starts = flood(mask.copy(), cells)
     return [cells[a:b] for a, b in pairwise(starts)]
 
 

@@ -14,7 +14,7 @@ SHORTCUT = 4.0
 
 
 @njit(cache=True, error_model="numpy")
-def _walk_back(came_by, row, col):
+def walk_back(came_by, row, col):
     """Return the cells from the start to (row, col), shape (n, 2), int64, in the frame of the unpadded raster."""
     length = 1
     r, c = row + 1, col + 1
@@ -138,7 +138,7 @@ class TravelField:
         """
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
-        cells = _walk_back(self.came_by, row, col)
+        cells = walk_back(self.came_by, row, col)
         grid = self.costmap.grid
         if short:
             reach = max(2, round(SHORTCUT / grid.resolution))

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.obstacles import ObstacleMemory, free_distance
+from baselines.obstacles import ObstacleMemory
 from envs.geometry import Pose2D
+from envs.navigation import free_distance
 from envs.robots import Mount, load_robot
 
 BURGER = load_robot("turtlebot3_burger")

@@ -1,0 +1,180 @@
+"""What stands in the way right now: obstacles as points in the robot's frame, independent of any map."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+SIGHT_STEP = 0.02
+"""Spacing of the places along an arc at which the footprint is tested [m]."""
+SAME_PLACE = 0.02
+"""Distance up to which two remembered points count as one [m]."""
+CAPACITY = 1000
+"""Points of scans that are remembered at most."""
+BUMP_POINTS = 5
+"""Points that stand for what the bumper touched."""
+
+
+@njit(cache=True, error_model="numpy")
+def scan_points(scan, no_return, unit, cos, sin, mount_x, mount_y, points):
+    """Write the ends of the beams that hit something into `points` and return how many there are.
+
+    Args:
+        scan: shape (num_beams,), float32: ranges; `no_return` or more where nothing was hit, 0 or NaN where nothing was
+            measured.
+        no_return: in the unit of `scan`.
+        unit: of `scan` [m].
+        cos: shape (num_beams,), of the beams' angles in the base frame.
+        sin: the same.
+        mount_x: position of the lidar in the base frame [m].
+        mount_y: the same.
+        points: shape (n, 2), float64, written in the base frame [m].
+    """
+    count = 0
+    for beam in range(scan.shape[0]):
+        if 0.0 < scan[beam] < no_return:
+            points[count, 0] = mount_x + scan[beam] * unit * cos[beam]
+            points[count, 1] = mount_y + scan[beam] * unit * sin[beam]
+            count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov, range_min, range_far):
+    """Carry points along with the robot's motion and keep those that the lidar no longer sees.
+
+    Args:
+        points: shape (n, 2), float64, base frame before the motion [m]; rewritten in the base frame after it.
+        num_remembered: how many of them had been remembered before; the others come from the last scan.
+        num_points: how many there are.
+        dx: motion of the base, in the base frame before it [m].
+        dy: the same [m].
+        dtheta: the same [rad].
+        mount: (x, y, yaw) of the lidar in the base frame.
+        half_fov: half the lidar's field of view [rad].
+        range_min: the lidar's least range [m].
+        range_far: distance from the lidar up to which points beside its view are kept [m].
+
+    Returns:
+        How many are kept, at the start of `points`; at most `CAPACITY`.
+    """
+    c, s = math.cos(dtheta), math.sin(dtheta)
+    kept = 0
+    for k in range(num_points):
+        u, v = points[k, 0] - dx, points[k, 1] - dy
+        x, y = c * u + s * v, c * v - s * u
+        distance = math.hypot(x - mount[0], y - mount[1])
+        is_hidden = distance < range_min
+        if not is_hidden and distance < range_far:
+            bearing = math.atan2(y - mount[1], x - mount[0]) - mount[2]
+            is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > half_fov
+        if not is_hidden or kept == CAPACITY:
+            continue
+        is_new = True
+        if k >= num_remembered:
+            for other in range(kept):
+                if abs(points[other, 0] - x) < SAME_PLACE and abs(points[other, 1] - y) < SAME_PLACE:
+                    is_new = False
+                    break
+        if is_new:
+            points[kept, 0], points[kept, 1] = x, y
+            kept += 1
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def add_bump(points, count, radius, forward):
+    """Remember that the footprint touched something on the side to which it was driving.
+
+    Args:
+        points: shape (n, 2), float64, base frame [m]; written.
+        count: how many there are.
+        radius: of the footprint [m].
+        forward: whether the robot was driving forward.
+
+    Returns:
+        How many there are now.
+    """
+    for k in range(BUMP_POINTS):
+        bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
+        points[count + k, 0] = 0.98 * radius * math.cos(bearing)
+        points[count + k, 1] = 0.98 * radius * math.sin(bearing)
+    return count + BUMP_POINTS
+
+
+@njit(cache=True, error_model="numpy")
+def points_within(points, distance):
+    """Return the points at most `distance` [m] from the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
+    near = np.empty_like(points)
+    count = 0
+    for k in range(points.shape[0]):
+        near[count, 0], near[count, 1] = points[k, 0], points[k, 1]
+        count += points[k, 0] ** 2 + points[k, 1] ** 2 <= distance * distance
+    return near[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def free_distance(points, curvature, radius, distance):
+    """Tell how far the robot gets along an arc before its footprint touches a point.
+
+    A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
+    brings it nearer.
+
+    Args:
+        points: shape (n, 2), float64, obstacles in the base frame [m].
+        curvature: of the arc, positive to the left [1/m].
+        radius: of the footprint [m].
+        distance: how far to look along the arc, negative backwards [m].
+
+    Returns:
+        The free length of the arc [m], at most `abs(distance)`.
+    """
+    num_steps = int(abs(distance) / SIGHT_STEP) + 1
+    nearest = np.inf
+    for k in range(points.shape[0]):
+        nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
+    # The arc is no shorter than the straight way: up to here the footprint cannot reach the nearest point.
+    clear = math.sqrt(nearest) - radius
+    for step in range(1, num_steps + 1):
+        along = abs(distance) * step / num_steps
+        if along < clear:
+            continue
+        s = math.copysign(along, distance)
+        turn = s * curvature
+        if abs(turn) > 1e-6:
+            x, y = math.sin(turn) / curvature, (1.0 - math.cos(turn)) / curvature
+        else:
+            x, y = s, 0.5 * s * turn
+        for k in range(points.shape[0]):
+            squared = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
+            if squared < radius * radius and math.sqrt(squared) < math.hypot(points[k, 0], points[k, 1]) - 1e-3:
+                return abs(distance) * (step - 1) / num_steps
+    return abs(distance)
+
+
+@njit(cache=True, error_model="numpy")
+def mark_missing(data, cells, reach, occupied_from):
+    """Mark obstacles in a map that knows of none near them.
+
+    Args:
+        data: shape (height, width), int8, occupancy.
+        cells: shape (n, 2), int64, (row, column) of obstacles, also outside the map.
+        reach: distance up to which an occupied cell accounts for an obstacle [cells].
+        occupied_from: least occupancy that is an obstacle [percent].
+
+    Returns:
+        A copy with 100 in the cells of those that no occupied cell accounts for.
+    """
+    height, width = data.shape
+    marked = data.copy()
+    for k in range(cells.shape[0]):
+        row, col = cells[k]
+        if row < 0 or col < 0 or row >= height or col >= width:
+            continue
+        is_known = False
+        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+                is_known |= data[r, c] >= occupied_from
+        if not is_known:
+            marked[row, col] = 100
+    return marked

@@ -1,0 +1,263 @@
+"""Pure pursuit, regulated by curvature, by obstacles and by the way that is left.
+
+After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023), with Nav2's numbers where
+they do not depend on the robot's speed. Two things differ. Obstacles come from the scan itself rather than from a
+costmap, so that stops do not depend on where the robot believes to be. And where the arc to the carrot is blocked, the
+carrot is pulled in before the robot slows down, so that lookahead does not cut corners.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.navigation.obstacles import free_distance, points_within
+from envs.robots import RobotParams
+
+BEND_CHORD = 5
+"""Points of the path between which its direction is measured."""
+NEAREST_WINDOW = 40
+"""Points among which the nearest one is looked for: a second of driving at full speed is as far as it can have moved
+on, with some to spare."""
+FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
+"""What a follower remembers from one command to the next: the path's point nearest to the robot, the side on which it
+last steered past something (1 left, -1 right), and whether it is turning on the spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerParams:
+    """How to follow a path. Speeds are fractions of the robot's limits where they must suit every robot."""
+
+    lookahead_time: float = 1.5
+    """Lookahead over speed [s]."""
+    min_lookahead: float = 2.0
+    """Least lookahead, in radii of the robot and at most 0.25 m."""
+    max_lookahead: float = 0.9
+    """Greatest lookahead [m]."""
+    rotate_from: float = 0.785
+    """Angle to the carrot from which the robot turns on the spot first [rad]."""
+    rotate_until: float = 0.3
+    """Angle at which it drives on [rad]."""
+    max_rotation: float = 1.8
+    """Greatest yaw rate [rad/s]; scan matching suffers from faster ones."""
+    min_turn_time: float = 1.8
+    """Arcs whose radius is driven through in less than this at full speed are driven more slowly [s]."""
+    min_speed: float = 0.35
+    """Least speed to which curvature and nearness slow the robot down, as a fraction of the limit."""
+    nearness_time: float = 0.6
+    """Obstacles nearer to the footprint than is driven in this time at full speed slow the robot down [s]."""
+    margin: float = 0.4
+    """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m. From it 1.5
+    standard deviations of the lidar's noise are taken: the nearest of a wall's many points lies that much too near."""
+    sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
+    """Angles by which the robot steers past what stands between it and the carrot, on either side [rad]."""
+    braking: float = 0.5
+    """Share of the robot's greatest deceleration that braking counts on."""
+    goal_tolerance: float = 0.15
+    """Distance from a goal with a heading at which the robot stops to turn there [m]."""
+
+
+class FollowerNumbers(NamedTuple):
+    """Robot and `FollowerParams` as scalars that Numba takes; units as there."""
+
+    period: float
+    """Time between two commands [s]."""
+    radius: float
+    max_v: float
+    max_w: float
+    rotation: float
+    """Greatest yaw rate that is used [rad/s]."""
+    braking_v: float
+    """Deceleration that braking counts on [m/s2]."""
+    braking_w: float
+    """The same for turns [rad/s2]."""
+    reach: float
+    """Radius that is kept free of obstacles [m]."""
+    lookahead_time: float
+    min_lookahead: float
+    """[m]"""
+    max_lookahead: float
+    look: float
+    """Least length of an arc that is tested: what braking from full speed takes [m]."""
+    rotate_from: float
+    rotate_until: float
+    min_turn_time: float
+    min_speed: float
+    nearness_time: float
+    sidesteps: tuple[float, ...]
+
+    @classmethod
+    def of(cls, robot: RobotParams, period: float, params: FollowerParams = FollowerParams()) -> "FollowerNumbers":
+        """Collect the numbers of a robot that is commanded every `period` seconds."""
+        braking_v = params.braking * robot.max_acc_v
+        return cls(
+            period=float(period),
+            radius=float(robot.radius),
+            max_v=float(robot.max_v),
+            max_w=float(robot.max_w),
+            rotation=float(min(robot.max_w, params.max_rotation)),
+            braking_v=float(braking_v),
+            braking_w=float(params.braking * robot.max_acc_w),
+            reach=float(robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std),
+            lookahead_time=float(params.lookahead_time),
+            min_lookahead=float(min(params.min_lookahead * robot.radius, 0.25)),
+            max_lookahead=float(params.max_lookahead),
+            look=float(robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03),
+            rotate_from=float(params.rotate_from),
+            rotate_until=float(params.rotate_until),
+            min_turn_time=float(params.min_turn_time),
+            min_speed=float(params.min_speed),
+            nearness_time=float(params.nearness_time),
+            sidesteps=tuple(map(float, params.sidesteps)),
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_index(path, x, y, first, window):
+    """Return the index of the path's point nearest to (x, y), looking at `window` points from `first` on."""
+    best, best_squared = first, np.inf
+    for k in range(first, min(first + window, path.shape[0])):
+        squared = (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2
+        if squared < best_squared:
+            best, best_squared = k, squared
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _carrot_index(path, x, y, first, lookahead):
+    """Return the index of the first point from `first` on at least `lookahead` [m] from (x, y), or of the last."""
+    for k in range(first, path.shape[0]):
+        if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
+            return k
+    return path.shape[0] - 1
+
+
+@njit(cache=True, error_model="numpy")
+def _distance_to_bend(path, first, chord, angle):
+    """Return the length of the path from index `first` to where it bends by more than `angle` [rad], or to its end [m].
+
+    Directions are those of chords of `chord` points, so that the staircase of a raster does not count as bends.
+    """
+    last = path.shape[0] - 1
+    ahead = min(first + chord, last)
+    direction = math.atan2(path[ahead, 1] - path[first, 1], path[ahead, 0] - path[first, 0])
+    length = 0.0
+    for k in range(first, last - chord):
+        turn = math.atan2(path[k + chord, 1] - path[k, 1], path[k + chord, 0] - path[k, 0]) - direction
+        if abs((turn + math.pi) % (2.0 * math.pi) - math.pi) > angle:
+            break
+        length += math.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
+    return length
+
+
+@njit(cache=True, error_model="numpy")
+def turn_rate(angle, numbers):
+    """Return the yaw rate that turns on the spot by `angle` [rad], slowing down in time to stop there [rad/s]."""
+    rate = min(math.sqrt(2.0 * numbers.braking_w * abs(angle)), 0.5 * abs(angle) / numbers.period)
+    return math.copysign(min(rate, numbers.rotation), angle)
+
+
+@njit(cache=True, error_model="numpy")
+def _free(x, y, lookahead, obstacles, numbers):
+    """Return how far the arc to a point (base frame [m]) is free, looking at least as far as braking takes [m]."""
+    curvature = 2.0 * y / max(x * x + y * y, 1e-6)
+    return free_distance(obstacles, curvature, numbers.reach, max(lookahead, numbers.look))
+
+
+@njit(cache=True, error_model="numpy")
+def _sidestep(state, x, y, free, obstacles, numbers):
+    """Return a point beside the carrot whose arc is free, on the side taken last if possible; else the carrot."""
+    for offset in numbers.sidesteps:
+        for side in (state.side, -state.side):
+            c, s = math.cos(side * offset), math.sin(side * offset)
+            beside_x, beside_y = c * x - s * y, s * x + c * y
+            free_beside = _free(beside_x, beside_y, numbers.min_lookahead, obstacles, numbers)
+            if free_beside >= numbers.min_lookahead:
+                state.side = side
+                return beside_x, beside_y, free_beside
+    return x, y, free
+
+
+@njit(cache=True, error_model="numpy")
+def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
+    """Return the point to steer for, base frame [m], and how far its arc is free [m]."""
+    c, s = math.cos(theta), math.sin(theta)
+    while True:
+        k = _carrot_index(path, x, y, state.index, lookahead)
+        dx, dy = path[k, 0] - x, path[k, 1] - y
+        ahead, left = c * dx + s * dy, c * dy - s * dx
+        free = _free(ahead, left, lookahead, obstacles, numbers)
+        if free >= lookahead:
+            return ahead, left, free
+        if lookahead <= numbers.min_lookahead:
+            return _sidestep(state, ahead, left, free, obstacles, numbers)
+        lookahead = max(0.6 * lookahead, numbers.min_lookahead)
+
+
+@njit(cache=True, error_model="numpy")
+def _speed_for(free, numbers):
+    """Return the greatest speed from which the robot stops within `free` metres, one period of delay included."""
+    delay = numbers.braking_v * numbers.period
+    return math.sqrt(delay**2 + 2.0 * numbers.braking_v * max(free, 0.0)) - delay
+
+
+@njit(cache=True, error_model="numpy")
+def _regulated_speed(state, path, curvature, free, obstacles, numbers):
+    """Return the forward speed [m/s] for an arc of which `free` metres are free."""
+    max_v, slowest = numbers.max_v, numbers.min_speed
+    v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))
+    nearest = np.inf
+    for k in range(obstacles.shape[0]):
+        # Only what lies ahead slows down: x over minus half the footprint.
+        if obstacles[k, 0] > 0.0:
+            nearest = min(nearest, obstacles[k, 0] ** 2 + obstacles[k, 1] ** 2)
+    if obstacles.shape[0] > 0:
+        gap = math.sqrt(nearest) - numbers.radius
+        v = min(v, max_v * max(gap / (numbers.nearness_time * max_v), slowest))
+    # Whoever turns on the spot at a bend, or stops at the end, must have braked before.
+    bend = _distance_to_bend(path, state.index, BEND_CHORD, numbers.rotate_from)
+    v = min(v, max(_speed_for(bend, numbers), slowest * max_v))
+    return min(v, _speed_for(free, numbers))
+
+
+@njit(cache=True, error_model="numpy")
+def follow(state, path, x, y, theta, v_now, obstacles, numbers):
+    """Choose the twist that follows a path for the next period.
+
+    Args:
+        state: a record with `FOLLOWER_FIELDS`, written.
+        path: shape (n, 2), float64, n > 0, points up to a map cell apart, map frame [m].
+        x: believed position, map frame [m].
+        y: the same [m].
+        theta: believed heading [rad].
+        v_now: forward speed by odometry [m/s].
+        obstacles: shape (k, 2), float64, base frame [m].
+        numbers: `FollowerNumbers`.
+
+    Returns:
+        Forward speed [m/s], yaw rate [rad/s], and whether obstacles keep the robot from driving on.
+    """
+    state.index = _nearest_index(path, x, y, state.index, NEAREST_WINDOW)
+    lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
+    lookahead = min(max(lookahead, numbers.min_lookahead), numbers.max_lookahead)
+    # No arc that is tested leads farther away than it is long.
+    near = points_within(obstacles, max(lookahead, numbers.look) + numbers.reach)
+    ahead, left, free = _carrot(state, path, x, y, theta, lookahead, near, numbers)
+    angle = math.atan2(left, ahead)
+    if abs(angle) > (numbers.rotate_until if state.rotating else numbers.rotate_from):
+        state.rotating = 1
+        return 0.0, turn_rate(angle, numbers), False
+    state.rotating = 0
+    distance = math.hypot(ahead, left)
+    if distance < 1e-3:
+        return 0.0, 0.0, False
+    curvature = 2.0 * left / distance**2
+    v = _regulated_speed(state, path, curvature, free, obstacles, numbers)
+    if v < 0.02 * numbers.max_v:
+        return 0.0, turn_rate(angle, numbers) if abs(angle) > 0.1 else 0.0, True
+    w = v * curvature
+    if abs(w) > numbers.rotation:
+        v, w = v * numbers.rotation / abs(w), math.copysign(numbers.rotation, w)
+    return v, w, False
