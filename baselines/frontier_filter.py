@@ -50,6 +50,28 @@ def _climb(points, bandwidth):
     return tops, weights
 
 
+@njit(cache=True, error_model="numpy")
+def _stands_alone(tops, bandwidth):
+    """Tell which points (shape (n, 2)) lie beyond the bandwidth of all before them that do: shape (n,), bool."""
+    alone = np.ones(len(tops), dtype=np.bool_)
+    for k in range(len(tops)):
+        if not alone[k]:
+            continue
+        for j in range(k + 1, len(tops)):
+            dx, dy = tops[j, 0] - tops[k, 0], tops[j, 1] - tops[k, 1]
+            alone[j] &= dx * dx + dy * dy > bandwidth * bandwidth
+    return alone
+
+
+@njit(cache=True, error_model="numpy")
+def _count_around(data, cells, radius):
+    """Count the unknown cells within `radius` cells of each of some cells (shape (n, 2)): shape (n,), int64."""
+    counts = np.empty(len(cells), dtype=np.int64)
+    for k in range(len(cells)):
+        counts[k] = count_unknown(data, cells[k, 0], cells[k, 1], radius)
+    return counts
+
+
 def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
     """Cluster points by mean shift with a flat kernel (Comaniciu and Meer 2002), equal to scikit-learn's centres.
 
@@ -62,12 +84,7 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
     """
     tops, weights = _climb(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     tops = tops[np.lexsort((tops[:, 1], tops[:, 0], weights))[::-1]]
-    centers = []
-    while len(tops):
-        centers.append(tops[0])
-        gaps = tops - tops[0]
-        tops = tops[gaps[:, 0] ** 2 + gaps[:, 1] ** 2 > bandwidth**2]
-    return np.array(centers).reshape(-1, 2)
+    return tops[_stands_alone(tops, bandwidth)]
 
 
 def information_gain(grid: OccupancyGrid, points: np.ndarray, radius: float) -> np.ndarray:
@@ -81,6 +98,5 @@ def information_gain(grid: OccupancyGrid, points: np.ndarray, radius: float) -> 
     Returns:
         Shape (n,), float64 [m2].
     """
-    reach = radius / grid.resolution
-    counts = [count_unknown(grid.data, row, col, reach) for row, col in grid.cells(points)]
-    return np.array(counts, dtype=np.float64) * grid.resolution**2
+    areas: np.ndarray = _count_around(grid.data, grid.cells(points), radius / grid.resolution) * grid.resolution**2
+    return areas

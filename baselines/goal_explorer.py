@@ -73,6 +73,8 @@ class GoalExplorer(ABC):
         self._period = control_period
         self._given_up = np.empty((0, 2))
         self._failures: list[tuple[float, float]] = []
+        # Goals that the robot has turned away from since the last one that came to an end.
+        self._left: list[tuple[float, float]] = []
 
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action; see `Explorer`."""
@@ -102,12 +104,14 @@ class GoalExplorer(ABC):
                 self._fail(survey, self._goal)
             elif len(remaining) and navigator.replan(survey):
                 better = self._better(survey, self._goal)
-                if better is not None:
+                if better is not None and not _is_near(better.frontier, self._left):
+                    self._left.append(self._goal.frontier)
                     self._goal = better
-                    self._set_out(navigator, survey, better, navigator.tightness)
+                    self._set_out(navigator, survey, better, navigator.tightness, is_change=True)
                 return
             elif len(remaining):
                 self._fail(survey, self._goal)
+        self._left.clear()
         for tightness in range(navigator.max_tightness + 1):
             again = survey if tightness == navigator.tightness else self._survey(navigator, belief, tightness)
             self._goal = self._choose(again)
@@ -127,12 +131,14 @@ class GoalExplorer(ABC):
         self._given_up = self._given_up[useful]
         return survey
 
-    def _set_out(self, navigator: Navigator, survey: Survey, goal: Goal, tightness: int) -> None:
+    def _set_out(
+        self, navigator: Navigator, survey: Survey, goal: Goal, tightness: int, *, is_change: bool = False
+    ) -> None:
         assert survey.field is not None
         path = survey.field.path(*goal.cell)
         assert path is not None
         x, y = survey.grid.centers(np.array(goal.cell))
-        navigator.drive_to((float(x), float(y)), path, view=goal.frontier, tightness=tightness)
+        navigator.drive_to((float(x), float(y)), path, view=goal.frontier, tightness=tightness, is_change=is_change)
         self._has_looked_around = False
 
     @abstractmethod
@@ -151,7 +157,12 @@ class GoalExplorer(ABC):
 
     def _num_failures(self, point: tuple[float, float]) -> int:
         """Return how often the robot did not get to a frontier (x, y), map frame [m]."""
-        return sum(math.hypot(point[0] - x, point[1] - y) <= RETRY_RADIUS for x, y in self._failures)
+        return int(self._count_failures(np.array([point]))[0])
+
+    def _count_failures(self, points: np.ndarray) -> np.ndarray:
+        """Return how often the robot did not get to frontiers (shape (n, 2), map frame [m]): shape (n,), int64."""
+        gaps = points[:, None] - np.array(self._failures).reshape(-1, 2)
+        return np.count_nonzero(np.hypot(gaps[..., 0], gaps[..., 1]) <= RETRY_RADIUS, axis=1)
 
     def _frontier_near(self, survey: Survey, point: tuple[float, float], radius: float) -> np.ndarray:
         """Return the frontier cells within `radius` [m] of a point: shape (k, 2), (row, column)."""
@@ -168,3 +179,8 @@ class GoalExplorer(ABC):
         cells = self._frontier_near(survey, point, radius)
         self._given_up = np.concatenate([self._given_up, survey.grid.centers(cells)])
         survey.frontier[cells[:, 0], cells[:, 1]] = False
+
+
+def _is_near(point: tuple[float, float], others: list[tuple[float, float]]) -> bool:
+    """Tell whether a frontier (x, y) [m] is the same as any of others."""
+    return any(math.hypot(point[0] - x, point[1] - y) <= RETRY_RADIUS for x, y in others)

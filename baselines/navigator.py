@@ -91,13 +91,14 @@ class Navigator:
         self._follower = PathFollower(robot, control_period)
         self._maneuvers = Maneuvers(robot, control_period, rng)
         self._view: tuple[float, float] | None = None
-        self._set_goal(None)
-
-    def _set_goal(self, goal: tuple[float, float] | None) -> None:
-        self.goal = goal
+        self.goal: tuple[float, float] | None = None
         """Where the robot is going (x, y), map frame [m]."""
-        self.status = Status.IDLE if goal is None else Status.DRIVING
+        self.status = Status.IDLE
         """Where it stands with that."""
+        self._start_over()
+
+    def _start_over(self) -> None:
+        """Forget how the way to a goal has gone so far."""
         self._recoveries = 0
         self._stall = Dwell(0.25 * self._robot.radius + 0.02, 0.3)
         self._stuck = Dwell(self._params.stuck_distance)
@@ -139,6 +140,7 @@ class Navigator:
         *,
         view: tuple[float, float] | None = None,
         tightness: int = 0,
+        is_change: bool = False,
     ) -> None:
         """Take a new goal.
 
@@ -147,8 +149,13 @@ class Navigator:
             path: the way there: shape (n, 2), n > 0, map frame [m].
             view: what to have in the lidar's view in the end (x, y), map frame [m].
             tightness: of the survey that the way was found in.
+            is_change: whether the robot only changes its mind on the way to another goal. The time for which it has got
+                nowhere then goes on: goals that change faster than that is noticed would keep it there for ever.
         """
-        self._set_goal(goal)
+        if not is_change:
+            self._start_over()
+        self.goal = goal
+        self.status = Status.DRIVING
         self._view = view
         self.tightness = tightness
         self._follower.set_path(path)

@@ -10,8 +10,10 @@ from sklearn.cluster import MeanShift
 from baselines import RrtExplorer, RrtParams, make_explorer
 from baselines.frontier_filter import information_gain, mean_shift
 from baselines.rrt_assigner import NOBODY, assign
+from baselines.rrt_goals import goals_of
 from baselines.rrt_trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
 from baselines.survey import Survey
+from baselines.viewpoints import find_viewpoint
 from envs.explore import ExploreEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams
@@ -247,7 +249,7 @@ def explorer_in(grid, pose, num_steps=20):
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     belief = Belief(pose, grid, NO_CELLS)
     for _ in range(num_steps):
-        explorer._detect(belief)
+        explorer._detector.detect(belief.grid, [belief.pose[:2]])
     return explorer, belief
 
 
@@ -262,8 +264,44 @@ def test_the_filter_keeps_few_points_and_drops_stale_ones():
     assert explorer._choose(survey_of(belief)).frontier[0] == pytest.approx(9.075)
     belief.grid.data[12:92, 202:239] = 0
     belief.grid.data[:, 239] = 100
-    explorer._detect(belief)
+    explorer._detector.detect(belief.grid, [belief.pose[:2]])
     assert len(explorer.points) == 0
+
+
+def goal_found_slowly(survey, point, max_cost, radius, view_distances):
+    """One point at a time: the nearest frontier cell, and the first distance from which it can be seen."""
+    grid = survey.grid
+    cells = np.argwhere(survey.frontier)
+    gaps = np.hypot(*(grid.centers(cells) - point).T)
+    cost = survey.costmap.cost_at(*point)
+    touches = cost > 252 and cost != 255
+    ros_cost = 99.0 if touches else 1.0 + math.floor(97.0 * (cost - 1) / 251.0) if 0 < cost < 255 else 0.0
+    if gaps.min() > radius or ros_cost > max_cost:
+        return None
+    target = cells[np.argmin(gaps)]
+    for distance in view_distances:
+        found = find_viewpoint(survey.field, target[None], distance)
+        if found is not None:
+            return (*found[0], *target)
+    return None
+
+
+def test_goals_of_many_points_equal_a_search_for_each():
+    rng = np.random.default_rng(5)
+    grid = rooms()
+    grid.data[rng.uniform(size=grid.data.shape) < 0.01] = -1
+    grid.data[30:34, 150:170] = 100
+    belief = Belief(Pose2D(0.0, 0.0, 0.0), grid, NO_CELLS)
+    survey = survey_of(belief)
+    x0, y0, x1, y1 = grid.bounds
+    points = rng.uniform((x0 - 0.2, y0 - 0.2), (x1 + 0.2, y1 + 0.2), (400, 2))
+    options = {"max_cost": 70.0, "radius": 0.3, "view_distances": (0.0, 0.3, 0.6)}
+    found = [goal_found_slowly(survey, point, **options) for point in points]
+    expected = np.array([goal for goal in found if goal is not None])
+    assert 50 < len(expected) < 350
+    places, cells = goals_of(survey, points, **options)
+    np.testing.assert_array_equal(np.column_stack([places, cells]), expected)
+    assert [len(part) for part in goals_of(survey, np.empty((0, 2)), **options)] == [0, 0]
 
 
 def test_points_that_no_way_leads_to_are_invalid():
