@@ -17,6 +17,7 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/ExploreMaze-v0": (_ENTRY_POINT, {"world": "maze"}),
     "lidarnaut/ExploreAisles-v0": (_ENTRY_POINT, {"world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (_ENTRY_POINT, {"world": "caves"}),
+    "lidarnaut/ExploreTeam-v0": ("envs.explore_team:ExploreTeamEnv", {}),
     "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
     "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),
 }

@@ -35,6 +35,13 @@ class ExplorableArea:
         """Size of the explorable area [m2]."""
         return float(np.count_nonzero(self.explorable)) * self.walls.resolution**2
 
+    def usual_time_limit(self, speed: float) -> float:
+        """Return time to sweep the area twice with a swath of a metre at `speed` [m/s], and two minutes more [s].
+
+        Rounded to ten seconds.
+        """
+        return 120.0 + 10.0 * round(0.2 * self.area / speed)
+
     def can_stand(self, pose: Pose2D) -> bool:
         """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
         row, col = self.walls.cells(np.array([pose.x, pose.y]))

@@ -1,4 +1,4 @@
-"""What all environments of one robot share: it is driven by twists, it bumps into things, and it can be drawn."""
+"""What the environments share: robots are driven by twists, bump into things, and can be drawn."""
 
 import math
 from abc import ABC, abstractmethod
@@ -31,8 +31,8 @@ USUAL_ROBOTS = {
 """Robot that a world is driven with when none is named."""
 
 
-class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
-    """An environment in which a policy drives one differential-drive robot; subclasses give it a task."""
+class DrivenEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
+    """An environment in which robots are driven, one control period in a step, and can be drawn."""
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
@@ -40,7 +40,6 @@ class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
         self,
         *,
         robot: RobotParams,
-        physics: str,
         control_hz: float,
         time_limit: float | None,
         render_mode: str | None,
@@ -61,14 +60,11 @@ class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
         self.time_limit = time_limit or math.inf
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
-        self.simulator = make_simulator(physics, robot, self.control_period)
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._time_limit = time_limit
         self._renderer: Any = None
 
     def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.simulator.close()
+        """Release the window."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -96,6 +92,33 @@ class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
     def _painter(self) -> Callable[[tuple[int, int]], Any] | None:
         """Return what makes the picture that scenes are painted in, see `envs.rendering.Renderer`."""
 
+
+class RobotEnv(DrivenEnv):
+    """An environment in which a policy drives one differential-drive robot; subclasses give it a task."""
+
+    def __init__(
+        self,
+        *,
+        robot: RobotParams,
+        physics: str,
+        control_hz: float,
+        time_limit: float | None,
+        render_mode: str | None,
+    ) -> None:
+        """Take the arguments that all of them have.
+
+        Raises:
+            ValueError: if one is not allowed; the message names it and what is.
+        """
+        super().__init__(robot=robot, control_hz=control_hz, time_limit=time_limit, render_mode=render_mode)
+        self.simulator = make_simulator(physics, robot, self.control_period)
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def close(self) -> None:
+        """Release the physics engine and the window."""
+        self.simulator.close()
+        super().close()
+
     def _stand(self, world: World, pose: Pose2D, rng: np.random.Generator) -> None:
         """Put the robot at a pose of a world, with nothing driven yet."""
         self.reading = self.simulator.reset(world, pose, rng)
@@ -112,11 +135,7 @@ class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1].
         """
-        action = np.array(action, dtype=np.float32)
-        if action.shape != (2,):
-            raise ValueError(f"action must have shape (2,), got {action.shape}")
-        if not (np.abs(action) <= 1.0).all():
-            raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
+        action = checked_action(action, (2,))
         self._action = action
         touching, before = self.reading.bumper, self._state.pose
         command = Twist(float(action[0]) * self.robot.max_v, float(action[1]) * self.robot.max_w)
@@ -131,6 +150,20 @@ class RobotEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
     def _is_late(self) -> bool:
         """Whether the time is up."""
         return self.reading.time >= self.time_limit - 1e-6
+
+
+def checked_action(action: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an action as an array of its own, float32.
+
+    Raises:
+        ValueError: if it has another shape, is not finite, or lies outside [-1, 1].
+    """
+    action = np.array(action, dtype=np.float32)
+    if action.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got {action.shape}")
+    if not (np.abs(action) <= 1.0).all():
+        raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
+    return action
 
 
 def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:

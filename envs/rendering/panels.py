@@ -46,9 +46,11 @@ class TruthPanel:
         for mover in scene.world.movers:
             centre = view.pixels(np.array(mover.position(scene.time)))[0]
             pygame.draw.circle(self._surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
-        self._draw_beams(scene, view)
-        draw_path(self._surface, view.pixels(np.vstack([scene.trail, scene.pose[:2]])), style.TRUE, 4)
-        draw_robot(self._surface, view, scene.robot, scene.pose, style.TRUE)
+        for one in (scene, *scene.mates):
+            self._draw_beams(one, view)
+        for one in (scene, *scene.mates):
+            draw_path(self._surface, view.pixels(np.vstack([one.trail, one.pose[:2]])), style.TRUE, 4)
+            draw_robot(self._surface, view, one.robot, one.pose, style.TRUE)
         return self._surface
 
     def _draw_beams(self, scene: Scene, view: View) -> None:
@@ -118,16 +120,13 @@ class BeliefPanel:
             _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
         frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
         _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
-        draw_path(
-            surface,
-            view.pixels(start.transform(np.vstack([scene.believed_trail, scene.belief.pose[:2]]))),
-            style.BELIEVED,
-            4,
-        )
-        if scene.plan is not None:
-            draw_dashes(surface, view.pixels(start.transform(scene.plan)), style.PLAN, 5)
-        draw_robot(surface, view, scene.robot, scene.believed_pose, style.BELIEVED)
-        draw_robot(surface, view, scene.robot, scene.pose, style.TRUE, ghost=True)
+        for one in (scene, *scene.mates):
+            trail = np.vstack([one.believed_trail, one.belief.pose[:2]])
+            draw_path(surface, view.pixels(start.transform(trail)), style.BELIEVED, 4)
+            if one.plan is not None:
+                draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
+            draw_robot(surface, view, one.robot, one.believed_pose, style.BELIEVED)
+            draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
         return surface
 
 

@@ -39,6 +39,8 @@ class Scene:
     """Time since the reset [s]."""
     collisions: int
     """Contacts so far."""
+    mates: tuple["Scene", ...] = ()
+    """The same of the other robots that share the place and the map."""
 
     @property
     def believed_pose(self) -> Pose2D:
@@ -47,9 +49,9 @@ class Scene:
 
     @property
     def pose_error(self) -> tuple[float, float]:
-        """Distance [m] and angle [rad] between the believed and the true pose, both at least 0."""
-        error = self.believed_pose.between(self.pose)
-        return math.hypot(error.x, error.y), abs(error.theta)
+        """Distance [m] and angle [rad] between the believed and the true pose, both at least 0; the greatest of all."""
+        errors = [scene.believed_pose.between(scene.pose) for scene in (self, *self.mates)]
+        return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
 
 
 @dataclass(slots=True)

@@ -41,6 +41,18 @@ class TeamSimulator(Protocol):
         ...
 
 
+def make_team_simulator(physics: str, robot: RobotParams, control_period: float, num_robots: int) -> TeamSimulator:
+    """Return equal robots in one world under the named physics; see `make_simulator`.
+
+    Raises:
+        ValueError: the physics is unknown, or the control period is not positive.
+        ImportError: bullet is asked for where PyBullet is not installed.
+    """
+    if physics == "kinematic":
+        return KinematicTeam(robot, control_period, num_robots)
+    raise ValueError(f"unknown physics {physics!r}; choose kinematic")
+
+
 class KinematicTeam:
     """Robots under kinematic physics. Each is a circle to the others, for their bodies and for their lidars.
 

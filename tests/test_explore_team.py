@@ -1,0 +1,258 @@
+import math
+import pickle
+import warnings
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+from envs.coverage import explorable_area
+from envs.explore import ExploreEnv
+from envs.explore_team import ExploreTeamEnv
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.team import MATES_RANGE, draw_starts, observe_mates, without_mates
+from envs.worlds import Mover, World
+
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
+BURGER = load_robot("turtlebot3_burger")
+
+
+def hall(width=8.0, height=4.0, segments=()):
+    walls = [[0, 0, width, 0], [width, 0, width, height], [width, height, 0, height], [0, height, 0, 0]]
+    return World(
+        name="hall",
+        segments=np.array([*walls, *segments], dtype=float),
+        circles=np.empty((0, 3)),
+        spawns=(Pose2D(0.4, 0.4, 0.0),),
+        bounds=(0.0, 0.0, width, height),
+    )
+
+
+def rollout(env, seed, steps):
+    rng = np.random.default_rng(seed)
+    out = [env.reset(seed=seed)]
+    for _ in range(steps):
+        out.append(env.step(rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)))
+    return out
+
+
+def still(env, steps=1):
+    return [env.step(np.zeros(env.action_space.shape, dtype=np.float32)) for _ in range(steps)]
+
+
+def test_gymnasiums_checker_has_no_warning():
+    env = gymnasium.make("lidarnaut/ExploreTeam-v0", num_robots=3, physics="kinematic", time_limit=30.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("slam", ["tinyslam", "odometry", "truth"])
+def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam):
+    env, team = ExploreEnv(**QUICK, slam=slam), ExploreTeamEnv(**QUICK, slam=slam, num_robots=1)
+    rng = np.random.default_rng(0)
+    (observation, info), (stacked, team_info) = env.reset(seed=5), team.reset(seed=5)
+    for _ in range(120):
+        assert same({key: part[None] for key, part in observation.items()}, stacked)
+        for key, value in info.items():
+            theirs = team_info[key][0] if key in ("pose_error", "path_length", "collisions") else team_info[key]
+            assert np.array_equal(value, theirs)
+        action = rng.uniform(-0.5, 1.0, 2).astype(np.float32)
+        observation, reward, *ends, info = env.step(action)
+        stacked, team_reward, *team_ends, team_info = team.step(action[None])
+        assert (reward, ends) == (team_reward, team_ends)
+        assert env.belief.pose == team.beliefs[0].pose
+    np.testing.assert_array_equal(env.slam.map.words, team.members[0].slam.map.words)
+    np.testing.assert_array_equal(env.belief.grid.data, team.beliefs[0].grid.data)
+
+
+def test_same_seed_same_bytes():
+    env = ExploreTeamEnv(**QUICK, num_robots=3)
+    first = rollout(env, 7, 40)
+    rollout(env, 8, 10)
+    assert same(first, rollout(env, 7, 40))
+    assert not same(first, rollout(env, 9, 40))
+
+
+def test_pickling():
+    env = ExploreTeamEnv(**QUICK, render_mode="rgb_array")
+    expected = rollout(env, 4, 10)
+    env.render()
+    assert same(expected, rollout(pickle.loads(pickle.dumps(env)), 4, 10))
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "culprit"),
+    [
+        ({"num_robots": 0}, "num_robots"),
+        ({"num_robots": 5}, "num_robots"),
+        ({"num_robots": 1.5}, "num_robots"),
+        ({"target_coverage": 0.0}, "target_coverage"),
+        ({"physics": "mujoco"}, "mujoco"),
+        ({"slam": "cartographer"}, "cartographer"),
+        ({"start": "home"}, "start"),
+        ({"start": ((1.0, 1.0, 0.0),)}, "start"),
+        ({"start": ((1.0, 1.0, 0.0), (1.0, math.nan, 0.0))}, "start"),
+    ],
+)
+def test_bad_arguments_are_named(kwargs, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        ExploreTeamEnv(**{"physics": "kinematic", **kwargs})
+
+
+@pytest.mark.parametrize("action", [np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan), np.full((2, 2), 1.5)])
+def test_bad_actions_are_refused(action):
+    env = ExploreTeamEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(action)
+
+
+def test_robots_start_near_each_other_in_sight_and_know_how_they_stand():
+    env = ExploreTeamEnv(**{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
+    for seed in range(3):
+        env.reset(seed=seed)
+        poses = [member.state.pose for member in env.members]
+        assert env.start == poses[0]
+        for k, pose in enumerate(poses):
+            believed = env.start.compose(env.members[k].slam.belief.pose)
+            np.testing.assert_allclose(believed, pose, atol=1e-9)
+            for other in poses[:k]:
+                assert 2 * BURGER.radius + 0.2 <= math.dist(pose[:2], other[:2])
+            assert math.dist(pose[:2], poses[0][:2]) <= 2.0
+
+
+def test_starts_can_be_chosen_but_not_in_each_other():
+    poses = ((1.0, 1.0, 0.5), (2.0, 1.0, -0.5))
+    env = ExploreTeamEnv(world=hall(), physics="kinematic", start=poses)
+    env.reset(seed=0)
+    assert tuple(tuple(member.state.pose) for member in env.members) == poses
+    close = ExploreTeamEnv(world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
+    with pytest.raises(ValueError, match="robots 0 and 1"):
+        close.reset(seed=0)
+
+
+def test_more_robots_than_fit_are_refused():
+    env = ExploreTeamEnv(world=hall(0.8, 0.8), physics="kinematic", num_robots=4, start=(0.4, 0.4, 0.0))
+    with pytest.raises(ValueError, match="num_robots = 4"):
+        env.reset(seed=0)
+
+
+def test_starts_are_not_behind_walls():
+    world = hall(8.0, 4.0, [[1.5, 0.0, 1.5, 3.0]])
+    env = ExploreTeamEnv(world=world, physics="kinematic", num_robots=2, start=(1.0, 1.0, 0.0))
+    for seed in range(10):
+        env.reset(seed=seed)
+        assert env.members[1].state.pose.x < 1.5
+
+
+def test_mates_are_seen():
+    start = ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi))
+    env = ExploreTeamEnv(world=hall(), physics="kinematic", start=start)
+    observation, _ = env.reset(seed=0)
+    ahead = np.argmin(np.abs(BURGER.lidar.angles))
+    for k in range(2):
+        x = BURGER.lidar.mount.x
+        seen = observation["scan"][k, ahead] * BURGER.lidar.range_max
+        assert seen == pytest.approx(2.0 - BURGER.radius - x, abs=0.05)
+    np.testing.assert_allclose(observation["mates"], [[[2 / MATES_RANGE, 0, -1, 0]]] * 2, atol=1e-6)
+
+
+def test_mates_are_shown_by_their_place_and_heading():
+    shown = observe_mates(Pose2D(1.0, 1.0, math.pi / 2), [Pose2D(1.0, 5.0, 0.0), Pose2D(-30.0, 1.0, math.pi / 2)])
+    np.testing.assert_allclose(shown, [[4 / MATES_RANGE, 0, 0, -1], [0, 1, 1, 0]], atol=1e-6)
+
+
+def test_beams_that_end_at_a_mate_are_left_out_and_no_others():
+    angles = np.linspace(-math.pi, math.pi, 36, endpoint=False)
+    directions = np.vstack([np.cos(angles), np.sin(angles)])
+    ranges = np.full(36, 3.0, dtype=np.float32)
+    ranges[18], ranges[9], ranges[0] = 1.8, np.nan, np.inf
+    out = without_mates(ranges, directions, 0.0, 0.0, 5.0, 5.0, math.pi / 2, np.array([[5.0, 7.0]]), 0.3)
+    # Beam 18 looks ahead, which is to y = 6.8; its neighbours pass the mate at a distance.
+    assert np.flatnonzero(np.isnan(out)).tolist() == [9, 18]
+    assert np.isinf(out[0])
+    assert not np.isnan(ranges[18])
+
+
+@pytest.mark.parametrize("slam", ["truth", "tinyslam"])
+def test_mates_leave_no_trace_in_the_map(slam):
+    start = ((1.0, 2.0, 0.0), (2.5, 2.0, math.pi / 2), (2.0, 3.2, 0.0))
+    env = ExploreTeamEnv(world=hall(), physics="kinematic", num_robots=3, slam=slam, start=start, target_coverage=1.0)
+    env.reset(seed=1)
+    grid, highest = env.beliefs[0].grid, 0
+    for _ in range(150):
+        backwards = env.members[1].reading.bumper
+        env.step(np.array([[0.3, 0.5], [-1.0, 0.5] if backwards else [0.8, 0.1], [0.0, 0.3]], dtype=np.float32))
+        x, y = env.start.transform(grid.centers(np.argwhere(grid.data >= 0))).T
+        inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
+        highest = max(highest, grid.data[grid.data >= 0][inner].max())
+    assert (grid.data >= 65).sum() > 200
+    # 32 if the beams that end at mates are drawn: their own scans clear most of where they stand.
+    assert highest <= 12
+
+
+def test_robots_bump_into_each_other_and_both_feel_it():
+    start = ((1.0, 2.0, 0.0), (2.0, 2.0, 0.0), (4.0, 2.0, 0.0))
+    env = ExploreTeamEnv(world=hall(), physics="kinematic", num_robots=3, start=start, slam="truth")
+    env.reset(seed=0)
+    ahead = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype=np.float32)
+    infos = [env.step(ahead)[4] for _ in range(80)]
+    assert infos[0]["collisions"].tolist() == [0, 0, 0]
+    assert infos[-1]["collisions"][0] >= 1
+    assert infos[-1]["collisions"][1] >= 1
+    assert infos[-1]["collisions"][2] == 0
+    # Both pay for it, and nobody is pushed or driven through.
+    assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
+    first, second = (member.state.pose for member in env.members[:2])
+    assert tuple(second) == start[1]
+    assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
+
+
+def test_area_counts_once_whoever_sees_it():
+    start = ((1.0, 2.0, 0.0), (1.5, 2.0, 0.0))
+    env = ExploreTeamEnv(world=hall(3.0, 4.0), physics="kinematic", start=start, slam="truth", target_coverage=1.0)
+    _, info = env.reset(seed=0)
+    total = sum(step[4]["rewards"]["explored"] for step in still(env, 10))
+    single = ExploreEnv(world=hall(3.0, 4.0), physics="kinematic", start=start[0], slam="truth")
+    _, alone = single.reset(seed=0)
+    assert alone["explored_area"] <= info["explored_area"] <= env.coverage.area.area
+    assert info["explored_area"] + total == pytest.approx(env.coverage.explored_area)
+
+
+def test_each_robot_keeps_its_own_pose_by_the_shared_map():
+    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", num_robots=3, start="spawn")
+    env.reset(seed=2)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        action = rng.uniform((-0.2, -0.6), (0.8, 0.6), (3, 2)).astype(np.float32)
+        for _ in range(10):
+            _, _, _, _, info = env.step(action)
+    assert info["pose_error"].shape == (3, 2)
+    assert (info["pose_error"][:, 0] < 0.1).all()
+    assert (info["pose_error"][:, 1] < 0.03).all()
+    assert (info["path_length"] > 0.5).all()
+
+
+def test_the_docstring_tells_each_space_as_it_is():
+    rows = {line.split("`")[1]: line for line in ExploreTeamEnv.__doc__.splitlines() if line.strip().startswith("| `")}
+    env = ExploreTeamEnv(**QUICK, num_robots=3)
+    for key, space in env.observation_space.spaces.items():
+        names = {360: "num_beams", 2: "num_robots - 1"}
+        shape = ", ".join(["num_robots", *(names.get(size, str(size)) for size in space.shape[1:])])
+        assert f"`Box({space.low.min():g}, {space.high.max():g}, ({shape}), {space.dtype})`" in rows[key]
+
+
+def test_starts_keep_clear_of_what_moves():
+    world = replace(hall(3.0, 3.0), movers=(Mover(0.4, np.array([[2.0, 1.5], [2.0, 2.0]]), 0.2),))
+    area, first = explorable_area(world, BURGER, 0.05), Pose2D(0.5, 1.5, 0.0)
+    for seed in range(5):
+        starts = draw_starts(area, world, BURGER, first, 4, np.random.default_rng(seed))
+        assert starts[0] == first
+        assert min(math.dist((2.0, 1.5), pose[:2]) for pose in starts) > 0.4 + BURGER.radius
