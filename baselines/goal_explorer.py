@@ -83,13 +83,17 @@ class GoalExplorer(ABC):
             raise RuntimeError("call reset before act")
         if self._end_reason is not None:
             return np.zeros(2, dtype=np.float32)
-        navigator.sense(observation)
+        self._sense(navigator, observation)
         self._still_time = self._dwell.update(belief.pose) * self._period
         self._countdown -= 1
         if not navigator.is_busy and (navigator.status is not Status.DRIVING or self._countdown <= 0):
             self._countdown = self._decision_steps
             self._consider(navigator, belief)
         return navigator.act(observation, belief)
+
+    def _sense(self, navigator: Navigator, observation: dict[str, np.ndarray]) -> None:
+        """Let the navigator take in the obstacles around the robot."""
+        navigator.sense(observation)
 
     def _consider(self, navigator: Navigator, belief: Belief) -> None:
         """Keep the goal if it is worth it, otherwise choose another one."""

@@ -16,6 +16,9 @@ from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import Belief
 
+NO_POINTS = np.empty((0, 2))
+"""No obstacles."""
+
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParams:
@@ -87,7 +90,8 @@ class Navigator:
         """How small the robot is in the plans of its goal; see `survey`."""
         self._goal_tolerance = min(params.goal_tolerance * robot.radius, 0.2)
         self._memory = ObstacleMemory(robot, control_period)
-        self._obstacles = np.empty((0, 2))
+        self._obstacles = NO_POINTS
+        self._num_standing = 0
         self._follower = PathFollower(robot, control_period)
         self._maneuvers = Maneuvers(robot, control_period, rng)
         self._view: tuple[float, float] | None = None
@@ -121,8 +125,9 @@ class Navigator:
             tightness: 0 for the padded footprint, up to `max_tightness` for the smallest.
         """
         params = self._costmap_params[tightness]
-        near = (self._obstacles**2).sum(axis=1) < self._params.marking_range**2
-        return Survey(belief, params, self._obstacles[near])
+        standing = self._obstacles[: self._num_standing]
+        near = (standing**2).sum(axis=1) < self._params.marking_range**2
+        return Survey(belief, params, standing[near])
 
     @property
     def is_busy(self) -> bool:
@@ -154,6 +159,7 @@ class Navigator:
         """
         if not is_change:
             self._start_over()
+        self._maneuvers.clear()
         self.goal = goal
         self.status = Status.DRIVING
         self._view = view
@@ -169,9 +175,24 @@ class Navigator:
         self._follower.set_path(path)
         return True
 
-    def sense(self, observation: dict[str, np.ndarray]) -> None:
-        """Take in the obstacles of an observation; to be called once with each, before the others are asked."""
-        self._obstacles = self._memory.update(observation["scan"], observation["motion"])
+    def sense(
+        self, observation: dict[str, np.ndarray], standing: np.ndarray = NO_POINTS, passing: np.ndarray = NO_POINTS
+    ) -> None:
+        """Take in the obstacles of an observation; to be called once with each, before the others are asked.
+
+        Args:
+            observation: with `scan` and `motion`.
+            standing: shape (n, 2), more obstacles, base frame [m].
+            passing: shape (n, 2), obstacles that plans need not lead around, because they will be gone [m].
+        """
+        seen = self._memory.update(observation["scan"], observation["motion"])
+        self._num_standing = len(seen) + len(standing)
+        self._obstacles = np.concatenate([seen, standing, passing]) if len(standing) + len(passing) else seen
+
+    def wait(self) -> None:
+        """Give up the goal and whatever else was to be done, and stand still."""
+        self._maneuvers.clear()
+        self.goal, self.status = None, Status.IDLE
 
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action, shape (2,), float32, that brings the robot nearer to its goal; updates `status`."""

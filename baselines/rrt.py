@@ -21,7 +21,7 @@ import numpy as np
 
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.navigator import Navigator
-from baselines.rrt_assigner import assign
+from baselines.rrt_assigner import NOBODY, assign
 from baselines.rrt_detector import RrtDetector, RrtParams
 from baselines.rrt_goals import goals_of
 from baselines.rrt_trees import Tree
@@ -70,8 +70,22 @@ class RrtExplorer(GoalExplorer):
             self._end_reason = None
 
     def _choose(self, survey: Survey) -> Goal | None:
-        if survey.field is None:
+        places, frontiers = self._open_goals(survey)
+        best = self._assigned(survey, places, frontiers) if len(places) else NOBODY
+        if best == NOBODY:
             return None
+        (row, col), (x, y) = places[best], frontiers[best]
+        return Goal((int(row), int(col)), (float(x), float(y)))
+
+    def _open_goals(self, survey: Survey) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the robot may go; places that it failed to get to only if there is nothing else.
+
+        Returns:
+            Shape (n, 2), int64, places (row, column), and shape (n, 2), float64, the frontiers to see from there (x, y),
+            map frame [m].
+        """
+        if survey.field is None:
+            return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
         params = self._params
         places, cells = goals_of(
             survey,
@@ -82,17 +96,13 @@ class RrtExplorer(GoalExplorer):
         )
         frontiers = survey.grid.centers(cells)
         failures = self._count_failures(frontiers)
-        # Places that the robot failed to get to come last.
-        for allowed_failures in (0, MAX_FAILURES - 1):
-            is_open = failures <= allowed_failures
-            if is_open.any():
-                best = np.flatnonzero(is_open)[self._assigned(survey, places[is_open], frontiers[is_open])]
-                (row, col), (x, y) = places[best], frontiers[best]
-                return Goal((int(row), int(col)), (float(x), float(y)))
-        return None
+        is_open = failures == 0
+        if not is_open.any():
+            is_open = failures < MAX_FAILURES
+        return places[is_open], frontiers[is_open]
 
     def _assigned(self, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
-        """Return the index of the frontier (x, y) [m] of the greatest revenue, seen from its place (row, column)."""
+        """Return the index of the frontier of the greatest revenue; `NOBODY` for none; see `_open_goals`."""
         assert survey.field is not None
         params = self._params
         chosen = assign(

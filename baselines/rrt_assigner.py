@@ -10,6 +10,8 @@ from envs.geometry import OccupancyGrid
 
 NOBODY = -1
 """In place of a point, for a robot that gets none."""
+NONE_TAKEN = np.empty((0, 2))
+"""No other robot is on its way to a point."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,6 +51,7 @@ def assign(
     info_multiplier: float,
     hysteresis_radius: float,
     hysteresis_gain: float,
+    taken: np.ndarray = NONE_TAKEN,
 ) -> np.ndarray:
     """Share points out: again and again the robot and the point of the greatest revenue, until either is used up.
 
@@ -64,6 +67,7 @@ def assign(
         info_multiplier: lambda, what a gain is worth in way [1/m].
         hysteresis_radius: distance up to which h = `hysteresis_gain`, and beyond which h = 1 [m].
         hysteresis_gain: greater than 1, so that a robot finishes what is around it first.
+        taken: shape (k, 2), float64, points that other robots are on their way to already, map frame [m].
 
     Returns:
         Shape (n,), int64: index of each robot's point; `NOBODY` where there is none left that it can get to.
@@ -75,6 +79,8 @@ def assign(
         raise ValueError(f"costs must have the shape {(len(robots), len(points))} (robots, points), got {costs.shape}")
     chosen = np.full(len(robots), NOBODY, dtype=np.int64)
     gains = information_gain(grid, points, info_radius)
+    for point in taken:
+        gains = gains - _shared_gain(grid, points, point, info_radius)
     gaps = robots[:, None] - points[None]
     is_near = np.hypot(gaps[..., 0], gaps[..., 1]) <= hysteresis_radius
     factors = info_multiplier * np.where(is_near, hysteresis_gain, 1.0)

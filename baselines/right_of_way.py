@@ -1,0 +1,72 @@
+"""Where robots that share a place are in each other's way, and where one lets another pass."""
+
+import math
+
+import numpy as np
+
+from baselines.survey import Survey
+from envs.geometry import Pose2D
+from envs.navigation.costmap import squared_distances
+
+SIDE_GAP = 0.15
+"""Gap between the footprints of a robot that passes and of one that has given way [m]."""
+OUTLINE_POINTS = 16
+"""Points that stand for the outline of a mate."""
+
+
+def outline(pose: Pose2D, mate: Pose2D, radius: float) -> np.ndarray:
+    """Return the footprint of a mate as obstacles around a robot.
+
+    Args:
+        pose: of the robot, map frame.
+        mate: of the other one.
+        radius: of its footprint [m].
+
+    Returns:
+        Shape (16, 2), float64, base frame of the robot [m].
+    """
+    away = pose.between(mate)
+    angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
+    return np.array(away[:2]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
+    """Tell whether a place lies within `gap` [m] of the first `reach` metres of a path.
+
+    Args:
+        position: the place (x, y), map frame [m].
+        path: shape (n, 2), map frame [m].
+        gap: distance from the path [m].
+        reach: how much of the path counts [m].
+    """
+    if len(path) == 0:
+        return False
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    return bool(np.hypot(*(path[along <= reach] - position).T).min() < gap)
+
+
+def find_refuge(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, int] | None:
+    """Find where a robot lets another one pass.
+
+    Args:
+        survey: what the one that gives way sees; the other one is an obstacle in it.
+        path: shape (n, 2), n > 0, the way of the other, from where it is, map frame [m].
+        radius: of either footprint [m].
+
+    Returns:
+        The cheapest cell (row, column) to get to that lies off the way; None if there is none.
+    """
+    if survey.field is None:
+        return None
+    grid = survey.grid
+    cells = grid.cells(path)
+    cells = cells[grid.contains(cells)]
+    on_path = np.zeros(grid.data.shape, dtype=np.bool_)
+    on_path[cells[:, 0], cells[:, 1]] = True
+    reach = math.ceil((2.0 * radius + SIDE_GAP) / grid.resolution)
+    off_path = np.argwhere(squared_distances(on_path, reach) > reach**2)
+    costs = survey.field.cost(off_path)
+    if len(costs) == 0 or math.isinf(costs.min()):
+        return None
+    row, col = off_path[np.argmin(costs)]
+    return int(row), int(col)
