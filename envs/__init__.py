@@ -6,7 +6,11 @@ Importing this package registers the environments under the namespace `lidarnaut
 import gymnasium
 
 _ENTRY_POINT = "envs.explore:ExploreEnv"
-_VECTOR_ENTRY_POINT = "envs.explore_vector:ExploreVectorEnv"
+_FRONTIERS_ENTRY_POINT = "envs.explore_frontiers:ExploreFrontiersEnv"
+_VECTOR_ENTRY_POINTS = {
+    _ENTRY_POINT: "envs.explore_vector:ExploreVectorEnv",
+    _FRONTIERS_ENTRY_POINT: "envs.explore_frontiers_vector:ExploreFrontiersVectorEnv",
+}
 
 _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/Explore-v0": (_ENTRY_POINT, {}),
@@ -17,6 +21,7 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/ExploreMaze-v0": (_ENTRY_POINT, {"world": "maze"}),
     "lidarnaut/ExploreAisles-v0": (_ENTRY_POINT, {"world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (_ENTRY_POINT, {"world": "caves"}),
+    "lidarnaut/ExploreFrontiers-v0": (_FRONTIERS_ENTRY_POINT, {}),
     "lidarnaut/ExploreTeam-v0": ("envs.explore_team:ExploreTeamEnv", {}),
     "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
     "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),
@@ -24,5 +29,5 @@ _TABLE: dict[str, tuple[str, dict[str, object]]] = {
 
 for _id, (_entry_point, _kwargs) in _TABLE.items():
     if _id not in gymnasium.registry:
-        _vector = _VECTOR_ENTRY_POINT if _entry_point == _ENTRY_POINT else None
+        _vector = _VECTOR_ENTRY_POINTS.get(_entry_point)
         gymnasium.register(id=_id, entry_point=_entry_point, vector_entry_point=_vector, kwargs=_kwargs)

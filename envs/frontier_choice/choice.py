@@ -1,0 +1,256 @@
+"""One robot's choice between frontiers: what there is to choose from, the drive to what was chosen, what came of it."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from envs.frontier_choice.features import FEATURES, describe
+from envs.frontier_choice.params import PilotParams, SurveyParams
+from envs.frontier_choice.pilot import (
+    ARRIVED,
+    FAILED,
+    GONE,
+    LOOKED,
+    PILOT,
+    REPLAN,
+    TIME_UP,
+    PilotNumbers,
+    frontier_near,
+    look_around,
+    sense,
+    set_out,
+)
+from envs.frontier_choice.survey import find_candidates, plan_again, tables_of, write_path
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
+from envs.navigation.paths import SHORTCUT
+from envs.robots import RobotParams
+
+MAX_POINTS = 1024
+"""Points of a path; the rest of a longer one is left to the next plan."""
+OVER, RESET = -1, -2
+"""What a drive returns when the episode has ended; and in place of a drive's end after a reset."""
+OUTCOMES = {
+    ARRIVED: "arrived",
+    GONE: "frontier_gone",
+    FAILED: "failed",
+    TIME_UP: "time_up",
+    LOOKED: "looked_around",
+    OVER: "episode_end",
+    RESET: "reset",
+}
+"""How a drive ends, by what `judge` says; `OVER` and `RESET`."""
+
+
+class Body(Protocol):
+    """A robot that drives as its pilot says."""
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map that it believes in."""
+        ...
+
+    @property
+    def pose(self) -> Pose2D:
+        """Where it believes to be, map frame."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Time since the reset [s]."""
+        ...
+
+    def drive(self) -> int:
+        """Drive until `judge` says something, and return that, or `OVER` where the episode has ended."""
+        ...
+
+
+class FrontierChoice:
+    """Offers frontiers, and has a drive carried out to the one that is chosen.
+
+    It sees what the robot believes and senses, never the truth. Single environments and lanes use it alike: they give
+    it a function that drives until `judge` says something.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        period: float,
+        resolution: float,
+        directions: np.ndarray,
+        *,
+        max_candidates: int,
+        max_time: float,
+        survey: SurveyParams = SurveyParams(),
+        pilot: PilotParams = PilotParams(),
+    ) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: the robot.
+            period: time between two control steps [s].
+            resolution: side of a map cell [m].
+            directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
+            max_candidates: how many frontiers are offered at most.
+            max_time: longest drive [s].
+            survey: what is offered.
+            pilot: how the drives go.
+        """
+        self._params = survey
+        self._pilot_params = pilot
+        self._resolution = resolution
+        self._tables = tables_of(survey, robot, resolution)
+        self._look_radius = min(pilot.look_radius * robot.radius, 0.75)
+        self._max_candidates = max_candidates
+        self.directions = directions
+        self.numbers = PilotNumbers.of(robot, period, max_time, pilot)
+        self.pilot = np.zeros(1, dtype=PILOT)
+        """The record of type `PILOT`."""
+        self.path = np.empty((MAX_POINTS, 2))
+        """Shape (n, 2), float64, map frame [m]: the path; `num_points` of the record say how much of it counts."""
+        self.obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams, 2))
+        """Shape (n, 2), float64, base frame [m], see `sense`."""
+        self.features = np.zeros((max_candidates, len(FEATURES)), dtype=np.float32)
+        """Shape (max_candidates, 10), float32: of the candidates, 0 in empty slots."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.pilot[:] = 0
+        self.pilot["side"] = 1.0
+        self.pilot["stall_steps"] = self.pilot["stuck_steps"] = -1
+        self.pilot["forward"] = 1
+        self.places = np.empty((0, 4))
+        """Shape (k, 4), float64, map frame [m]: where to stand (x, y) and what to see from there, of each candidate."""
+        self.features[:] = 0.0
+        self.block = self._tables[0].block
+        """Side of a planning cell [map cells]."""
+        self.given_up = np.empty((0, 2))
+        """Shape (m, 2), float64: frontier cells that do not count any more, nor do their neighbours, map frame [m]."""
+        self._seen = np.empty((0, 3))
+        self._failures = np.empty((0, 2))
+        self._chosen = (math.inf, math.inf)
+        self._planning = self._tables[0]
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Shape (max_candidates,), int8: 1 where there is a candidate."""
+        return (np.arange(self._max_candidates) < len(self.places)).astype(np.int8)
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        first, last = self.pilot["index"][0], self.pilot["num_points"][0]
+        return self.path[first:last] if self.pilot["has_goal"][0] else None
+
+    def valid(self, action: int) -> int:
+        """Return an action, or in place of one that has no candidate the last that has; -1 without any."""
+        return min(action, len(self.places) - 1)
+
+    def sense(self, ranges: np.ndarray, v: float, w: float, bumper: bool) -> None:
+        """Take in a scan outside of drives; see `sense`."""
+        sense(self.pilot[0], self.obstacles, ranges, self.directions, v, w, bumper, self.numbers)
+
+    def survey(self, body: Body) -> None:
+        """Find the candidates; the next tables, and shorter frontiers, only count where nothing else can be reached."""
+        grid, pose = body.grid, body.pose
+        around = self.obstacles[: self.pilot["num_obstacles"][0]]
+        where = (grid.data, grid.resolution, *grid.origin, *pose, around, self.given_up)
+        for tables in self._tables:
+            side = tables.block * grid.resolution
+            lengths = tuple(max(1, round(length / side)) for length in self._params.min_lengths)
+            self._found, *self._field = find_candidates(*where, lengths, self._max_candidates, tables)
+            if len(self._found):
+                break
+        self._planning, self.block = tables, tables.block
+        top, left = self._field[3:]
+        scales = (math.pi * tables.gain_radius**2, float(tables.inflation), float(self._pilot_params.max_failures))
+        self.places, self._seen = describe(
+            self._found,
+            top,
+            left,
+            *grid.origin,
+            side,
+            tuple(pose),
+            body.time,
+            self._seen,
+            self._failures,
+            self._chosen,
+            self._pilot_params.retry_radius,
+            scales,
+            self.features,
+        )
+
+    def decide(self, action: int, body: Body) -> int:
+        """Drive to a candidate, and find the next ones; where there is none, look around once before giving up.
+
+        Args:
+            action: a valid one.
+            body: what drives.
+
+        Returns:
+            How the drive ended: one of `OUTCOMES`.
+        """
+        code = LOOKED
+        if len(self.places):
+            self._set_out(action, body.grid)
+            code = self._finish(body)
+            self.survey(body)
+        if not len(self.places) and code != OVER:
+            look_around(self.pilot[0], self.numbers)
+            looked = body.drive()
+            code = OVER if looked == OVER else code
+            self.survey(body)
+        return code
+
+    def _finish(self, body: Body) -> int:
+        """Drive until there is something to learn from it, and return that."""
+        grid = body.grid
+        code = body.drive()
+        while code == REPLAN and self._replan(body):
+            code = body.drive()
+        if code == REPLAN:
+            code = FAILED
+        if code == FAILED:
+            self._fail(grid)
+        elif code == ARRIVED:
+            x, y, _ = body.pose
+            goal = self.pilot[0]
+            gap = math.hypot(goal["frontier_x"] - x, goal["frontier_y"] - y)
+            self._give_up(grid, (x, y), gap + self._look_radius)
+        return code
+
+    def _set_out(self, action: int, grid: OccupancyGrid) -> None:
+        tables = self._planning
+        side = tables.block * grid.resolution
+        costs, travel, came_by, top, left = self._field
+        row, col = self._found[action, :2].astype(np.int64)
+        corner = grid.origin[0] + left * side, grid.origin[1] + top * side
+        reach = max(2, round(SHORTCUT / side))
+        num_points = write_path(costs, travel, came_by, row, col, tables.weights, reach, *corner, side, self.path)
+        set_out(self.pilot[0], num_points, *self.places[action])
+        self._chosen = tuple(self.places[action, 2:].tolist())
+
+    def _replan(self, body: Body) -> bool:
+        """Plan the way to the goal anew; False if there is none any more."""
+        grid, tables, goal = body.grid, self._planning, self.pilot[0]
+        reach = max(2, round(SHORTCUT / (tables.block * grid.resolution)))
+        around = self.obstacles[: goal["num_obstacles"]]
+        where = (grid.data, grid.resolution, *grid.origin, *body.pose, around, goal["goal_x"], goal["goal_y"])
+        num_points = plan_again(*where, self.numbers.goal_tolerance, reach, tables, self.path)
+        goal["num_points"], goal["index"] = num_points, 0
+        return num_points > 0
+
+    def _fail(self, grid: OccupancyGrid) -> None:
+        """Take note that the robot did not get to where it should look at a frontier."""
+        x, y = self.pilot["frontier_x"][0], self.pilot["frontier_y"][0]
+        self._failures = np.vstack([self._failures, (x, y)])
+        near = np.hypot(*(self._failures - (x, y)).T) <= self._pilot_params.retry_radius
+        if np.count_nonzero(near) >= self._pilot_params.max_failures:
+            self._give_up(grid, (x, y), self._look_radius)
+
+    def _give_up(self, grid: OccupancyGrid, place: tuple[float, float], radius: float) -> None:
+        """Leave the frontier cells within `radius` [m] of a place, map frame [m], out from now on."""
+        frame = (grid.data, *grid.origin, grid.resolution, self.block)
+        self.given_up = np.vstack([self.given_up, frontier_near(*frame, *place, radius, self.given_up)])

@@ -1,0 +1,225 @@
+import itertools
+import json
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+import envs  # noqa: F401
+from envs.explore import ExploreEnv
+from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.frontier_choice import FEATURES
+from envs.rewards import RewardWeights
+
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
+GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
+HALF_COST = 5.0
+INFO_KEYS = {
+    *("explored_fraction", "explored_area", "pose_error", "path_length", "collisions", "time", "rewards", "is_success"),
+    *("action_mask", "action", "outcome", "decision_time", "decision_length", "decision_steps", "area_left"),
+}
+MOST_STEPS = 20 + 4 * 12
+"""Control steps of a decision of 4 s at 5 Hz, and those of as many manoeuvres as a robot makes before it gives up."""
+
+
+def nearest(observation):
+    """Take the candidate with the cheapest way; those that failed come last."""
+    features, mask = observation["candidates"], observation["action_mask"] == 1
+    return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
+
+
+def worthiest(observation):
+    """Take the candidate with the greatest gain over cost; those that failed come last."""
+    features, mask = observation["candidates"], observation["action_mask"] == 1
+    cost = HALF_COST * features[:, COST] / (1.0 - features[:, COST])
+    utility = (features[:, GAIN] + 0.1) / (cost + 2.0) - 10.0 * (features[:, FAILURES] > 0)
+    return np.int64(np.where(mask, utility, -np.inf).argmax())
+
+
+def rollout(env, seed, steps, rule=nearest):
+    """Decide by a rule; return everything that comes out."""
+    out = [env.reset(seed=seed)]
+    for _ in range(steps):
+        out.append(env.step(rule(out[-1][0])))
+        if out[-1][2] or out[-1][3]:
+            break
+    return out
+
+
+def test_both_checkers_have_no_warning():
+    from stable_baselines3.common.env_checker import check_env as check_sb3
+
+    env = gymnasium.make("lidarnaut/ExploreFrontiers-v0", **QUICK, time_limit=30.0, render_mode="rgb_array").unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env)
+        # One row per candidate: policies of stable-baselines3 flatten what is not an image anyway.
+        warnings.filterwarnings("ignore", ".*observation candidates has an unconventional shape.*")
+        check_sb3(env, warn=True)
+    env.close()
+
+
+@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def test_same_seed_same_bytes(physics):
+    arguments = {**QUICK, "physics": physics, "time_limit": 20.0}
+    env, other = ExploreFrontiersEnv(**arguments), ExploreFrontiersEnv(**arguments)
+    first = rollout(env, 7, 6)
+    assert same(first, rollout(env, 7, 6))
+    assert same(first, rollout(other, 7, 6))
+    assert not same(first, rollout(other, 9, 6))
+    env.close()
+    other.close()
+
+
+def test_pickling_and_spec_json():
+    env = gymnasium.make("lidarnaut/ExploreFrontiers-v0", **QUICK)
+    spec = gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json())
+    assert json.loads(env.spec.to_json())["id"] == "lidarnaut/ExploreFrontiers-v0"
+    rollout(env, 1, 3)
+    twins = [gymnasium.make(spec), pickle.loads(pickle.dumps(env))]
+    expected = rollout(env, 4, 5)
+    for twin in twins:
+        assert same(expected, rollout(twin, 4, 5))
+
+
+def test_a_pickled_environment_goes_on_where_it_was():
+    env = ExploreFrontiersEnv(**QUICK)
+    last = rollout(env, 1, 3)[-1][0]
+    twin = pickle.loads(pickle.dumps(env))
+    assert same(env.step(nearest(last)), twin.step(nearest(last)))
+
+
+def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
+    env = ExploreFrontiersEnv(**QUICK)
+    for observation, *_, info in rollout(env, 2, 12):
+        assert observation in env.observation_space
+        mask = observation["action_mask"]
+        assert mask.dtype == info["action_mask"].dtype == np.int8
+        np.testing.assert_array_equal(mask, info["action_mask"])
+        assert (observation["candidates"][mask == 0] == 0.0).all()
+        costs = observation["candidates"][mask == 1, COST]
+        assert (np.diff(costs) >= 0.0).all()
+        assert ((costs >= 0.0) & (costs < 1.0)).all()
+        # Candidates fill the first slots.
+        assert (np.diff(mask) <= 0).all()
+    np.testing.assert_array_equal(env.action_masks(), mask == 1)
+    assert env.action_masks().dtype == np.bool_
+
+
+def test_features_vary_and_observations_share_no_memory():
+    env = ExploreFrontiersEnv(**{**QUICK, "world_size": (10.0, 10.0)})
+    observations = [step[0] for step in rollout(env, 1, 60)]
+    for before, after in itertools.pairwise(observations):
+        assert not any(np.shares_memory(before[key], after[key]) for key in before)
+    candidates = np.concatenate([each["candidates"][each["action_mask"] == 1] for each in observations])
+    assert (np.delete(candidates, FAILURES, axis=1).std(axis=0) > 0.0).all()
+
+
+def test_an_action_without_a_candidate_takes_the_last_one():
+    env, other = ExploreFrontiersEnv(**QUICK), ExploreFrontiersEnv(**QUICK)
+    observation, _ = env.reset(seed=3)
+    other.reset(seed=3)
+    count = int(observation["action_mask"].sum())
+    assert 1 <= count < env.action_space.n
+    forced, chosen = env.step(env.action_space.n - 1), other.step(count - 1)
+    assert forced[4]["action"] == count - 1
+    assert same(forced, chosen)
+
+
+@pytest.mark.parametrize("action", [-1, 24, 1.0, np.array([1]), None])
+def test_bad_actions_are_refused(action):
+    env = ExploreFrontiersEnv(**QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(action)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "culprit"),
+    [
+        ({"max_candidates": 0}, "max_candidates"),
+        ({"max_decision_time": 0.0}, "max_decision_time"),
+        ({"control_hz": -1.0}, "control_hz"),
+        ({"world": "atlantis"}, "atlantis"),
+        ({"reward": {"explred": 1.0}}, "explred"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        ExploreFrontiersEnv(**{**QUICK, **arguments})
+    with pytest.raises(TypeError, match="max_candidate"):
+        ExploreFrontiersEnv(max_candidate=3)
+
+
+def test_rewards_are_those_of_the_control_steps(monkeypatch):
+    env = ExploreFrontiersEnv(**QUICK, reward={"collision": -1.0})
+    observation, info = env.reset(seed=5)
+    assert set(info) == INFO_KEYS
+    taken = []
+    step = ExploreEnv.step
+
+    def spy(explore, action):
+        taken.append(step(explore, action))
+        return taken[-1]
+
+    monkeypatch.setattr(ExploreEnv, "step", spy)
+    for _ in range(8):
+        taken.clear()
+        before = info
+        observation, reward, _, _, info = env.step(nearest(observation))
+        assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
+        assert reward == pytest.approx(sum(each[1] for each in taken))
+        for name in RewardWeights.names():
+            assert info["rewards"][name] == pytest.approx(sum(each[4]["rewards"][name] for each in taken))
+        assert info["decision_steps"] == len(taken) <= MOST_STEPS
+        assert info["decision_time"] == pytest.approx(info["time"] - before["time"]) == pytest.approx(0.2 * len(taken))
+        assert info["decision_length"] == pytest.approx(info["path_length"] - before["path_length"])
+        assert info["area_left"] == pytest.approx(
+            info["explored_area"] / info["explored_fraction"] - info["explored_area"]
+        )
+
+
+def test_reaching_the_target_terminates():
+    env = ExploreFrontiersEnv(**QUICK, target_coverage=0.5)
+    *_, (_, _, terminated, truncated, info) = rollout(env, 0, 100)
+    assert (terminated, truncated, info["end_reason"]) == (True, False, "covered")
+    assert info["is_success"]
+    assert info["rewards"]["completed"] == RewardWeights().completed
+
+
+def test_time_up_truncates_within_a_decision():
+    env = ExploreFrontiersEnv(**QUICK, time_limit=9.0)
+    *_, (_, _, terminated, truncated, info) = rollout(env, 0, 100)
+    assert terminated is False
+    assert truncated is True
+    assert (info["end_reason"], info["outcome"]) == ("time_limit", "episode_end")
+    assert info["time"] == pytest.approx(9.0)
+    assert 0.0 < info["map_iou"] <= 1.0
+
+
+def test_nothing_left_to_reach_terminates():
+    # With a target that nobody reaches, frontiers run out sooner or later.
+    env = ExploreFrontiersEnv(**QUICK, target_coverage=1.0)
+    out = rollout(env, 0, 1000)
+    observation, _, terminated, truncated, info = out[-1]
+    assert (terminated, truncated, info["end_reason"]) == (True, False, "no_reachable_frontier")
+    assert not observation["action_mask"].any()
+    assert info["explored_fraction"] > 0.97
+    assert 0.0 < info["area_left"] < 1.0
+    assert "map_iou" in info
+
+
+@pytest.mark.parametrize("rule", [nearest, worthiest])
+@pytest.mark.parametrize(
+    ("world", "size", "seed"),
+    [("rooms", (10.0, 10.0), 0), ("rooms", (10.0, 10.0), 1), ("turtlebot3_house", None, 0)],
+)
+def test_simple_rules_explore_places(world, size, seed, rule):
+    env = ExploreFrontiersEnv(world=world, world_size=size, physics="kinematic")
+    *_, (_, _, _, _, info) = rollout(env, seed, 2000, rule)
+    assert info["explored_fraction"] >= 0.95
+    assert info["collisions"] == 0
