@@ -1,76 +1,83 @@
-"""Compare explorers on the same places with the same seeds."""
+"""Compare explorers on the same places with the same seeds.
 
-import json as json_format
+python evaluate.py --policies nearest tour ppo:runs/RUN --worlds turtlebot3_house rooms --out runs/comparison
+python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs
+
+Run again, the same command goes on where it stopped.
+"""
+
+import argparse
+import json
+import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
-from benchmarks.arena.publish import publish, run_with_progress
-from benchmarks.arena.runner import Evaluation
+from agents.config_files import load_config
+from benchmarks.arena.publish import print_results, publish, run_with_progress
+from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import terminal_table, to_json
+from benchmarks.arena.summary import to_json
 
 
-def evaluate(
-    policies: tuple[str, ...],
-    worlds: tuple[str, ...],
-    out: Path,
-    episodes: int = 10,
-    robot: str | None = None,
-    physics: str = "bullet",
-    slam: str = "tinyslam",
-    time_limit: float | None = None,
-    seed: int = 0,
-    jobs: int = 1,
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-) -> None:
-    """Compare explorers on the same places with the same seeds.
+@dataclass(frozen=True)
+class Command:
+    """What the command line asks for."""
 
-    Writes episodes.csv, summary.json, curves and maps as PNG, and report.html. Run again, it goes on where it stopped.
+    settings: Annotated[Settings, tyro.conf.arg(name="")]
+    """What the evaluation consists of."""
+    out: Path
+    """Folder for the results."""
+    config: Path | None = None
+    """YAML file with settings; those on the command line go before it."""
+    jobs: int = 1
+    """Processes to spread the episodes over. Decision times are cleanest with one per core or fewer."""
+    shard: str | None = None
+    """Run part I of N and publish nothing, as `I/N`; parts may share the folder, also between machines."""
+    ray: str | None = None
+    """Address of a Ray cluster to run the episodes on (needs the extra `ray`)."""
+    report: bool = False
+    """Run nothing; publish what the folder holds."""
+    publish: Path | None = None
+    """Folder of documentation to put the leaderboard into, as `arena.md` and `arena/`."""
+    json: bool = False
+    """Print the summary as JSON, and nothing else, to the standard output."""
 
-    Args:
-        policies: Classic explorers by name (random, nearest, frontier, tour, explore_lite, greedy_gain,
-            next_best_view, wall_follower, rrt), learned ones as ppo:PATH of a run folder or, with a name of your own,
-            LABEL=ppo:PATH.
-        worlds: Library worlds, procedural families (their test split), or paths of world files.
-        out: Folder for the results.
-        episodes: Episodes of each policy in each world.
-        robot: Robot; by default each world's usual one.
-        physics: bullet or kinematic.
-        slam: tinyslam, odometry or truth.
-        time_limit: Length of an episode [s]; by default it grows with the place.
-        seed: Seed of the first episode; the next ones count up.
-        jobs: Processes to spread the episodes over. Decision times are cleanest with one per core or fewer.
-        json: Print the summary as JSON, and nothing else, to the standard output.
-    """
+
+def main(arguments: list[str] | None = None) -> int:
+    """Read the command line, evaluate and publish; return the exit status."""
     messages = Console(stderr=True)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--config", type=Path)
+    file = first.parse_known_args(arguments)[0].config
     try:
-        settings = Settings(policies, worlds, episodes, seed, robot, physics, slam, time_limit)
-        evaluation = Evaluation(settings, out)
+        settings: Any = load_config(file, Settings) if file else tyro.MISSING
+        default = Command(settings, out=tyro.MISSING)
+        command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
+        evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))
+        if not command.report:
+            run_with_progress(evaluation, command.jobs, command.ray, messages)
+        if command.shard:
+            messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
+            return 0
+        summary = publish(evaluation, command=f"python evaluate.py {shlex.join(arguments)}", docs=command.publish)
+    except KeyboardInterrupt:
+        messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
+        return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
         messages.print(f"evaluate.py: {error}", style="red", markup=False, highlight=False)
-        sys.exit(2)
-    try:
-        rows = run_with_progress(evaluation, jobs, messages)
-        summary = publish(rows, settings, out)
-    except KeyboardInterrupt:
-        messages.print(f"Interrupted. The finished episodes are in {out}; the same command goes on from there.")
-        sys.exit(130)
-    except OSError as error:
-        messages.print(f"evaluate.py: {error}; the same command goes on from what is in {out}", style="red")
-        sys.exit(2)
-    if json:
-        print(json_format.dumps(to_json(summary), indent=1))
-        return
-    for world in worlds:
-        Console().print(terminal_table(summary, world))
-    messages.print(
-        f"Interquartile means [95 % intervals]. Report: {out / 'report.html'}", highlight=False, markup=False
-    )
+        return 2
+    if command.json:
+        print(json.dumps(to_json(summary), indent=1))
+    else:
+        print_results(evaluation, summary, messages)
+    return 1 if evaluation.missing() else 0
 
 
 if __name__ == "__main__":
-    tyro.cli(evaluate)
+    sys.exit(main())

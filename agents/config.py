@@ -18,11 +18,13 @@ from pydantic import (
 from envs.rewards import RewardWeights
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
+    """Part of a configuration: immutable, and without room for keys that nobody knows."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
-class EnvironmentConfig(_Section):
+class EnvironmentConfig(Section):
     """Where to learn. The names are those of the environment's arguments, which it documents and checks."""
 
     id: str = "lidarnaut/Explore-v0"
@@ -65,7 +67,7 @@ class EnvironmentConfig(_Section):
         return terms | reward
 
 
-class PPOConfig(_Section):
+class PPOConfig(Section):
     """Proximal policy optimisation, in the terms of stable-baselines3."""
 
     learning_rate: PositiveFloat = 3e-4
@@ -94,7 +96,7 @@ class PPOConfig(_Section):
     """Divergence at which an update stops early; null never."""
 
 
-class NetworkConfig(_Section):
+class NetworkConfig(Section):
     """Size of the network and the first spread of its actions."""
 
     features: PositiveInt = 128
@@ -109,7 +111,7 @@ class NetworkConfig(_Section):
     """First mean of the forward speed, as a fraction of the robot's limit: who stands still discovers little."""
 
 
-class EvaluationConfig(_Section):
+class EvaluationConfig(Section):
     """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
 
     every: PositiveInt = 25_000
@@ -120,7 +122,7 @@ class EvaluationConfig(_Section):
     """Explorers from `baselines` that are measured on the same episodes, once, before training."""
 
 
-class CheckpointConfig(_Section):
+class CheckpointConfig(Section):
     """When the state of the training is saved."""
 
     every: PositiveInt = 20_000
@@ -129,7 +131,7 @@ class CheckpointConfig(_Section):
     """Newest checkpoints that are kept."""
 
 
-class TrainingConfig(_Section):
+class TrainingConfig(Section):
     """An experiment."""
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")

@@ -89,12 +89,12 @@ def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]], t
 
 def _record(run: Path, config: TrainingConfig) -> None:
     versions = {name: version(name) for name in LIBRARIES}
-    versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": _commit()}
+    versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_config(config))
     write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
 
 
-def _commit() -> str:
+def commit() -> str:
     """Return the commit of the checkout that this code lies in, with "+" where it has been changed since."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--dirty=+"]
     try:

@@ -4,7 +4,6 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,13 +14,16 @@ from agents.config import TrainingConfig
 from agents.config_files import load_config
 from baselines.episode import run_episode
 from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.pairs import by_start, case_of
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.publish import publish, run_with_progress
+from benchmarks.arena.ranking import typical_and_worst
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import Summary, terminal_table
-from benchmarks.arena.trace import Trace, trace_path
+from benchmarks.arena.summary import Summary
+from benchmarks.arena.terminal import terminal_table
+from benchmarks.arena.trace import load_curve
 from benchmarks.pictures import Film, save_gif
 from envs.explore import ExploreEnv
 
@@ -78,45 +80,46 @@ def demo(
 
     say(f"2/3 Explore {WORLD} with it, with the classic explorer, and at random: {episodes} episodes each")
     policies = (f"ppo=ppo:{run}", "frontier", "random")
-    settings = Settings(policies, (WORLD,), episodes, physics=physics, time_limit=time_limit)
+    settings = Settings(
+        policies=policies, worlds=(WORLD,), episodes=episodes, physics=(physics,), time_limit=time_limit
+    )
     evaluation = Evaluation(settings, work)
-    rows = run_with_progress(evaluation, jobs, console)
+    run_with_progress(evaluation, jobs, None, console)
+    rows = evaluation.rows()
 
     say("3/3 Film the first episode, and write the report")
-    learned, classic, _ = evaluation.policies
-    seed = _median_seed(rows, learned.name)
+    learned, classic, _ = evaluation.policies.values()
+    median = typical_and_worst(rows, learned.name)[0]
+    seed = median["seed"]
     lead = {
         f"The trained explorer in a place that it has never seen (seed {seed}, its median episode).": _film(
-            settings, learned, seed, work, "exploration.gif"
+            settings, learned, median, work, "exploration.gif"
         ),
-        "The classic explorer from the same start.": _film(settings, classic, seed, work, "exploration_frontier.gif"),
+        "The classic explorer from the same start.": _film(
+            settings, classic, by_start(rows, classic.name)[case_of(median), seed], work, "exploration_frontier.gif"
+        ),
         "How the explorer learned, on worlds of the test split.": (work / "learning_curve.png").read_bytes(),
     }
-    summary = publish(rows, settings, work, title="From an unknown world to a finished map", intro=INTRO, lead=lead)
+    summary = publish(evaluation, title="From an unknown world to a finished map", intro=INTRO, lead=lead)
     console.print(terminal_table(summary, WORLD))
     _replace(folder, work)
     say("Done")
     return _sentence(summary, folder)
 
 
-def _median_seed(rows: Sequence[Row], policy: str) -> int:
-    """Return the seed of a policy's median episode by area under the curve: neither luck nor bad luck."""
-    mine = sorted((row["area_under_curve"], row["seed"]) for row in rows if row["policy"] == policy)
-    return mine[len(mine) // 2][1]
-
-
-def _film(settings: Settings, policy: Policy, seed: int, folder: Path, name: str) -> bytes:
+def _film(settings: Settings, policy: Policy, row: Row, folder: Path, name: str) -> bytes:
     """Run an episode of the evaluation once more, film it for as long as something new is seen, and return the film."""
-    curve = Trace.load(trace_path(folder, policy.name, WORLD, seed)).curve
+    curve = load_curve(folder, row)
+    case, _, _ = next(settings.starts())
     seen_all = float(curve.time[np.argmax(curve.explored_fraction == curve.explored_fraction[-1])])
-    with contextlib.closing(settings.make_env(WORLD, render_mode="rgb_array")) as env:
+    with contextlib.closing(case.make_env(settings.time_limit, render_mode="rgb_array")) as env:
         film = Film(cast(ExploreEnv, env.unwrapped), every=max(seen_all / NUM_FRAMES, 0.1))
 
         def watch(info: dict[str, Any]) -> None:
             if info["time"] <= seen_all:
                 film.shoot(info)
 
-        run_episode(env, policy.make(), seed, watch)
+        run_episode(env, policy.make(), row["seed"], watch)
         film.finish({"explored_fraction": curve.explored_fraction[-1]})
     save_gif(film.frames, folder / name, width=800)
     return (folder / name).read_bytes()

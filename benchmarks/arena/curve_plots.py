@@ -1,4 +1,4 @@
-"""The explored fraction over time and distance, with intervals."""
+"""The explored fraction over time and distance, and performance profiles, with intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from baselines.episode import Curve
-from benchmarks.arena.statistics import curve_band
+from benchmarks.arena.statistics import Band, curve_band, performance_profile
 from benchmarks.arena.theme import LIGHT, Theme, short
 
 NUM_POINTS = 200
@@ -22,19 +22,45 @@ class Bands:
 
     grid: np.ndarray
     """Shape (points,), where the curves were sampled."""
-    by_policy: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
-    """Interquartile mean, and lower and upper end of its interval: shape (points,) each."""
+    by_policy: Mapping[str, Band]
+    """Of each policy, over the grid."""
 
 
-def sample_curves(curves: Mapping[str, Sequence[Curve]], over: Literal["time", "path_length"]) -> Bands:
-    """Average the explored fraction over each policy's episodes; one that has ended keeps its last value."""
-    end = max(float(getattr(curve, over)[-1]) for episodes in curves.values() for curve in episodes)
+def sample_curves(
+    curves: Mapping[str, Sequence[Sequence[Curve]]],
+    over: Literal["time", "path_length"],
+    end: float | None = None,
+) -> Bands:
+    """Average the explored fraction over each policy's episodes; one that has ended keeps its last value.
+
+    Args:
+        curves: by policy and stratum.
+        over: what the curves run over.
+        end: where they stop being looked at; None takes the longest episode's end.
+    """
+    if end is None:
+        end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
     grid = max(end, 1e-3) * np.linspace(0.0, 1.0, NUM_POINTS) ** 2
-    sampled = {
-        policy: np.array([np.interp(grid, getattr(curve, over), curve.explored_fraction) for curve in episodes])
-        for policy, episodes in curves.items()
-    }
-    return Bands(grid, {policy: curve_band(fractions) for policy, fractions in sampled.items()})
+    bands = {}
+    for policy, strata in curves.items():
+        sampled = [
+            np.array([np.interp(grid, getattr(curve, over), curve.explored_fraction) for curve in stratum])
+            for stratum in strata
+        ]
+        bands[policy] = curve_band(sampled)
+    return Bands(grid, bands)
+
+
+def sample_profiles(scores: Mapping[str, Sequence[np.ndarray]], low: float, high: float) -> Bands:
+    """Return which share of each policy's episodes scores above a threshold, for thresholds from low to high.
+
+    Args:
+        scores: by policy and stratum, shape (episodes,) each.
+        low: lowest threshold.
+        high: highest threshold.
+    """
+    grid = np.linspace(low, high, NUM_POINTS)
+    return Bands(grid, {policy: performance_profile(strata, grid) for policy, strata in scores.items()})
 
 
 def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
@@ -45,16 +71,10 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
         quantity: what runs along the x axis.
         theme: colours.
     """
-    figure = Figure(figsize=(4.8, 3.3), dpi=200, layout="constrained", facecolor=theme.paper)
-    axes = figure.subplots()
-    _style(axes, theme)
-    colors = theme.colors(list(bands.by_policy))
+    figure, axes = _figure(theme)
     for mark in (90, 95, 99):
         axes.axhline(mark, color=theme.muted, linewidth=0.6, linestyle=(0, (2, 3)))
-    for policy, band in bands.by_policy.items():
-        middle, low, high = (100.0 * line for line in band)
-        axes.fill_between(bands.grid, low, high, color=colors[policy], alpha=0.18, linewidth=0)
-        axes.plot(bands.grid, middle, color=colors[policy], linewidth=2.0, label=short(policy))
+    _draw_bands(axes, bands, theme)
     end = float(bands.grid[-1])
     # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
     axes.set_xscale("function", functions=(np.sqrt, np.square))
@@ -64,18 +84,56 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
     axes.set_yticks([0, 25, 50, 75, 90, 100])
     axes.set_xlabel(f"{quantity}, square-root scale", color=theme.ink)
     axes.set_ylabel("explored [%]", color=theme.ink)
-    legend = axes.legend(loc="lower right", frameon=False, labelcolor=theme.ink)
-    legend.set_zorder(5)
+    _legend(axes, len(bands.by_policy), theme, "lower right")
     return figure
 
 
-def _style(axes: Axes, theme: Theme) -> None:
+def draw_profiles(bands: Bands, score: str, theme: Theme = LIGHT) -> Figure:
+    """Draw each policy's performance profile, with its 95 % interval as a band.
+
+    Args:
+        bands: the profiles.
+        score: what the thresholds are of.
+        theme: colours.
+    """
+    figure, axes = _figure(theme)
+    _draw_bands(axes, bands, theme)
+    axes.set_xlim(float(bands.grid[0]), float(bands.grid[-1]))
+    axes.set_ylim(0.0, 102.0)
+    axes.set_xlabel(score, color=theme.ink)
+    axes.set_ylabel("share of episodes [%]", color=theme.ink)
+    _legend(axes, len(bands.by_policy), theme, "best")
+    return figure
+
+
+def _figure(theme: Theme) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(4.8, 3.3), dpi=200, layout="constrained", facecolor=theme.paper)
+    axes = figure.subplots()
     axes.set_facecolor(theme.paper)
     axes.tick_params(colors=theme.muted, labelcolor=theme.ink)
     axes.grid(color=theme.muted, alpha=0.25, linewidth=0.6)
     for side, spine in axes.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color(theme.muted)
+    return figure, axes
+
+
+def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
+    """Draw curves as percentages."""
+    colors, dashes = theme.colors(list(bands.by_policy)), theme.dashes(list(bands.by_policy))
+    # So many bands over each other would hide each other.
+    alpha = 0.18 if len(bands.by_policy) <= 4 else 0.09
+    for policy, band in bands.by_policy.items():
+        middle, low, high = (100.0 * line for line in band)
+        axes.fill_between(bands.grid, low, high, color=colors[policy], alpha=alpha, linewidth=0)
+        style = {"color": colors[policy], "linestyle": dashes[policy], "linewidth": 1.8}
+        axes.plot(bands.grid, middle, label=short(policy), **style)
+
+
+def _legend(axes: Axes, num_policies: int, theme: Theme, where: str) -> None:
+    size = 10 if num_policies <= 6 else 7
+    legend = axes.legend(loc=where, frameon=False, labelcolor=theme.ink, fontsize=size, handlelength=2.4)
+    legend.set_zorder(5)
 
 
 def _root_ticks(end: float) -> list[float]:

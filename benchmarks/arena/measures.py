@@ -20,6 +20,8 @@ class Measure:
     """Decimals in tables."""
     scale: float = 1.0
     """Factor from the SI unit of the data to `unit`."""
+    is_share: bool = False
+    """Whether it is 0 or 1, so that its mean is a share."""
     comparable: bool = False
     """Whether the number means the same in every world, so that worlds may be pooled."""
 
@@ -48,6 +50,14 @@ MEASURES = (
     Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE, comparable=True),
     Measure("map_iou", "map IoU", "%", True, 1, 100.0, comparable=True),
     Measure("decision_ms", "decision", "ms", False, 2),
-    Measure("success_rate", "success", "%", True, 0, 100.0, comparable=True),
+    Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True, comparable=True),
 )
-BY_NAME = {measure.name: measure for measure in MEASURES}
+RELATIVE = (
+    Measure("relative_time", "time to 95 %, relative", "", False, 2, comparable=True),
+    Measure("relative_distance", "distance to 95 %, relative", "", False, 2, comparable=True),
+)
+"""Measures as shares of what the reference needed from the same start (`benchmarks.arena.pairs`): seconds and metres in
+a maze and in a warehouse are not of a kind, these are."""
+REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True, comparable=True)
+"""Share of the episodes in which that mark was reached."""
+BY_NAME = {measure.name: measure for measure in (*MEASURES, *RELATIVE, REACHED)}

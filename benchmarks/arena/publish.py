@@ -9,18 +9,42 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.files import write_file
+from benchmarks.arena.leaderboard import (
+    axis_sections,
+    gap_section,
+    missing_section,
+    origin_section,
+    pairs_section,
+    places_section,
+    ranking_section,
+    unfinished_section,
+)
+from benchmarks.arena.overview import curves_section, gallery_section
+from benchmarks.arena.page import Section, write_markdown
+from benchmarks.arena.pairs import common_starts, relate
 from benchmarks.arena.plots import draw_world
-from benchmarks.arena.records import Row
+from benchmarks.arena.ranking import rank
+from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
 from benchmarks.arena.report import build_report
 from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import Summary, summarise, to_json
+from benchmarks.arena.summary import Summary, split, summarise, to_json
+from benchmarks.arena.terminal import ranking_table, terminal_table
 from benchmarks.arena.theme import short
 from benchmarks.arena.trace import load_traces, slug
+from benchmarks.arena.workers import Result
+
+TITLE = "The arena"
+"""Heading of the leaderboard's page."""
+TEXT = (
+    "Explorers meet the same places, from the same starts, with the same noise, and are measured by the truth, which "
+    "no competitor is told. [Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds "
+    "the raw numbers."
+)
+"""Stands at the head of that page."""
 
 
-def run_with_progress(evaluation: Evaluation, jobs: int, console: Console) -> list[Row]:
-    """Run an evaluation behind a progress bar that shows the latest episode."""
+def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> None:
+    """Run an evaluation behind a progress bar that shows the latest episode; say what could not be run."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -32,30 +56,85 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console) -> li
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("episodes", total=evaluation.total, completed=evaluation.done, latest="")
 
-        def on_episode(row: Row) -> None:
-            latest = f"{short(row['policy'])} in {row['world']}: {100 * row['explored_fraction']:.0f} %"
+        def on_result(result: Result) -> None:
+            came = f"{100 * result.row['explored_fraction']:.0f} %" if result.row else "could not be run"
+            latest = f"{short(result.key.policy)} in {result.key.world}: {came}"
             progress.update(task, advance=1, latest=latest)
 
-        return evaluation.run(jobs, on_episode)
+        failures = evaluation.run(jobs, ray, on_result)
+    for failure in failures:
+        key = failure.key
+        where = f"{key.policy} in {key.world} with {key.robot}, {key.physics}, {key.slam}, seed {key.seed}"
+        console.print(f"Could not be run: {where}: {failure.reason}", style="red", markup=False, highlight=False)
 
 
-def publish(rows: Sequence[Row], settings: Settings, folder: Path, **report: Any) -> Summary:
-    """Write `summary.json`, the pictures and `report.html` into the folder of an evaluation.
+def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None, **report: Any) -> Summary:
+    """Write `summary.json`, pictures, leaderboard and `report.html` into the folder of an evaluation.
 
     Args:
-        rows: all episodes.
-        settings: what was run.
-        folder: of the evaluation; holds the traces.
+        evaluation: what the folder holds of it is published.
+        command: that made it, to say so.
+        docs: folder that gets the leaderboard as `arena.md`, and its pictures and the raw rows as `arena/`.
         report: further arguments of `build_report`.
+
+    Raises:
+        ValueError: if the folder holds nothing yet.
     """
-    summary = summarise(rows)
+    rows, folder, settings = evaluation.rows(), evaluation.folder, evaluation.settings
+    if not rows:
+        raise ValueError(f"{folder} holds no episode yet")
+    summary, cases = summarise(rows), split(rows)
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    pictures = {world: draw_world(load_traces(folder, rows, world)) for world in settings.worlds}
-    for world, drawn in pictures.items():
-        write_file(folder / f"curves_{slug(world)}_time.png", drawn.over_time.light)
-        write_file(folder / f"curves_{slug(world)}_distance.png", drawn.over_distance.light)
-        write_file(folder / f"growth_{slug(world)}.png", drawn.growth.light)
+    pictures = {}
+    for case, here in cases.items() if settings.world_sections else ():
+        drawn = pictures[case] = draw_world(load_traces(folder, here))
+        write_file(folder / f"curves_{slug(case)}_time.png", drawn.over_time.light)
+        write_file(folder / f"curves_{slug(case)}_distance.png", drawn.over_distance.light)
+        write_file(folder / f"growth_{slug(case)}.png", drawn.growth.light)
         for policy, picture in drawn.maps.items():
-            write_file(folder / f"map_{slug(world)}_{slug(policy)}.png", picture.light)
-    write_file(folder / "report.html", build_report(rows, settings, pictures, **report))
+            write_file(folder / f"map_{slug(case)}_{slug(policy)}.png", picture.light)
+    sections = _leaderboard(evaluation, rows, command) if len(cases) > 1 or docs else []
+    write_file(folder / "report.html", build_report(rows, settings, pictures, sections, **report))
+    if sections:
+        write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
+    if docs:
+        write_markdown(TITLE, TEXT, sections, docs / "arena.md", docs / "arena")
+        write_rows(docs / "arena" / "episodes.csv", _all_rows(evaluation))
     return summary
+
+
+def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], command: str) -> list[Section]:
+    fair = relate(common_starts(rows))
+    sections = [
+        ranking_section(fair) if fair else None,
+        curves_section(evaluation.folder, fair) if fair else None,
+        gap_section(fair),
+        pairs_section(fair),
+        *axis_sections(_all_rows(evaluation)),
+        places_section(rows),
+        unfinished_section(rows),
+        missing_section(evaluation.missing(), len(rows), len(fair)),
+        gallery_section(evaluation.folder, rows),
+        origin_section(evaluation.settings, json.loads((evaluation.folder / SETTINGS_FILE).read_text()), command),
+    ]
+    return [section for section in sections if section]
+
+
+def _all_rows(evaluation: Evaluation) -> list[Row]:
+    """Return the rows of the evaluation and of its SLAM axis, each once."""
+    return list({key_of(row): row for row in (*evaluation.rows(), *evaluation.slam_axis_rows())}.values())
+
+
+def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
+    """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
+    console, folder = Console(), evaluation.folder
+    cases = list(split(evaluation.rows()))
+    for case in cases if evaluation.settings.world_sections else ():
+        console.print(terminal_table(summary, case))
+    if len(cases) > 1:
+        console.print(ranking_table(rank(relate(common_starts(evaluation.rows())))))
+    if missing := evaluation.missing():
+        messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.")
+    messages.print(
+        f"Interquartile means [95 % intervals]. Report: {folder / 'report.html'}", highlight=False, markup=False
+    )

@@ -1,22 +1,25 @@
-"""The table of an evaluation: a row per episode, written as it ends."""
+"""The tables of an evaluation: a row per episode, written as it ends, and a row per episode that could not be run."""
 
 import csv
 import io
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.files import write_file
+from agents.run_folder import commit
 from baselines.episode import Episode
 from benchmarks.arena.policies import Policy
 
-ROWS_FILE = "episodes.csv"
-"""The rows."""
+ROWS = "episodes"
+"""The rows are in `episodes.csv`, those of a shard in a file of its own, `episodes-<shard>.csv`."""
+FAILURES = "failures"
+"""What could not be run is in `failures.csv` or `failures-<shard>.csv`."""
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
@@ -24,56 +27,84 @@ LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
 """One episode, by the names of `COLUMNS`."""
+Readers = Mapping[str, Callable[[str], Any]]
+"""Columns of a table and how to read their values."""
+
+
+class Key(NamedTuple):
+    """Which episode. The names are columns."""
+
+    policy: str
+    """Policy as given on the command line."""
+    world: str
+    """World as given on the command line."""
+    seed: int
+    """Seed of the episode."""
+    robot: str
+    """Name of the robot."""
+    physics: str
+    """Physics."""
+    slam: str
+    """SLAM in the loop."""
+
 
 _READERS: dict[Any, Callable[[str], Any]] = {float: float, int: int, bool: int, str: str}
 
-COLUMNS: dict[str, Callable[[str], Any]] = {
-    "policy": str,
-    "world": str,
-    "seed": int,
-    "robot": str,
+COLUMNS: Readers = {
+    **{name: _READERS[kind] for name, kind in Key.__annotations__.items()},
     "model": str,
     **{field.name: _READERS[field.type] for field in fields(Episode) if field.name != "curve"},
 }
-"""Columns of the rows and how to read their values: which episode (policy and world as given on the command line, seed,
-robot, fingerprint of a learned policy's weights), then the fields of `Episode`."""
+"""Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
+FAILURE_COLUMNS: Readers = {**{name: _READERS[kind] for name, kind in Key.__annotations__.items()}, "reason": str}
+"""Columns of what could not be run."""
 
 
-def make_row(policy: Policy, world: str, seed: int, robot: str, episode: Episode) -> Row:
+def make_row(policy: Policy, key: Key, episode: Episode) -> Row:
     """Lay out an episode as a row."""
-    row = {"policy": policy.name, "world": world, "seed": seed, "robot": robot, "model": policy.fingerprint[:12]}
+    row = key._asdict() | {"model": policy.fingerprint[:12]}
     return row | {name: COLUMNS[name](getattr(episode, name)) for name in COLUMNS if name not in row}
 
 
-class Records:
-    """The folder of an evaluation. Rows are appended as episodes end, so that a crash loses only those under way."""
+def key_of(row: Row) -> Key:
+    """Return which episode a row is of."""
+    return Key(*(row[name] for name in Key._fields))
 
-    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+
+class Records:
+    """The folder of an evaluation. Rows are appended as episodes end, so that a crash loses only those under way.
+
+    Each shard writes files of its own and reads those of all, so that machines may share a folder.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], shard: str = "") -> None:
         """Open a folder, new or from an evaluation that is to be continued.
 
         Args:
             folder: where.
             settings: what all rows must have in common.
+            shard: name of the part of the evaluation that will be added, such as `1of4`; empty if it is the whole.
 
         Raises:
             ValueError: if the folder holds an evaluation with other settings, or rows that this version cannot read.
         """
         self.folder = folder
-        self._rows: dict[tuple[str, str, int], Row] = {}
         folder.mkdir(parents=True, exist_ok=True)
         self._check_settings(settings)
-        if (folder / ROWS_FILE).exists():
-            self._read(folder / ROWS_FILE)
-        else:
-            self._append(COLUMNS)
+        ending = f"-{shard}.csv" if shard else ".csv"
+        self._rows_file = folder / f"{ROWS}{ending}"
+        self._failures_file = folder / f"{FAILURES}{ending}"
+        _open_table(self._rows_file, COLUMNS)
+        self._rows = {key_of(row): row for row in _read_all(folder, ROWS, COLUMNS)}
+        self._failures = {key_of(row): row["reason"] for row in _read_all(folder, FAILURES, FAILURE_COLUMNS)}
 
-    def find(self, policy: Policy, world: str, seed: int) -> Row | None:
+    def find(self, policy: Policy, key: Key) -> Row | None:
         """Return the row of an episode, or None if it has not been run.
 
         Raises:
             ValueError: if it was run with other weights.
         """
-        row = self._rows.get((policy.name, world, seed))
+        row = self._rows.get(key)
         if row and row["model"] != policy.fingerprint[:12]:
             raise ValueError(
                 f"{self.folder} holds episodes of {policy.name} with other weights (a training has gone on?); "
@@ -81,34 +112,22 @@ class Records:
             )
         return row
 
+    def failure(self, key: Key) -> str | None:
+        """Return why an episode could not be run; None if it was run since, or never tried."""
+        return None if key in self._rows else self._failures.get(key)
+
     def add(self, row: Row) -> None:
         """Append a row and see it to the disk."""
-        self._append(row[name] for name in COLUMNS)
-        self._keep(row)
+        _append(self._rows_file, (row[name] for name in COLUMNS))
+        self._rows[key_of(row)] = row
 
-    def _keep(self, row: Row) -> None:
-        self._rows[row["policy"], row["world"], row["seed"]] = row
-
-    def _append(self, values: Iterable[Any]) -> None:
-        with open(self.folder / ROWS_FILE, "a", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(values)
-            file.flush()
-            os.fsync(file.fileno())
-
-    def _read(self, path: Path) -> None:
-        content = path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        if whole != content:
-            # The process died while it wrote the last line: that episode runs again.
-            os.truncate(path, len(whole))
-        if not whole:
-            self._append(COLUMNS)
+    def add_failure(self, key: Key, reason: str) -> None:
+        """Take note of an episode that could not be run."""
+        if self._failures.get(key) == reason:
             return
-        header, *records = csv.reader(io.StringIO(whole.decode()))
-        if header != list(COLUMNS):
-            raise ValueError(f"{path} has other columns than this version writes; choose another --out")
-        for record in records:
-            self._keep({name: read(value) for (name, read), value in zip(COLUMNS.items(), record, strict=True)})
+        _open_table(self._failures_file, FAILURE_COLUMNS)
+        _append(self._failures_file, (*key, reason))
+        self._failures[key] = reason
 
     def _check_settings(self, settings: dict[str, Any]) -> None:
         path = self.folder / SETTINGS_FILE
@@ -124,5 +143,44 @@ class Records:
                 )
 
 
+def write_rows(path: Path, rows: Iterable[Row]) -> None:
+    """Write rows as one table."""
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([row[name] for name in COLUMNS] for row in rows)
+    write_file(path, table.getvalue())
+
+
+def _open_table(path: Path, columns: Readers) -> None:
+    """Make sure that there is a table to append to: one with its columns at the top and a whole line at the end."""
+    content = path.read_bytes() if path.exists() else b""
+    whole = content[: content.rfind(b"\n") + 1]
+    if whole != content:
+        # The process died while it wrote the last line: that episode runs again.
+        os.truncate(path, len(whole))
+    if not whole:
+        _append(path, columns)
+
+
+def _append(path: Path, values: Iterable[Any]) -> None:
+    with open(path, "a", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(values)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _read_all(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
+    """Yield the rows of all parts of a table. The last line of another machine's part may be under way: it is left."""
+    for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
+        content = path.read_bytes().decode()
+        header, *records = csv.reader(io.StringIO(content[: content.rfind("\n") + 1])) or [[]]
+        if header and header != list(columns):
+            raise ValueError(f"{path} has other columns than this version writes; choose another --out")
+        for record in records:
+            yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
+
+
 def _versions() -> dict[str, str]:
-    return {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
+    versions = {"commit": commit(), "python": platform.python_version()}
+    return versions | {name: version(name) for name in LIBRARIES}

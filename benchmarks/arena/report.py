@@ -1,6 +1,5 @@
 """The report of an evaluation: one HTML file that needs nothing else."""
 
-import base64
 import html
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -9,12 +8,13 @@ from string import Template
 
 import numpy as np
 
-from benchmarks.arena.measures import BY_NAME, MEASURES
-from benchmarks.arena.plots import Picture, WorldPictures
+from benchmarks.arena.measures import MEASURES
+from benchmarks.arena.page import Section, data_url, figure_element, html_table, themed, to_html
+from benchmarks.arena.plots import WorldPictures
 from benchmarks.arena.records import Row
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.summary import COMPARED, Comparison, best_of, compare, pool, summarise, values_of
+from benchmarks.arena.summary import Comparison, best_of, compare, split, summarise
 from benchmarks.arena.theme import DARK, LIGHT, Theme, short
 
 Estimates = Mapping[str, Mapping[str, Estimate]]
@@ -28,6 +28,7 @@ def build_report(
     rows: Sequence[Row],
     settings: Settings,
     pictures: Mapping[str, WorldPictures],
+    leaderboard: Sequence[Section] = (),
     title: str = "How well do they explore?",
     intro: str = "",
     lead: Mapping[str, bytes] = {},
@@ -37,20 +38,20 @@ def build_report(
     Args:
         rows: all episodes.
         settings: what was run.
-        pictures: of each world.
+        pictures: of each case that is to have a section.
+        leaderboard: stands above those.
         title: heading.
         intro: paragraph under the heading.
         lead: further pictures to show above the results: contents of PNG or GIF files by caption.
     """
     summary = summarise(rows)
     policies = list(summary)
-    figures = "".join(_figure(_data_url(content), caption) for caption, content in lead.items())
-    worlds = []
-    for world in settings.worlds:
-        here = [row for row in rows if row["world"] == world]
-        worlds.append(_world(world, here, {policy: summary[policy][world] for policy in policies}, pictures[world]))
-    if len(settings.worlds) > 1:
-        worlds.insert(0, _all_worlds(rows, policies, settings.worlds))
+    figures = "".join(figure_element(data_url(content), caption) for caption, content in lead.items())
+    worlds = [to_html(leaderboard)]
+    for case, here in split(rows).items():
+        if case in pictures:
+            estimates = {policy: summary[policy][case] for policy in policies if case in summary[policy]}
+            worlds.append(_case(case, here, estimates, pictures[case]))
     return Template(_TEMPLATE.read_text()).substitute(
         title=html.escape(title),
         intro=f"<p>{html.escape(intro)}</p>" if intro else "",
@@ -63,40 +64,39 @@ def build_report(
 
 
 def _facts(rows: Sequence[Row], settings: Settings) -> str:
-    robots = ", ".join(dict.fromkeys(row["robot"] for row in rows))
-    last = settings.seed + settings.episodes - 1
+    seeds = [row["seed"] for row in rows]
     facts = {
-        "robot": robots,
-        "physics": settings.physics,
-        "SLAM": settings.slam,
-        "episodes": f"{settings.episodes} per policy and world",
-        "seeds": f"{settings.seed} to {last}",
+        "robot": ", ".join(dict.fromkeys(row["robot"] for row in rows)),
+        "physics": ", ".join(settings.physics),
+        "SLAM": ", ".join(settings.slam),
+        "episodes": str(len(rows)),
+        "seeds": f"{min(seeds)} to {max(seeds)}",
     }
     return "".join(f"<li><span>{name}</span> <b>{html.escape(value)}</b></li>" for name, value in facts.items())
 
 
-def _world(world: str, rows: Sequence[Row], estimates: Estimates, pictures: WorldPictures) -> str:
-    """Return the section of a world, from its rows."""
+def _case(case: str, rows: Sequence[Row], estimates: Estimates, pictures: WorldPictures) -> str:
+    """Return the section of a case, from its rows."""
     seed = rows[0]["seed"]
     first_rows = {row["policy"]: row for row in rows if row["seed"] == seed}
     maps = "".join(
-        _themed(picture, f"{policy}: {_story(first_rows[policy])}") for policy, picture in pictures.maps.items()
+        themed(picture, f"{policy}: {_story(first_rows[policy])}") for policy, picture in pictures.maps.items()
     )
-    return f"""<h2>{html.escape(world)}</h2>
+    return f"""<h2>{html.escape(case)}</h2>
 {_cards(estimates, rows)}
 <h3>Explored over time and distance</h3>
 <div class="pair">
-{_themed(pictures.over_time, "Over time. Bands are 95 % intervals.")}
-{_themed(pictures.over_distance, "Over the distance driven.")}
+{themed(pictures.over_time, "Over time. Bands are 95 % intervals.")}
+{themed(pictures.over_distance, "Over the distance driven.")}
 </div>
 <h3>All measures</h3>
 {_table(estimates)}
 <h3>Pair by pair</h3>
-{_comparison_table(compare(rows, [world]))}
+{_comparison_table(compare(rows))}
 <h3>How the episodes ended</h3>
 {_endings(rows, list(estimates))}
 <h3>How the maps grew (seed {seed})</h3>
-{_themed(pictures.growth, _GROWTH_CAPTION, "wide")}
+{themed(pictures.growth, _GROWTH_CAPTION, "wide")}
 <h3>Final maps (seed {seed})</h3>
 <div class="maps">{maps}</div>
 """
@@ -141,7 +141,7 @@ def _table(estimates: Estimates) -> str:
             for policy, value in row.items()
         )
         lines.append(f"<tr><th>{measure.label} <small class=muted>{measure.unit}</small></th>{cells}</tr>")
-    return _html_table(["", *(_dotted(k, policy) for k, policy in enumerate(estimates))], lines)
+    return html_table(["", *(_dotted(k, policy) for k, policy in enumerate(estimates))], lines)
 
 
 def _comparison_table(comparisons: Sequence[Comparison]) -> str:
@@ -157,7 +157,7 @@ def _comparison_table(comparisons: Sequence[Comparison]) -> str:
             f"<td>{100 * p.iqm:.0f} %<small>{100 * p.low:.0f} to {100 * p.high:.0f}</small></td></tr>"
         )
     reference = html.escape(short(comparisons[0].reference))
-    return _html_table(["", "measure", f"difference to {reference}", f"better than {reference}"], lines)
+    return html_table(["", "measure", f"difference to {reference}", f"better than {reference}"], lines)
 
 
 def _endings(rows: Sequence[Row], policies: Sequence[str]) -> str:
@@ -172,30 +172,7 @@ def _endings(rows: Sequence[Row], policies: Sequence[str]) -> str:
             f"<td>{html.escape(', '.join(f'{reason}: {count}' for reason, count in reasons.most_common()))}</td>"
             f"<td>{f'{np.mean(left):.1f} m²' if left else 'none'}</td></tr>"
         )
-    return _html_table(["", "episodes", "left unexplored, on average, when not covered"], lines)
-
-
-def _all_worlds(rows: Sequence[Row], policies: Sequence[str], worlds: Sequence[str]) -> str:
-    """Return the section over all worlds, with the measures that mean the same in each."""
-    estimates = {
-        policy: {
-            measure.name: pool([values_of(rows, policy, world, measure) for world in worlds], measure)
-            for measure in MEASURES
-            if measure.comparable
-        }
-        for policy in policies
-    }
-    comparable = [measure for measure in COMPARED if BY_NAME[measure].comparable]
-    return f"""<h2>All {len(worlds)} worlds together</h2>
-{_table(estimates)}
-<h3>Pair by pair</h3>
-{_comparison_table(compare(rows, worlds, comparable))}
-"""
-
-
-def _html_table(head: Sequence[str], lines: Sequence[str]) -> str:
-    cells = "".join(f"<th>{cell}</th>" for cell in head)
-    return f'<div class="table"><table><thead><tr>{cells}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+    return html_table(["", "episodes", "left unexplored, on average, when not covered"], lines)
 
 
 def _dotted(number: int, policy: str) -> str:
@@ -209,20 +186,3 @@ def _signed(text: str) -> str:
 def _color_variables(theme: Theme, policies: Sequence[str]) -> str:
     colors = theme.colors(policies)
     return " ".join(f"--policy-{k}: {colors[policy]};" for k, policy in enumerate(policies))
-
-
-def _themed(picture: Picture, caption: str, kind: str = "") -> str:
-    """Return a figure element whose picture follows the reader's light or dark mode."""
-    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{_data_url(picture.dark)}">'
-    return _figure(_data_url(picture.light), caption, dark, kind)
-
-
-def _figure(url: str, caption: str, sources: str = "", kind: str = "") -> str:
-    text = html.escape(caption)
-    image = f'<picture>{sources}<img src="{url}" alt="{text}"></picture>'
-    return f'<figure class="{kind}">{image}<figcaption>{text}</figcaption></figure>'
-
-
-def _data_url(content: bytes) -> str:
-    kind = "gif" if content.startswith(b"GIF") else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"

@@ -1,77 +1,187 @@
 """Run explorers on the same places with the same seeds."""
 
 import contextlib
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
+from agents.files import write_file
+from agents.run_folder import CheckpointError
 from benchmarks.arena.policies import parse_policy
-from benchmarks.arena.records import Records, Row
-from benchmarks.arena.settings import Settings
+from benchmarks.arena.ray_pool import run_on_ray
+from benchmarks.arena.records import Key, Records, Row
+from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import trace_path
-from benchmarks.arena.workers import Task, prepare, run_all
+from benchmarks.arena.workers import Result, Task, prepare, run_all
+from envs.explore import ExploreEnv
+
+NOT_RUN = "not run yet"
+"""Why an episode is missing that nobody has tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """A part of an evaluation: of the starts in their order, every `total`-th."""
+
+    number: int = 1
+    """Which part, from 1."""
+    total: int = 1
+    """How many parts there are."""
+
+    @classmethod
+    def parse(cls, text: str) -> "Shard":
+        """Read `2/4`, the second of four parts.
+
+        Raises:
+            ValueError: if it says something else.
+        """
+        match = re.fullmatch(r"(\d+)/(\d+)", text)
+        number, total = map(int, match.groups()) if match else (0, 0)
+        if not 1 <= number <= total:
+            raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {text!r}")
+        return cls(number, total)
+
+    @property
+    def name(self) -> str:
+        """What its files are called by; empty if it is the whole."""
+        return f"{self.number}of{self.total}" if self.total > 1 else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An episode that could not be run."""
+
+    key: Key
+    """Which."""
+    reason: str
+    """Why, in a line."""
 
 
 class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
-    def __init__(self, settings: Settings, folder: Path) -> None:
-        """Make everything once, so that whatever is wrong comes out before any work.
+    def __init__(self, settings: Settings, folder: Path, shard: Shard = Shard()) -> None:
+        """Make everything once, so that a wrong name comes out before any work.
 
         Args:
             settings: what to run.
             folder: takes `episodes.csv`, and a trace per episode.
+            shard: part that `run` runs.
 
         Raises:
-            ValueError: if a name is wrong, or the folder holds another evaluation; says what is allowed.
+            ValueError: if a name is wrong, a robot fits nowhere, or the folder holds another evaluation; says what is
+                allowed.
             agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
         self.settings = settings
         self.folder = folder
-        self.policies = [parse_policy(name) for name in settings.policies]
-        names = [policy.name for policy in self.policies]
+        self.policies = {name: parse_policy(name) for name in settings.all_policies}
+        names = [policy.name for policy in self.policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
-        for world in settings.worlds:
-            with contextlib.closing(settings.make_env(world)) as env:
-                for policy in self.policies:
-                    prepare(env, policy.make(), settings.seed)
-        common = ("seed", "robot", "physics", "slam", "time_limit")
-        self._records = Records(folder, {name: getattr(settings, name) for name in common})
-        self._tasks = [
-            # Pairs stay together, so that a part of an evaluation is a fair one.
-            Task(settings, policy, world, seed, trace_path(folder, policy.name, world, seed))
-            for world in settings.worlds
-            for seed in range(settings.seed, settings.seed + settings.episodes)
-            for policy in self.policies
-        ]
-        self._missing = [task for task in self._tasks if self._find(task) is None]
-
-    @property
-    def total(self) -> int:
-        """Number of all episodes."""
-        return len(self._tasks)
+        self._robots = _find_robots(settings)
+        self._tasks = self._lay_out(settings.starts())
+        self._axis_tasks = self._lay_out(settings.slam_axis_starts())
+        # Pairs stay together, so that a part of an evaluation is a fair one.
+        tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
+        groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in tasks))}
+        own = [task for key, task in tasks.items() if groups[key.world, key.seed] % shard.total == shard.number - 1]
+        self._check_fit(own)
+        self._records = Records(folder, {"time_limit": settings.time_limit}, shard.name)
+        self._missing = [task for task in own if self._find(task) is None]
+        self.total = len(own)
+        """Number of the episodes of this shard."""
 
     @property
     def done(self) -> int:
-        """Number of episodes that the folder holds."""
-        return len(self._tasks) - len(self._missing)
+        """Number of them that the folder holds."""
+        return self.total - len(self._missing)
 
-    def run(self, jobs: int = 1, on_episode: Callable[[Row], None] | None = None) -> list[Row]:
-        """Run the episodes that are missing, and return the rows of all.
+    def run(
+        self, jobs: int = 1, ray: str | None = None, on_result: Callable[[Result], None] | None = None
+    ) -> list[Failure]:
+        """Run the episodes that are missing.
 
         Args:
             jobs: processes to spread the episodes over; 1 stays in this one.
-            on_episode: called with each new row.
+            ray: address of a Ray cluster that runs them instead.
+            on_result: called with each episode that has ended, one way or the other.
+
+        Returns:
+            The episodes that could not be run. The others are in the folder.
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
-        for row in run_all(self._missing, jobs):
-            self._records.add(row)
-            if on_episode:
-                on_episode(row)
-        self._missing = []
-        return [cast(Row, self._find(task)) for task in self._tasks]
+        failures = []
+        for result in run_on_ray(self._missing, ray) if ray else run_all(self._missing, jobs):
+            if result.row is None:
+                self._records.add_failure(result.key, result.reason)
+                failures.append(Failure(result.key, result.reason))
+            else:
+                path = trace_path(self.folder, result.row)
+                path.parent.mkdir(exist_ok=True)
+                write_file(path, result.trace)
+                self._records.add(result.row)
+            if on_result:
+                on_result(result)
+        self._missing = [task for task in self._missing if self._find(task) is None]
+        return failures
+
+    def rows(self) -> list[Row]:
+        """Return the rows that the folder holds, of all shards."""
+        return [row for task in self._tasks if (row := self._find(task))]
+
+    def slam_axis_rows(self) -> list[Row]:
+        """Return the rows of the SLAM axis."""
+        return [row for task in self._axis_tasks if (row := self._find(task))]
+
+    def missing(self) -> list[Failure]:
+        """Return the episodes of all shards that the folder does not hold, and why."""
+        tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
+        missing = [key for key, task in tasks.items() if self._find(task) is None]
+        return [Failure(key, self._records.failure(key) or NOT_RUN) for key in missing]
+
+    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
+        tasks: dict[Key, Task] = {}
+        for case, seed, policies in starts:
+            for policy in (self.policies[name] for name in policies):
+                key = Key(policy.name, case.world, seed, self._robots[case], case.physics, case.slam)
+                # Where the usual robot is also named, it drives once.
+                tasks.setdefault(key, Task(key, policy, case, self.settings.time_limit))
+        return list(tasks.values())
 
     def _find(self, task: Task) -> Row | None:
-        return self._records.find(task.policy, task.world, task.seed)
+        return self._records.find(task.policy, task.key)
+
+    def _check_fit(self, tasks: Sequence[Task]) -> None:
+        """See that every policy gets along with one of its places. Where it does not, its episodes will say so."""
+        places: dict[Case, list[Task]] = {}
+        for task in tasks:
+            places.setdefault(task.case, []).append(task)
+        pending = {task.policy for task in tasks}
+        first: Exception | None = None
+        for case, here in places.items():
+            if not pending:
+                return
+            there = {task.policy: task.key.seed for task in reversed(here) if task.policy in pending}
+            with contextlib.closing(case.make_env(self.settings.time_limit)) as env:
+                for policy, seed in there.items():
+                    try:
+                        prepare(env, policy.make(), seed)
+                        pending.discard(policy)
+                    except (ValueError, CheckpointError) as error:
+                        first = first or error
+        if pending and first:
+            raise first
+
+
+def _find_robots(settings: Settings) -> dict[Case, str]:
+    """Make the environment of every case, which refuses what it does not know, and return the names of the robots."""
+    robots = {}
+    for case, _, _ in (*settings.starts(), *settings.slam_axis_starts()):
+        if case not in robots:
+            with contextlib.closing(case.make_env(settings.time_limit)) as env:
+                robots[case] = cast(ExploreEnv, env.unwrapped).robot.name
+    return robots

@@ -1,54 +1,133 @@
 """What an evaluation consists of."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium
+import tyro
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
 import envs  # noqa: F401  registers the environments
+from agents.config import Section
+from envs.worlds import FAMILIES, WORLD_NAMES
+
+USUAL = "usual"
+"""Stands for the robot that a world is usually explored with."""
+GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
+"""Words that stand for many worlds."""
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """What an evaluation consists of."""
+class Case:
+    """Where an episode takes place, and under which conditions."""
 
-    policies: tuple[str, ...]
-    """Explorers: classic ones by name, learned ones as `ppo:PATH`; a name of one's own goes before, as `LABEL=`."""
-    worlds: tuple[str, ...]
-    """Worlds, as the environment takes them; procedural families draw from their test split."""
-    episodes: int = 10
-    """Episodes of each policy in each world."""
-    seed: int = 0
-    """Episode i is seeded with `seed + i`, for every policy and world: same place, same start."""
-    robot: str | None = None
-    """Robot; None takes each world's usual one."""
-    physics: str = "bullet"
-    """`bullet` or `kinematic`."""
-    slam: str = "tinyslam"
+    world: str
+    """World, as the environment takes it."""
+    robot: str
+    """Robot, as the environment takes it, or `usual`."""
+    physics: str
+    """Physics."""
+    slam: str
     """SLAM in the loop."""
-    time_limit: float | None = None
-    """Length of an episode [s]; None lets the environment choose it for the place."""
 
-    def __post_init__(self) -> None:
-        if not self.policies:
-            raise ValueError("policies must name at least one explorer")
-        if not self.worlds or len(set(self.worlds)) < len(self.worlds):
-            raise ValueError(f"worlds must name at least one, and none twice, got {', '.join(self.worlds)}")
-        if self.episodes < 1:
-            raise ValueError(f"episodes must be at least 1, got {self.episodes}")
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
+    def make_env(self, time_limit: float | None, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+        """Make the environment; procedural families draw from their test split.
 
-    def make_env(self, world: str, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
-        """Make the environment for one of the worlds."""
+        Args:
+            time_limit: length of an episode [s]; None lets the environment choose it for the place.
+            render_mode: as the environment takes it.
+        """
         return gymnasium.make(
             "lidarnaut/Explore-v0",
-            world=world,
-            robot=self.robot,
+            world=self.world,
+            robot=None if self.robot == USUAL else self.robot,
             physics=self.physics,
             slam=self.slam,
-            time_limit=self.time_limit,
+            time_limit=time_limit,
             split="test",
             render_mode=render_mode,
             disable_env_checker=True,
         )
+
+
+class SlamAxis(Section):
+    """The same explorers under several SLAMs: what mapping error costs them. Without worlds it is left out."""
+
+    policies: tuple[str, ...] = ()
+    """Explorers."""
+    worlds: tuple[str, ...] = ()
+    """Worlds."""
+    episodes: PositiveInt = 5
+    """Episodes of each explorer in each world under each SLAM."""
+    slam: tuple[str, ...] = ("truth", "odometry", "tinyslam")
+    """SLAMs; `truth`, or else the first one, is what the others are compared with."""
+
+
+class Settings(Section):
+    """What an evaluation consists of. Robots, physics and SLAM are axes: every combination is run in every world."""
+
+    policies: tuple[str, ...] = Field(min_length=1)
+    """Classic explorers by name, learned ones as `ppo:PATH` of a run folder; a name of one's own goes before, as
+    `LABEL=ppo:PATH`."""
+    worlds: tuple[str, ...] = Field(min_length=1)
+    """Library worlds, procedural families (their test split), paths of world files; `library` and `families` stand
+    for all of them."""
+    episodes: PositiveInt = 10
+    """Episodes of each policy in each world."""
+    family_episodes: PositiveInt | None = None
+    """Episodes in each procedural family, where each is another place; null takes `episodes`."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of the first episode, the next ones count up: same place, start and noise for every policy."""
+    robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
+    """Robots; `usual` takes each world's own."""
+    physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
+    """`bullet`, `kinematic`."""
+    slam: tuple[str, ...] = Field(default=("tinyslam",), min_length=1)
+    """`tinyslam`, `odometry`, `truth`."""
+    time_limit: PositiveFloat | None = None
+    """Length of an episode [s]; null lets it grow with the place."""
+    world_sections: bool = True
+    """Whether the report has a section with curves, maps and tables for every world; with many it grows large."""
+    slam_axis: SlamAxis = SlamAxis()
+    """What mapping error costs."""
+
+    @field_validator("worlds")
+    @classmethod
+    def _expand(cls, worlds: tuple[str, ...]) -> tuple[str, ...]:
+        expanded = tuple(name for world in worlds for name in GROUPS.get(world, (world,)))
+        if len(set(expanded)) < len(expanded):
+            raise ValueError("must name none twice")
+        return expanded
+
+    @property
+    def all_policies(self) -> tuple[str, ...]:
+        """Explorers of the evaluation and of its SLAM axis."""
+        return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
+
+    def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
+        """Yield every case and seed, and who starts there."""
+        for case in _cases(self.worlds, self.robots, self.physics, self.slam):
+            for seed in self._seeds(case.world):
+                yield case, seed, self.policies
+
+    def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
+        """Yield the same for the SLAM axis; those of the evaluation may be among them."""
+        axis = self.slam_axis
+        for case in _cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
+            for seed in range(self.seed, self.seed + axis.episodes):
+                yield case, seed, axis.policies
+
+    def _seeds(self, world: str) -> range:
+        episodes = self.family_episodes if world in FAMILIES and self.family_episodes else self.episodes
+        return range(self.seed, self.seed + episodes)
+
+
+def _cases(
+    worlds: Sequence[str], robots: Sequence[str], physics: Sequence[str], slams: Sequence[str]
+) -> Iterator[Case]:
+    for world in worlds:
+        for robot in robots:
+            for one in physics:
+                for slam in slams:
+                    yield Case(world, robot, one, slam)

@@ -1,9 +1,9 @@
 """Estimates with intervals from few episodes.
 
-Interquartile means, stratified bootstrap intervals and the probability of improvement follow Agarwal et al., "Deep
-Reinforcement Learning at the Edge of the Statistical Precipice" (2021). Worlds are the strata: every resample keeps the
-number of episodes of each world. SciPy's `bootstrap` draws the same resamples, but refuses a stratum of one episode and
-knows no pairs; a test holds this module against it.
+Interquartile means, stratified bootstrap intervals, performance profiles and the probability of improvement follow
+Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). Worlds are the strata:
+every resample keeps the number of episodes of each world. SciPy's `bootstrap` draws the same resamples, but refuses a
+stratum of one episode and knows no pairs; a test holds this module against it.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,8 +14,12 @@ from scipy import stats
 
 CONFIDENCE = 0.95
 """Coverage of the intervals."""
+TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
+"""Quantiles of the resamples at which the intervals end."""
 NUM_RESAMPLES = 2000
 """Bootstrap resamples of an interval."""
+NUM_CURVE_RESAMPLES = 500
+"""Bootstrap resamples of a band around a curve."""
 
 
 class Estimate(NamedTuple):
@@ -29,6 +33,17 @@ class Estimate(NamedTuple):
     """Upper end of the 95 % interval."""
     n: int
     """Episodes that went in."""
+
+
+class Band(NamedTuple):
+    """A curve and how sure it is."""
+
+    middle: np.ndarray
+    """Shape (points,), the curve."""
+    low: np.ndarray
+    """Shape (points,), lower ends of the 95 % intervals."""
+    high: np.ndarray
+    """Shape (points,), upper ends of the 95 % intervals."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -88,33 +103,75 @@ def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray],
     return _bootstrap(wins, np.mean)
 
 
-def curve_band(curves: np.ndarray, num_resamples: int = 500) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the interquartile mean of curves and the lower and upper end of its bootstrap interval, point by point.
+def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Estimate:
+    """Return how much of the way from a reference to a bound a policy goes, with its stratified bootstrap interval.
+
+    The interquartile mean of what the policy gains on the reference, over that of what the bound gains on it: 0 is the
+    reference, 1 the bound. A ratio of means and not a mean of ratios: starts from which the bound gains next to nothing
+    would decide the latter. Where the bound does not clearly gain (the lower end of its interval is not positive),
+    there is no gap to close: NaN.
 
     Args:
-        curves: shape (episodes, points).
-        num_resamples: bootstrap resamples; the same ones at every point, so that the band is smooth.
-
-    Returns:
-        Three arrays of shape (points,).
+        gains: per world what the policy gains on the reference, shape (episodes,).
+        bounds: per world what the bound gains on it from the same starts, shape (episodes,).
     """
-    draws = np.random.default_rng(0).integers(len(curves), size=(num_resamples, len(curves)))
-    tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    way = paired_difference(bounds, [np.zeros_like(values) for values in bounds])
+    if way.low <= 0.0:
+        return Estimate(np.nan, np.nan, np.nan, way.n)
+    own, whole = np.concatenate(gains), np.concatenate(bounds)
+    draws = _draws([len(values) for values in gains], NUM_RESAMPLES)
+    ratios = interquartile_mean(own[draws]) / interquartile_mean(whole[draws])
+    low, high = np.quantile(ratios, TAILS)
+    return Estimate(float(interquartile_mean(own) / interquartile_mean(whole)), float(low), float(high), way.n)
+
+
+def performance_profile(strata: Sequence[np.ndarray], thresholds: np.ndarray) -> Band:
+    """Return the share of episodes whose score is above each threshold, with its stratified bootstrap interval.
+
+    Args:
+        strata: per world the scores of its episodes, shape (episodes,).
+        thresholds: shape (points,).
+    """
+    above = [(np.asarray(values)[:, None] > thresholds).astype(np.float64) for values in strata]
+    return _band(above, np.mean)
+
+
+def curve_band(strata: Sequence[np.ndarray]) -> Band:
+    """Return the interquartile mean of curves with its stratified bootstrap interval, point by point.
+
+    Args:
+        strata: per world the curves of its episodes, shape (episodes, points).
+    """
+    return _band(strata, interquartile_mean)
+
+
+def _band(strata: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Band:
+    """Return a statistic of curves, point by point; the same resamples at every point, so that the band is smooth."""
+    curves = np.concatenate(strata)
+    draws = _draws([len(values) for values in strata], NUM_CURVE_RESAMPLES)
     # In parts, because all resamples of all points at once would fill the memory of a small machine.
-    parts = np.array_split(curves, max(1, num_resamples * curves.size // 2_000_000), axis=1)
-    ends = [np.quantile(interquartile_mean(part[draws], axis=1), tails, axis=0) for part in parts]
+    parts = np.array_split(curves, max(1, NUM_CURVE_RESAMPLES * curves.size // 2_000_000), axis=1)
+    ends = [np.quantile(statistic(part[draws], axis=1), TAILS, axis=0) for part in parts]
     low, high = np.concatenate(ends, axis=1)
-    return interquartile_mean(curves, axis=0), low, high
+    return Band(statistic(curves, axis=0), low, high)
 
 
 def _bootstrap(strata: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Estimate:
     """Return a statistic of all values together with the percentile interval over stratified resamples."""
     if not strata or any(len(values) == 0 for values in strata):
         raise ValueError("an estimate needs at least one episode in every world")
+    together = np.concatenate([np.asarray(values, dtype=np.float64) for values in strata])
+    draws = together[_draws([len(values) for values in strata], NUM_RESAMPLES)]
+    low, high = np.quantile(statistic(draws, axis=-1), TAILS)
+    return Estimate(float(statistic(together, axis=-1)), float(low), float(high), len(together))
+
+
+def _draws(sizes: Sequence[int], num_resamples: int) -> np.ndarray:
+    """Return the episodes of every resample, drawn from each stratum by itself: shape (num_resamples, episodes)."""
     # A generator of its own: the same episodes always give the same summary.
     rng = np.random.default_rng(0)
-    values = [np.asarray(stratum, dtype=np.float64) for stratum in strata]
-    draws = np.concatenate([v[rng.integers(len(v), size=(NUM_RESAMPLES, len(v)))] for v in values], axis=1)
-    low, high = np.quantile(statistic(draws, axis=-1), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    together = np.concatenate(values)
-    return Estimate(float(statistic(together, axis=-1)), float(low), float(high), len(together))
+    firsts = np.cumsum([0, *sizes[:-1]])
+    return np.concatenate(
+        [first + rng.integers(size, size=(num_resamples, size)) for first, size in zip(firsts, sizes, strict=True)],
+        axis=1,
+    )

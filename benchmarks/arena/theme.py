@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from benchmarks.arena.pairs import BOUND
+
 
 @dataclass(frozen=True, slots=True)
 class Theme:
@@ -11,7 +13,7 @@ class Theme:
     paper: str
     """Background."""
     ink: str
-    """Text and walls."""
+    """Text and walls, and the bound that is no competitor."""
     muted: str
     """Axes, grid, and the policy `random`, which is there for reference."""
     unknown: str
@@ -25,9 +27,15 @@ class Theme:
 
     def colors(self, policies: Sequence[str]) -> dict[str, str]:
         """Give every policy its colour."""
-        others = [policy for policy in policies if policy != "random"]
+        others = [policy for policy in policies if policy not in ("random", BOUND)]
         colors = {policy: self.lines[k % len(self.lines)] for k, policy in enumerate(others)}
-        return {policy: colors.get(policy, self.muted) for policy in policies}
+        return {policy: colors.get(policy, self.ink if policy == BOUND else self.muted) for policy in policies}
+
+    def dashes(self, policies: Sequence[str]) -> dict[str, str | tuple[int, tuple[float, ...]]]:
+        """Give every policy its line style: dotted for the bound, dashed for every other competitor in turn."""
+        others = [policy for policy in policies if policy not in ("random", BOUND)]
+        styles = {policy: "solid" if k % 2 == 0 else (0, (5, 1.2)) for k, policy in enumerate(others)}
+        return {policy: styles.get(policy, (0, (1, 1.2)) if policy == BOUND else "solid") for policy in policies}
 
 
 LIGHT = Theme(
@@ -36,7 +44,10 @@ LIGHT = Theme(
     muted="#7c838f",
     unknown="#e7e9ed",
     error="#d43d2a",
-    lines=("#1668b8", "#d2600c", "#16865c", "#8a4fc4", "#a67c00", "#bf3f7f"),
+    lines=(
+        *("#1668b8", "#d2600c", "#16865c", "#8a4fc4", "#a67c00", "#bf3f7f"),
+        *("#0c93a6", "#7a4a24", "#5d7a12"),
+    ),
     times=("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"),
 )
 DARK = Theme(
@@ -45,7 +56,10 @@ DARK = Theme(
     muted="#8b93a1",
     unknown="#262b34",
     error="#ff7a66",
-    lines=("#63adf2", "#f79a57", "#52cf9c", "#c39af2", "#e0bd4a", "#ee86b7"),
+    lines=(
+        *("#63adf2", "#f79a57", "#52cf9c", "#c39af2", "#e0bd4a", "#ee86b7"),
+        *("#4fd0e0", "#c99668", "#aecb55"),
+    ),
     times=("#8a7a3a", "#4f8058", "#2f7480", "#2f5487"),
 )
 

@@ -1,5 +1,6 @@
 """What an episode leaves beside its measures: where the robot drove, and what it knew when."""
 
+import io
 import re
 import zlib
 from collections.abc import Sequence
@@ -34,12 +35,12 @@ class Trace:
     circles: np.ndarray
     """Shape (m, 3), float32, true static cylinders as (x, y, radius) [m]."""
 
-    def save(self, path: Path) -> None:
-        """Write a compressed NumPy archive, and make its folder if need be."""
-        path.parent.mkdir(parents=True, exist_ok=True)
+    def to_bytes(self) -> bytes:
+        """Return the trace as a compressed NumPy archive."""
         samples = np.stack([self.curve.time, self.curve.path_length, self.curve.explored_fraction])
+        archive = io.BytesIO()
         np.savez_compressed(
-            path,
+            archive,
             curve=samples.astype(np.float32),
             trail=self.trail,
             map=self.grid.data,
@@ -50,10 +51,11 @@ class Trace:
             segments=self.segments,
             circles=self.circles,
         )
+        return archive.getvalue()
 
     @classmethod
     def load(cls, path: Path) -> "Trace":
-        """Read what `save` wrote."""
+        """Read a file with what `to_bytes` returned."""
         with np.load(path, allow_pickle=False) as file:
             x, y = file["origin"]
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
@@ -108,18 +110,23 @@ class Recorder:
         self._known_since, self._origin = grown, grid.origin
 
 
-def trace_path(folder: Path, policy: str, world: str, seed: int) -> Path:
-    """Return where the trace of an episode lies."""
-    return folder / "episodes" / f"{slug(policy)}__{slug(world)}__{seed}.npz"
+def trace_path(folder: Path, row: Row) -> Path:
+    """Return where the trace of a row's episode lies."""
+    parts = [slug(str(row[name])) for name in ("policy", "world", "robot", "physics", "slam", "seed")]
+    return folder / "episodes" / f"{'__'.join(parts)}.npz"
 
 
-def load_traces(folder: Path, rows: Sequence[Row], world: str) -> dict[str, list[Trace]]:
-    """Read the traces of a world's episodes, by policy and in the order of the rows."""
+def load_curve(folder: Path, row: Row) -> Curve:
+    """Read the curve of a row's episode, and nothing else of its trace."""
+    with np.load(trace_path(folder, row), allow_pickle=False) as file:
+        return Curve(*file["curve"])
+
+
+def load_traces(folder: Path, rows: Sequence[Row]) -> dict[str, list[Trace]]:
+    """Read the traces of episodes, by policy and in the order of the rows."""
     traces: dict[str, list[Trace]] = {}
     for row in rows:
-        if row["world"] == world:
-            trace = Trace.load(trace_path(folder, row["policy"], world, row["seed"]))
-            traces.setdefault(row["policy"], []).append(trace)
+        traces.setdefault(row["policy"], []).append(Trace.load(trace_path(folder, row)))
     return traces
 
 

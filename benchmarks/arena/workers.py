@@ -1,11 +1,13 @@
 """Episodes, one after the other or side by side in processes."""
 
 import contextlib
+import logging
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import threading
+import traceback
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -16,11 +18,12 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 
-from baselines.episode import run_episode
+from agents.run_folder import CheckpointError
+from baselines.episode import begin_episode, run_episode
 from baselines.explorer import Explorer
 from benchmarks.arena.policies import Policy
-from benchmarks.arena.records import Row, make_row
-from benchmarks.arena.settings import Settings
+from benchmarks.arena.records import Key, Row, make_row
+from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
 from envs.explore import ExploreEnv
 
@@ -32,20 +35,32 @@ WARM_UP_STEPS = 20
 class Task:
     """One episode to run."""
 
-    settings: Settings
-    """How."""
+    key: Key
+    """Which."""
     policy: Policy
     """Who."""
-    world: str
+    case: Case
     """Where."""
-    seed: int
-    """Seed of the episode."""
-    trace: Path
-    """File to leave the episode's trace in."""
+    time_limit: float | None
+    """Length of the episode [s]; None lets the environment choose it."""
 
 
-def run_all(tasks: list[Task], jobs: int) -> Iterator[Row]:
-    """Yield the rows of tasks as they end."""
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a task."""
+
+    key: Key
+    """Which episode."""
+    row: Row | None = None
+    """The episode; None if it could not be run."""
+    trace: bytes = b""
+    """Its trace, as a file holds it."""
+    reason: str = ""
+    """Why it could not be run."""
+
+
+def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
+    """Yield the results of tasks as they end."""
     if jobs == 1 or len(tasks) < 2:
         with contextlib.closing(_Workplace()) as workplace:
             for task in tasks:
@@ -54,7 +69,7 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Row]:
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(tasks)), context, _start_worker) as pool:
-        futures = {pool.submit(_run_in_worker, task): task for task in tasks}
+        futures = [pool.submit(run_in_worker, task) for task in tasks]
         try:
             for future in as_completed(futures):
                 yield future.result()
@@ -66,28 +81,31 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Row]:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
+def run_in_worker(task: Task) -> Result:
+    """Run a task in a process that keeps its environment and explorers for the next one."""
+    return _run(_workplace, task)
+
+
 class _Workplace:
     """Keeps one environment and the explorers between the episodes of a process."""
 
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
-        self._env_key: tuple[Settings, str] | None = None
+        self._env_key: tuple[Case, float | None] | None = None
         self._explorers: dict[Policy, Explorer] = {}
-        self._warm: set[tuple[Policy, str]] = set()
 
-    def run(self, task: Task) -> Row:
-        """Run an episode, leave its trace, and return its row."""
+    def run(self, task: Task) -> Result:
+        """Run an episode."""
         env = self._find_env(task)
-        explorer = self._explorers.get(task.policy) or task.policy.make()
-        self._explorers[task.policy] = explorer
-        if (task.policy, task.world) not in self._warm:
-            prepare(env, explorer, task.seed, WARM_UP_STEPS)
-            self._warm.add((task.policy, task.world))
-        place = cast(ExploreEnv, env.unwrapped)
-        recorder = Recorder(place)
-        episode = run_episode(env, explorer, task.seed, recorder.watch)
-        recorder.trace(episode.curve).save(task.trace)
-        return make_row(task.policy, task.world, task.seed, place.robot.name, episode)
+        explorer = self._explorers.get(task.policy)
+        if explorer is None:
+            explorer = task.policy.make()
+            prepare(env, explorer, task.key.seed, WARM_UP_STEPS)
+            self._explorers[task.policy] = explorer
+        recorder = Recorder(cast(ExploreEnv, env.unwrapped))
+        episode = run_episode(env, explorer, task.key.seed, recorder.watch)
+        trace = recorder.trace(episode.curve).to_bytes()
+        return Result(task.key, make_row(task.policy, task.key, episode), trace)
 
     def close(self) -> None:
         """Close the environment."""
@@ -96,18 +114,17 @@ class _Workplace:
             self._env = None
 
     def _find_env(self, task: Task) -> gymnasium.Env[Any, Any]:
-        key = (task.settings, task.world)
+        key = (task.case, task.time_limit)
         if self._env is None or key != self._env_key:
             self.close()
-            self._env, self._env_key = task.settings.make_env(task.world), key
+            self._env, self._env_key = task.case.make_env(task.time_limit), key
         return self._env
 
 
 def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, steps: int = 0) -> None:
     """Let an explorer get ready for a place, and drive it for a few steps that are not measured."""
     place = cast(ExploreEnv, env.unwrapped)
-    observation, _ = env.reset(seed=seed)
-    explorer.reset(place.robot, place.control_period, np.random.default_rng(seed))
+    observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
     for _ in range(steps):
         action = explorer.act(observation, place.belief)
         if explorer.end_reason is not None:
@@ -137,17 +154,19 @@ def _follow(parent: int) -> None:
     os._exit(1)
 
 
-def _run_in_worker(task: Task) -> Row:
-    return _run(_workplace, task)
-
-
-def _run(workplace: _Workplace, task: Task) -> Row:
-    """Run an episode; an error says in which one it came up, and what to do."""
+def _run(workplace: _Workplace, task: Task) -> Result:
+    """Run an episode. What goes wrong in it is its own result: the others go on."""
     try:
         return workplace.run(task)
     except Exception as error:
-        error.add_note(
-            f"This came up while {task.policy.name} explored {task.world} with seed {task.seed}. "
-            "The episodes before it are kept; the same command goes on from there."
-        )
-        raise
+        logging.getLogger(__name__).exception("%s", task.key)
+        return Result(task.key, reason=_explain(error))
+
+
+def _explain(error: Exception) -> str:
+    """Say in a line what went wrong; where, unless the error's own words were written for users."""
+    said = " ".join(str(error).split())
+    if isinstance(error, (ValueError, CheckpointError)):
+        return said
+    *_, last = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"

@@ -13,11 +13,11 @@ from benchmarks.arena.measures import MEASURES
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace
-from evaluate import evaluate
+from evaluate import main
 
 ROOT = Path(__file__).parents[2]
 WORLD = "turtlebot3_world"
-BRIEF = {"episodes": 2, "physics": "kinematic", "time_limit": 4.0}
+BRIEF = ("--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
 
 
 def read_rows(folder):
@@ -48,7 +48,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys):
     # Asked again for one world more, with a row lost: those alone are run, and the lost one comes out as it was.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
-    evaluate(("random", "nearest"), (WORLD, "maze"), tmp_path, **BRIEF)
+    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
     assert "maze, 2 episodes" in capsys.readouterr().out
     again = read_rows(tmp_path)
     assert len(again) == 8
@@ -57,7 +57,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys):
 
     report = (tmp_path / "report.html").read_text()
     Balanced().feed(report)
-    assert "All 2 worlds together" in report
+    assert "<h2>Leaderboard</h2>" in report
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)
 
 
@@ -83,26 +83,35 @@ class Balanced(HTMLParser):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"policies": ("rrandom",)}, ["'rrandom'", "random, nearest, frontier", "ppo:PATH"]),
-        ({"policies": ("ppo:no/such/run",)}, ["no/such/run"]),
-        ({"policies": ("random", "random=nearest")}, ["twice"]),
-        ({"worlds": ("maze", "atlantis")}, ["'atlantis'", "turtlebot3_world", "rooms"]),
-        ({"robot": "r2d2"}, ["'r2d2'", "turtlebot3_burger"]),
-        ({"physics": "mujoco"}, ["'mujoco'", "kinematic"]),
-        ({"episodes": 0}, ["episodes", "at least 1"]),
+        (["--policies", "rrandom"], ["'rrandom'", "random, nearest, frontier", "ppo:PATH"]),
+        (["--policies", "ppo:no/such/run"], ["no/such/run"]),
+        (["--policies", "random", "random=nearest"], ["twice"]),
+        (["--worlds", "maze", "atlantis"], ["'atlantis'", "turtlebot3_world", "rooms"]),
+        (["--worlds", "maze", "families"], ["worlds", "twice"]),
+        (["--robot", "r2d2"], ["'r2d2'", "turtlebot3_burger"]),
+        (["--robot", "tugbot", "--worlds", "pimouse_arena"], ["'tugbot'", "pimouse_arena"]),
+        (["--physics", "mujoco"], ["'mujoco'", "kinematic"]),
+        (["--episodes", "0"], ["episodes", "greater than 0"]),
+        (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
+        (["--jobs", "0"], ["jobs", "at least 1"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
-    with pytest.raises(SystemExit, match="2"):
-        evaluate(**{"policies": ("random",), "worlds": ("maze",), "out": tmp_path / "out"} | BRIEF | wrong)
-    message = " ".join(capsys.readouterr().err.split())
+    try:
+        status = main([*BRIEF, "--policies", "random", "--worlds", "maze", "--out", str(tmp_path / "out"), *wrong])
+    except SystemExit as stop:
+        status = stop.code
+    assert status == 2
+    message = " ".join("".join(capsys.readouterr()).replace("│", " ").split())
     assert all(text in message for text in says), message
-    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "out").glob("episodes/*"))
 
 
 def test_traces_hold_the_maps_as_they_grew(tmp_path):
-    settings = Settings(("nearest",), (WORLD,), episodes=1, physics="kinematic", time_limit=5.0)
-    (row,) = Evaluation(settings, tmp_path).run()
+    settings = Settings(policies=("nearest",), worlds=(WORLD,), episodes=1, physics=("kinematic",), time_limit=5.0)
+    evaluation = Evaluation(settings, tmp_path)
+    assert evaluation.run() == []
+    (row,) = evaluation.rows()
     (path,) = (tmp_path / "episodes").iterdir()
     trace = Trace.load(path)
     known = trace.grid.data >= 0

@@ -3,17 +3,21 @@ import json
 import pytest
 
 from benchmarks.arena.policies import Policy
-from benchmarks.arena.records import COLUMNS, ROWS_FILE, SETTINGS_FILE, Records
+from benchmarks.arena.records import COLUMNS, ROWS, SETTINGS_FILE, Key, Records, key_of
 
-SETTINGS = {"seed": 3, "robot": None, "time_limit": 12.5}
+SETTINGS = {"time_limit": 12.5}
 RANDOM = Policy("random", "random")
 LEARNED = Policy('ppo:a,"odd" path', "ppo", "/checkpoint", "f" * 64)
+
+
+def key(policy, seed):
+    return Key(policy.name, "maze", seed, "tugbot", "kinematic", "truth")
 
 
 def row(policy, seed):
     samples = {str: "x", int: 7, float: 1.0 / 3.0}
     values = {name: samples[read] for name, read in COLUMNS.items()}
-    return values | {"policy": policy.name, "world": "maze", "seed": seed, "model": policy.fingerprint[:12]}
+    return values | key(policy, seed)._asdict() | {"model": policy.fingerprint[:12]}
 
 
 def test_rows_survive_exactly(tmp_path):
@@ -22,8 +26,10 @@ def test_rows_survive_exactly(tmp_path):
     for one in written:
         records.add(one)
     again = Records(tmp_path, SETTINGS)
-    assert [again.find(policy, "maze", 3) for policy in (RANDOM, LEARNED)] == written
-    assert again.find(RANDOM, "maze", 4) is None
+    assert [again.find(policy, key(policy, 3)) for policy in (RANDOM, LEARNED)] == written
+    assert key_of(written[0]) == key(RANDOM, 3)
+    for other in (key(RANDOM, 4), key(RANDOM, 3)._replace(slam="odometry")):
+        assert again.find(RANDOM, other) is None
 
 
 @pytest.mark.parametrize("kept", ["all but 1 byte", "half a header"])
@@ -31,26 +37,52 @@ def test_a_row_that_was_being_written_runs_again(tmp_path, kept):
     records = Records(tmp_path, SETTINGS)
     for seed in (3, 4):
         records.add(row(RANDOM, seed))
-    path = tmp_path / ROWS_FILE
+    path = tmp_path / f"{ROWS}.csv"
     content = path.read_bytes()
     path.write_bytes(content[:-1] if kept == "all but 1 byte" else content[:10])
     again = Records(tmp_path, SETTINGS)
-    assert again.find(RANDOM, "maze", 4) is None
-    assert (again.find(RANDOM, "maze", 3) is None) == (kept == "half a header")
+    assert again.find(RANDOM, key(RANDOM, 4)) is None
+    assert (again.find(RANDOM, key(RANDOM, 3)) is None) == (kept == "half a header")
     again.add(row(RANDOM, 4))
-    assert Records(tmp_path, SETTINGS).find(RANDOM, "maze", 4) == row(RANDOM, 4)
+    assert Records(tmp_path, SETTINGS).find(RANDOM, key(RANDOM, 4)) == row(RANDOM, 4)
+
+
+def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_path):
+    first, second = Records(tmp_path, SETTINGS, "1of2"), Records(tmp_path, SETTINGS, "2of2")
+    first.add(row(RANDOM, 1))
+    second.add(row(RANDOM, 2))
+    # The other machine is in the middle of a row.
+    with open(tmp_path / f"{ROWS}-2of2.csv", "a") as file:
+        file.write("random,maze,")
+    before = (tmp_path / f"{ROWS}-2of2.csv").read_bytes()
+    for shard in ("1of2", ""):
+        records = Records(tmp_path, SETTINGS, shard)
+        assert [records.find(RANDOM, key(RANDOM, seed)) for seed in (1, 2)] == [row(RANDOM, 1), row(RANDOM, 2)]
+    assert (tmp_path / f"{ROWS}-2of2.csv").read_bytes() == before
+    Records(tmp_path, SETTINGS, "2of2").add(row(RANDOM, 3))
+    assert Records(tmp_path, SETTINGS).find(RANDOM, key(RANDOM, 3)) == row(RANDOM, 3)
+
+
+def test_failures_are_kept_until_the_episode_is_run(tmp_path):
+    records = Records(tmp_path, SETTINGS, "1of2")
+    records.add_failure(key(RANDOM, 3), 'the robot, a "tugbot", fits nowhere')
+    again = Records(tmp_path, SETTINGS)
+    assert again.failure(key(RANDOM, 3)) == 'the robot, a "tugbot", fits nowhere'
+    assert again.failure(key(RANDOM, 4)) is None
+    again.add(row(RANDOM, 3))
+    assert Records(tmp_path, SETTINGS).failure(key(RANDOM, 3)) is None
 
 
 def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
     Records(tmp_path, SETTINGS).add(row(LEARNED, 3))
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
-        Records(tmp_path, SETTINGS | {"time_limit": None})
+        Records(tmp_path, {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), "maze", 3)
+        Records(tmp_path, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), key(LEARNED, 3))
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
 def test_a_table_of_another_version_is_refused(tmp_path):
-    (tmp_path / ROWS_FILE).write_text("policy,world,score\nrandom,maze,3\n")
+    (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
         Records(tmp_path, SETTINGS)

@@ -5,8 +5,10 @@ from scipy import stats
 from benchmarks.arena.statistics import (
     curve_band,
     estimate,
+    gap_closed,
     interquartile_mean,
     paired_difference,
+    performance_profile,
     probability_of_improvement,
     success_rate,
 )
@@ -68,7 +70,34 @@ def test_probability_of_improvement_counts_ties_half():
 
 def test_curve_band_is_the_interval_of_every_point():
     curves = np.random.default_rng(0).uniform(size=(9, 4)).cumsum(axis=1)
-    middle, low, high = curve_band(curves, num_resamples=4000)
+    middle, low, high = curve_band([curves[:4], curves[4:]])
     for k in range(4):
-        expected = estimate([curves[:, k]])
-        assert (middle[k], low[k], high[k]) == pytest.approx(expected[:3], abs=0.08)
+        expected = estimate([curves[:4, k], curves[4:, k]])
+        assert (middle[k], low[k], high[k]) == pytest.approx(expected[:3], abs=0.12)
+
+
+def test_a_performance_profile_is_the_share_above_each_threshold():
+    scores = [np.array([0.2, 0.4]), np.array([0.6, 0.8])]
+    middle, low, high = performance_profile(scores, np.array([0.0, 0.2, 0.5, 0.7, 0.8]))
+    assert middle.tolist() == [1.0, 0.75, 0.5, 0.25, 0.0]
+    # Of the first world's two episodes none, one or both are above 0.2; the second world's always are.
+    assert (low[1], high[1]) == (0.5, 1.0)
+    # Across worlds, resamples would differ in how many are above 0.5.
+    assert (low[2], high[2]) == (0.5, 0.5)
+
+
+def test_the_gap_closed_is_the_gain_over_the_gain_of_the_bound():
+    bound = [np.array([0.10, 0.20, 0.30, 0.40]), np.array([0.2, 0.4])]
+    assert gap_closed([0.25 * gain for gain in bound], bound)[:3] == pytest.approx((0.25, 0.25, 0.25))
+    assert gap_closed(bound, bound)[:3] == pytest.approx((1.0, 1.0, 1.0))
+    assert gap_closed([-gain for gain in bound], bound).iqm == pytest.approx(-1.0)
+    # The middle half of the gains is (1, 2) of (0, 1, 2, 30), and (4, 6) of the bound's.
+    found = gap_closed([np.array([0.0, 1.0, 2.0, 30.0])], [np.array([2.0, 4.0, 6.0, 80.0])])
+    assert found.iqm == pytest.approx(1.5 / 5.0)
+    assert found.low < 0.3 < found.high
+
+
+def test_a_bound_that_does_not_clearly_gain_leaves_no_gap():
+    found = gap_closed([np.array([0.1, 0.2, 0.1])], [np.array([0.5, -0.4, -0.3])])
+    assert np.isnan(found[:3]).all()
+    assert found.n == 3

@@ -1,0 +1,123 @@
+"""Pictures over all places: curves, performance profiles, typical and worst episodes."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from baselines.episode import Curve
+from benchmarks.arena.curve_plots import Bands, draw_curves, draw_profiles, sample_curves, sample_profiles
+from benchmarks.arena.map_plots import draw_growth
+from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.page import Figure, Section
+from benchmarks.arena.pairs import by_start, case_of, policies_of, reference_of, values_of
+from benchmarks.arena.plots import Picture
+from benchmarks.arena.ranking import PRIMARY, typical_and_worst
+from benchmarks.arena.records import Row
+from benchmarks.arena.statistics import Band
+from benchmarks.arena.summary import split
+from benchmarks.arena.theme import short
+from benchmarks.arena.trace import Trace, load_curve, slug, trace_path
+
+SHARES = 3.0
+"""Times and distances are shown up to this multiple of what the reference needed."""
+
+
+def curves_section(folder: Path, rows: Sequence[Row]) -> Section:
+    """Return the explored fraction over relative time and distance, and the performance profiles.
+
+    Args:
+        folder: of the evaluation; holds the traces.
+        rows: related episodes (`benchmarks.arena.pairs.relate`) from starts that all competitors share.
+    """
+    reference = short(reference_of(policies_of(rows)))
+    curves = _relative_curves(folder, rows)
+    scores = {policy: values_of(rows, policy, PRIMARY) for policy in curves}
+    speeds = {policy: [-values for values in _reached_times(rows, policy)] for policy in curves}
+    over_time, over_distance = (sample_curves(curves, over, SHARES) for over in ("time", "path_length"))
+    profiles = sample_profiles(scores, 0.0, 1.0)
+    races = _mirrored(sample_profiles(speeds, -SHARES, 0.0))
+    text = (
+        f"Every start has its own unit: what {reference} needed to explore 95 % from it. Bands are 95 % intervals; "
+        "dotted is the bound."
+    )
+    figures = (
+        Figure(
+            "curves_time",
+            Picture.of(partial(draw_curves, over_time, f"time, as a share of {reference}'s to 95 %")),
+            "Explored over time.",
+        ),
+        Figure(
+            "curves_distance",
+            Picture.of(partial(draw_curves, over_distance, f"distance, as a share of {reference}'s to 95 %")),
+            "Explored over the distance driven.",
+        ),
+        Figure(
+            "profile_area",
+            Picture.of(partial(draw_profiles, profiles, "area under curve above")),
+            "Performance profile: share of episodes whose area under the curve is above a threshold.",
+        ),
+        Figure(
+            "profile_time",
+            Picture.of(partial(draw_profiles, races, f"95 % within this share of {reference}'s time")),
+            f"Performance profile: share of episodes that explored 95 % within a share of {reference}'s time.",
+        ),
+    )
+    return Section("Curves and performance profiles", (text, *figures))
+
+
+def gallery_section(folder: Path, rows: Sequence[Row]) -> Section:
+    """Return film strips of a typical and of the worst episode of every explorer.
+
+    Args:
+        folder: of the evaluation; holds the traces.
+        rows: all episodes.
+    """
+    labels = {case_of(row): label for label, here in split(rows).items() for row in here}
+    figures = []
+    for policy in policies_of(rows):
+        for kind, row in zip(("typical", "worst"), typical_and_worst(rows, policy), strict=True):
+            trace = Trace.load(trace_path(folder, row))
+            left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
+            caption = (
+                f"{short(policy)}, {kind}: {labels[case_of(row)]}, seed {row['seed']}: "
+                f"{100 * row['explored_fraction']:.1f} % in {row['duration']:.0f} s and {row['path_length']:.0f} m "
+                f"({row['end_reason'].replace('_', ' ')}{left}), map IoU {100 * row['map_iou']:.0f} %"
+            )
+            picture = Picture.of(partial(draw_growth, {policy: trace}))
+            figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
+    text = (
+        f"Of each explorer the episode with the median {PRIMARY.label} over all places, and the one with the lowest. "
+        "The last picture of a strip is the final map. Colours: when a cell became known. Red: the true walls."
+    )
+    return Section("Typical and worst episodes", (text, *figures))
+
+
+def _relative_curves(folder: Path, rows: Sequence[Row]) -> dict[str, list[list[Curve]]]:
+    """Return each policy's curves by case, in units of what the reference needed; what it saw at once is left out."""
+    references = by_start(rows, reference_of(policies_of(rows)))
+    curves: dict[str, dict[tuple[str, ...], list[Curve]]] = {}
+    for row in rows:
+        unit = references.get((case_of(row), row["seed"]))
+        if unit is None or unit["time_to_95"] <= 0.0 or unit["distance_to_95"] <= 0.0:
+            continue
+        curve = load_curve(folder, row)
+        scaled = Curve(
+            curve.time / unit["time_to_95"], curve.path_length / unit["distance_to_95"], curve.explored_fraction
+        )
+        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
+    return {policy: list(strata.values()) for policy, strata in curves.items()}
+
+
+def _mirrored(bands: Bands) -> Bands:
+    """Turn thresholds on a negated score back into thresholds on what was negated."""
+    by_policy = {policy: Band(*(line[::-1] for line in band)) for policy, band in bands.by_policy.items()}
+    return Bands(-bands.grid[::-1], by_policy)
+
+
+def _reached_times(rows: Sequence[Row], policy: str) -> list[np.ndarray]:
+    """Return the relative times to 95 %; infinite where it was not reached, whatever that counts as elsewhere."""
+    times = values_of(rows, policy, BY_NAME["relative_time"])
+    reached = values_of([row for row in rows if "relative_time" in row], policy, BY_NAME["reached_95"])
+    return [np.where(done > 0.0, time, np.inf) for time, done in zip(times, reached, strict=True)]

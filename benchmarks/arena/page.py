@@ -1,0 +1,169 @@
+"""A page of text, tables and pictures that becomes Markdown as well as HTML."""
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents.files import write_file
+from benchmarks.arena.measures import Measure
+from benchmarks.arena.plots import Picture
+from benchmarks.arena.statistics import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table."""
+
+    text: str
+    """What it says."""
+    note: str = ""
+    """What is said more quietly: an interval."""
+    is_best: bool = False
+    """Whether it is the best of its kind."""
+
+    @classmethod
+    def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
+        """Show an estimate with its interval; `sign="+"` shows it as a difference."""
+        middle, low, high = (f"{float(measure.text(x)):{sign}.{measure.digits}f}" for x in value[:3])
+        return cls(middle, f"{low} to {high}", is_best)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; its first column names the rows."""
+
+    head: tuple[str, ...]
+    """Headings."""
+    lines: tuple[tuple[Cell, ...], ...]
+    """Rows of cells."""
+    title: str = ""
+    """Said in a line above; a table with a title is folded away."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A picture with a name and a caption."""
+
+    name: str
+    """Of its file, without ending."""
+    picture: Picture
+    """What it shows."""
+    caption: str
+    """What it says."""
+    is_wide: bool = False
+    """Whether it needs the whole width."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    """The heading."""
+    parts: tuple[str | Table | Figure, ...]
+    """Paragraphs, tables and pictures."""
+
+
+def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
+    """Write a page, and its pictures as PNG files for light paper.
+
+    Args:
+        title: heading of the page.
+        text: stands under it.
+        sections: what stands on it.
+        page: file of the page.
+        pictures: folder for the pictures.
+    """
+    pictures.mkdir(parents=True, exist_ok=True)
+    for old in pictures.glob("*.png"):
+        old.unlink()
+    relative = pictures.relative_to(page.parent)
+    blocks = [f"# {title}", text]
+    for section in sections:
+        blocks.append(f"## {section.title}")
+        for part in section.parts:
+            if isinstance(part, Figure):
+                write_file(pictures / f"{part.name}.png", part.picture.light)
+                blocks.append(f"![{part.caption}]({relative}/{part.name}.png)\n\n*{part.caption}*")
+            else:
+                blocks.append(_markdown_table(part) if isinstance(part, Table) else part)
+    write_file(page, "\n\n".join(blocks) + "\n")
+
+
+def to_html(sections: Sequence[Section]) -> str:
+    """Return a page as a piece of HTML that carries its pictures."""
+    pieces = []
+    for section in sections:
+        pieces.append(f"<h2>{html.escape(section.title)}</h2>")
+        small = [part for part in section.parts if isinstance(part, Figure) and not part.is_wide]
+        for part in section.parts:
+            if isinstance(part, str):
+                pieces.append(f"<p>{html.escape(part)}</p>")
+            elif isinstance(part, Table):
+                pieces.append(_html_table(part))
+            elif part.is_wide:
+                pieces.append(themed(part.picture, part.caption, "wide"))
+            elif part is small[0]:
+                figures = "".join(themed(figure.picture, figure.caption) for figure in small)
+                pieces.append(f'<div class="pair">{figures}</div>')
+    return "\n".join(pieces)
+
+
+def themed(picture: Picture, caption: str, kind: str = "") -> str:
+    """Return a figure element whose picture follows the reader's light or dark mode."""
+    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{data_url(picture.dark)}">'
+    return figure_element(data_url(picture.light), caption, dark, kind)
+
+
+def figure_element(url: str, caption: str, sources: str = "", kind: str = "") -> str:
+    """Return a figure element."""
+    text = html.escape(caption)
+    image = f'<picture>{sources}<img src="{url}" alt="{text}"></picture>'
+    return f'<figure class="{kind}">{image}<figcaption>{text}</figcaption></figure>'
+
+
+def data_url(content: bytes) -> str:
+    """Return a URL that holds a PNG or GIF file."""
+    kind = "gif" if content.startswith(b"GIF") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def html_table(head: Sequence[str], lines: Sequence[str]) -> str:
+    """Return a table element from headings and rows in HTML."""
+    cells = "".join(f"<th>{cell}</th>" for cell in head)
+    return f'<div class="table"><table><thead><tr>{cells}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+
+
+def _html_table(table: Table) -> str:
+    lines = []
+    for first, *others in table.lines:
+        cells = "".join(
+            f"<td{' class=best' if cell.is_best else ''}>{html.escape(cell.text)}"
+            f"<small>{html.escape(cell.note)}</small></td>"
+            for cell in others
+        )
+        lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
+    content = html_table([html.escape(heading) for heading in table.head], lines)
+    if not table.title:
+        return content
+    return f"<details><summary>{html.escape(table.title)}</summary>{content}</details>"
+
+
+def _markdown_table(table: Table) -> str:
+    align = ["---", *["---:"] * (len(table.head) - 1)]
+    lines = [[_markdown_cell(cell) for cell in line] for line in table.lines]
+    content = "\n".join(f"| {' | '.join(cells)} |" for cells in ([_escape(h) for h in table.head], align, *lines))
+    if not table.title:
+        return content
+    return f"<details><summary>{html.escape(table.title)}</summary>\n\n{content}\n\n</details>"
+
+
+def _markdown_cell(cell: Cell) -> str:
+    text = f"**{_escape(cell.text)}**" if cell.is_best else _escape(cell.text)
+    return f"{text} <sub>{_escape(cell.note)}</sub>" if cell.note else text
+
+
+def _escape(text: str) -> str:
+    return text.replace("|", "\\|").replace("_", "\\_")

@@ -1,0 +1,104 @@
+"""Episodes that share a start: what makes explorers comparable with each other, and places with each other."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from benchmarks.arena.measures import Measure
+from benchmarks.arena.records import Row
+
+BOUND = "oracle"
+"""Explorer that is told the truth. It bounds what can be reached, and does not compete."""
+REFERENCES = ("nearest", "frontier")
+"""Whom the others are compared with: the first of these that takes part, or else the first policy."""
+PAIRED_AXES = ("physics", "slam")
+"""Columns along which starts stay the same. Robots differ in where they can stand."""
+
+Case = tuple[str, str, str, str]
+"""World, robot, physics and SLAM: a stratum of the statistics."""
+
+
+def case_of(row: Row) -> Case:
+    """Return where, and under which conditions."""
+    return row["world"], row["robot"], row["physics"], row["slam"]
+
+
+def label_cases(rows: Iterable[Row]) -> dict[Case, str]:
+    """Name every case by its world, and by those of its conditions that are not the same in all of that world."""
+    cases = list(dict.fromkeys(map(case_of, rows)))
+    labels = {}
+    for case in cases:
+        alike = [other for other in cases if other[0] == case[0]]
+        varied = [case[k] for k in (1, 2, 3) if len({other[k] for other in alike}) > 1]
+        labels[case] = ", ".join((case[0], *varied))
+    return labels
+
+
+def policies_of(rows: Iterable[Row]) -> list[str]:
+    """Return the policies in the order in which they come."""
+    return list(dict.fromkeys(row["policy"] for row in rows))
+
+
+def reference_of(policies: Sequence[str]) -> str:
+    """Return whom the others are compared with."""
+    return next((name for name in REFERENCES if name in policies), policies[0])
+
+
+def by_start(rows: Iterable[Row], policy: str) -> dict[tuple[Case, int], Row]:
+    """Return a policy's episodes by case and seed."""
+    return {(case_of(row), row["seed"]): row for row in rows if row["policy"] == policy}
+
+
+def common_starts(rows: Sequence[Row]) -> list[Row]:
+    """Return the episodes from starts from which every competitor has one: nobody profits from a place left out."""
+    competitors = [name for name in policies_of(rows) if name != BOUND] or policies_of(rows)
+    starts = set.intersection(*(set(by_start(rows, name)) for name in competitors)) if competitors else set()
+    return [row for row in rows if (case_of(row), row["seed"]) in starts]
+
+
+def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
+    """Return the rows with `REACHED` added, and `RELATIVE` where the reference has an episode from the same start.
+
+    Args:
+        rows: episodes.
+        reference: a policy; None takes the usual one.
+    """
+    if not rows:
+        return []
+    references = by_start(rows, reference or reference_of(policies_of(rows)))
+    related = []
+    for row in rows:
+        same_start = references.get((case_of(row), row["seed"]))
+        related.append(row | {"reached_95": int(row["explored_fraction"] >= 0.95)})
+        if same_start is not None:
+            related[-1] |= {
+                "relative_time": _share(row["time_to_95"], same_start["time_to_95"]),
+                "relative_distance": _share(row["distance_to_95"], same_start["distance_to_95"]),
+            }
+    return related
+
+
+def _share(value: float, reference: float) -> float:
+    """Return value / reference. The reference is zero where the first scan shows 95 %, and it shows all the same."""
+    return value / reference if reference > 0.0 else 1.0
+
+
+def values_of(rows: Iterable[Row], policy: str, measure: Measure) -> list[np.ndarray]:
+    """Return a measure of a policy's episodes: per case an array in the order of seeds, shape (episodes,), float64."""
+    mine = by_start(rows, policy).items()
+    return _by_case({start: row[measure.column] for start, row in mine if measure.column in row})
+
+
+def paired_values(rows: Sequence[Row], a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return a measure of two policies from the starts that they share: per case an array each, in the same order."""
+    ours, theirs = by_start(rows, a), by_start(rows, b)
+    shared = [start for start in ours if start in theirs and measure.column in ours[start]]
+    first, second = ({start: side[start][measure.column] for start in shared} for side in (ours, theirs))
+    return _by_case(first), _by_case(second)
+
+
+def _by_case(values: dict[tuple[Case, int], float]) -> list[np.ndarray]:
+    strata: dict[Case, list[float]] = {}
+    for case, seed in sorted(values):
+        strata.setdefault(case, []).append(values[case, seed])
+    return [np.array(stratum, dtype=np.float64) for stratum in strata.values()]

@@ -1,0 +1,54 @@
+"""Results in the terminal."""
+
+from collections.abc import Mapping, Sequence
+
+from rich import box
+from rich.table import Table
+
+from benchmarks.arena.measures import MEASURES, Measure
+from benchmarks.arena.ranking import SHOWN, Entry
+from benchmarks.arena.statistics import Estimate
+from benchmarks.arena.summary import Summary, best_of
+from benchmarks.arena.theme import short
+
+
+def terminal_table(summary: Summary, case: str) -> Table:
+    """Lay out a case's estimates: a row per measure, a column per policy."""
+    policies = [policy for policy in summary if case in summary[policy]]
+    table = _table(f"{case}, {max(summary[policy][case]['explored_fraction'].n for policy in policies)} episodes")
+    for policy in policies:
+        table.add_column(policy, justify="right", overflow="fold")
+    for measure in MEASURES:
+        estimates = {policy: summary[policy][case][measure.name] for policy in policies}
+        cells = _cells(estimates, measure)
+        table.add_row(f"{measure.label} [dim]{measure.unit}[/dim]", *(cells[policy] for policy in policies))
+    return table
+
+
+def ranking_table(entries: Sequence[Entry]) -> Table:
+    """Lay out the leaderboard: a row per policy, a column per measure."""
+    table = _table("All places")
+    cells = {}
+    for measure in SHOWN:
+        table.add_column(f"{measure.label} {measure.unit}", justify="right")
+        estimates = {e.policy: e.estimates[measure.name] for e in entries if measure.name in e.estimates}
+        cells[measure.name] = _cells(estimates, measure)
+    for entry in entries:
+        place = f"{entry.rank}." if entry.rank else "bound:"
+        table.add_row(f"{place} {short(entry.policy)}", *(cells[m.name].get(entry.policy, "") for m in SHOWN))
+    return table
+
+
+def _table(title: str) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    return table
+
+
+def _cells(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, str]:
+    best = best_of(dict(estimates), measure)
+    return {
+        policy: f"{'[bold]' if policy in best else ''}{measure.text(value.iqm)}{'[/bold]' if policy in best else ''} "
+        f"[dim]\\[{measure.text(value.low)},{measure.text(value.high)}][/dim]"
+        for policy, value in estimates.items()
+    }
