@@ -26,10 +26,9 @@ def run_on_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         import ray
     except ImportError as error:
         raise ImportError("--ray needs Ray: pip install 'lidarnaut[ray]', or -e '.[ray]' in a checkout") from error
-    # Workers are as many as the cores, so each computes with one thread.
-    environment = {"env_vars": {"OMP_NUM_THREADS": "1"}}
-    ray.init(address=address, runtime_env=environment, log_to_driver=False, ignore_reinit_error=True)
+    ray.init(address=address, log_to_driver=False, configure_logging=False)
     try:
+        # Ray gives a process as many threads as it has cores for it: one.
         run = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_in_worker)
         pending = {run.remote(task): task for task in tasks}
         while pending:

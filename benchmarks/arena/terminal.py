@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from rich import box
 from rich.table import Table
 
-from benchmarks.arena.measures import MEASURES, Measure
-from benchmarks.arena.ranking import SHOWN, Entry
+from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
+from benchmarks.arena.ranking import Entry
 from benchmarks.arena.statistics import Estimate
 from benchmarks.arena.summary import Summary, best_of
 from benchmarks.arena.theme import short
@@ -26,16 +26,16 @@ def terminal_table(summary: Summary, case: str) -> Table:
 
 
 def ranking_table(entries: Sequence[Entry]) -> Table:
-    """Lay out the leaderboard: a row per policy, a column per measure."""
+    """Lay out the head of the leaderboard: a row per policy, a column per measure."""
     table = _table("All places")
     cells = {}
-    for measure in SHOWN:
+    for name in ("area_under_curve", "relative_time", "reached_95"):
+        measure = BY_NAME[name]
         table.add_column(f"{measure.label} {measure.unit}", justify="right")
-        estimates = {e.policy: e.estimates[measure.name] for e in entries if measure.name in e.estimates}
-        cells[measure.name] = _cells(estimates, measure)
+        cells[name] = _cells({e.policy: e.estimates[name] for e in entries if name in e.estimates}, measure)
     for entry in entries:
         place = f"{entry.rank}." if entry.rank else "bound:"
-        table.add_row(f"{place} {short(entry.policy)}", *(cells[m.name].get(entry.policy, "") for m in SHOWN))
+        table.add_row(f"{place} {short(entry.policy)}", *(column.get(entry.policy, "") for column in cells.values()))
     return table
 
 

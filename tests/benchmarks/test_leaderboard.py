@@ -1,0 +1,169 @@
+import csv
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from benchmarks.arena.axis import compare_axis
+from benchmarks.arena.leaderboard import gap_section, places_section, ranking_section, unfinished_section
+from benchmarks.arena.pairs import common_starts, label_cases, relate
+from benchmarks.arena.ranking import gaps, rank, typical_and_worst
+from benchmarks.arena.records import COLUMNS
+from benchmarks.arena.unfinished import find_unfinished
+from evaluate import main
+
+DEFAULTS = {str: "x", int: 0, float: 0.0}
+
+
+def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explored=1.0, **more):
+    values = {name: DEFAULTS[read] for name, read in COLUMNS.items()}
+    values |= {"robot": "tugbot", "physics": "bullet", "slam": "tinyslam", "end_reason": "covered", "time_limit": 400.0}
+    values |= {"policy": policy, "seed": seed, "world": world, "area_under_curve": area, "time_to_95": time}
+    return values | {"distance_to_95": distance, "explored_fraction": explored, "success": int(explored >= 0.99)} | more
+
+
+def everywhere(policy, area, time, **more):
+    """Four starts in each of two worlds, of which the second takes ten times as long."""
+    return [
+        row(policy, seed, world, area + 0.01 * seed, scale * time, scale * time / 2, **more)
+        for world, scale in (("maze", 1.0), ("caves", 10.0))
+        for seed in range(4)
+    ]
+
+
+ROWS = [
+    *everywhere("oracle", 0.90, 50.0),
+    *everywhere("nearest", 0.80, 100.0),
+    *everywhere("quick", 0.85, 80.0),
+    *everywhere("slow", 0.70, 150.0, explored=0.97),
+]
+
+
+def test_relative_measures_are_shares_of_the_same_starts_reference():
+    related = relate([*ROWS, row("quick", 9)])
+    shares = {r["policy"]: (r["relative_time"], r["relative_distance"]) for r in related[:-1]}
+    assert shares == {"oracle": (0.5, 0.5), "nearest": (1.0, 1.0), "quick": (0.8, 0.8), "slow": (1.5, 1.5)}
+    assert "relative_time" not in related[-1]  # nearest has no such start
+    assert [r["reached_95"] for r in relate([row("a"), row("b", explored=0.94)])] == [1, 0]
+    assert relate([row("nearest", time=0.0)])[0]["relative_time"] == 1.0  # all was seen at once
+
+
+def test_the_ranking_is_by_area_and_leaves_the_bound_out():
+    entries = rank(relate(ROWS))
+    assert [(entry.rank, entry.policy) for entry in entries] == [
+        *((1, "quick"), (2, "nearest"), (3, "slow")),
+        (None, "oracle"),
+    ]
+    quick = entries[0].estimates
+    assert quick["area_under_curve"].iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
+    assert quick["relative_time"][:3] == pytest.approx((0.8, 0.8, 0.8))
+    assert quick["success_rate"].iqm == 1.0
+    best = [cell.is_best for line in ranking_section(relate(ROWS)).parts[1].lines for cell in line]
+    columns = len(best) // 4
+    assert any(best[:columns])
+    assert not any(best[-columns:])
+
+
+def test_the_gap_to_the_bound_is_closed_by_known_shares():
+    related = relate(ROWS)
+    found = {name: value.iqm for name, value in gaps(related, "quick").items()}
+    assert found == pytest.approx({"area_under_curve": 0.5, "relative_time": 0.4, "relative_distance": 0.4})
+    assert gaps(related, "slow")["relative_time"].iqm == pytest.approx(-1.0)
+    assert gaps(related, "nearest") == gaps(related, "oracle") == {}
+    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle"])) is None
+    shown = gap_section(related).parts[1].lines
+    assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
+    # Where the bound gains nothing there is no gap.
+    level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle" else r for r in ROWS]
+    assert gap_section(relate(level)).parts[1].lines[0][1].text == "-"
+
+
+def test_only_starts_that_all_competitors_share_count():
+    rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle", 3)]
+    assert [(r["policy"], r["seed"]) for r in common_starts(rows)] == [("a", 1), ("b", 1)]
+    assert common_starts([row("a", 0), row("b", 1)]) == []
+
+
+def test_cases_are_named_by_what_differs():
+    rows = [row("a"), row("a", slam="truth"), row("a", world="caves", robot="create3")]
+    assert list(label_cases(rows).values()) == ["maze, tinyslam", "maze, truth", "caves"]
+
+
+def test_an_axis_is_compared_pair_by_pair():
+    rows = [
+        row("a", seed, slam=slam, area=area, time=time * (seed + 1))
+        for slam, area, time in (("tinyslam", 0.7, 120.0), ("truth", 0.8, 100.0), ("odometry", 0.2, 300.0))
+        for seed in range(4)
+    ]
+    rows.append(row("a", 7, slam="tinyslam", area=0.0))  # has no partner
+    entries = compare_axis(rows, "slam")
+    assert [(e.value, e.base, e.estimates["area_under_curve"].n) for e in entries] == [
+        *(("truth", "truth", 4), ("tinyslam", "truth", 4), ("odometry", "truth", 4)),
+    ]
+    assert entries[0].differences == {}
+    assert entries[1].differences["area_under_curve"].iqm == pytest.approx(-0.1)
+    assert entries[1].differences["relative_time"].iqm == pytest.approx(0.2)
+    assert entries[2].differences["relative_time"].iqm == pytest.approx(2.0)
+
+
+def test_what_was_not_finished_is_listed_with_why():
+    rows = [
+        row("a", 0),
+        row("a", 1, explored=0.97, end_reason="no_reachable_frontier", area_left=2.0),
+        row("a", 2, explored=0.5, end_reason="time_limit", area_left=8.0, position_rmse=0.9),
+        row("b", 0, explored=0.98, end_reason="stuck", area_left=1.0),
+    ]
+    first, second = find_unfinished(rows)
+    assert (first.policy, first.case, first.episodes, first.below) == ("a", "maze", 3, (1, 2))
+    assert (first.area_left, first.least_explored) == (5.0, 0.5)
+    assert first.reasons == "no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"
+    assert second.reasons == "could not move any more (1)"
+    titles = [part.title for part in unfinished_section(rows).parts[1:]]
+    assert titles == [
+        "a: of 3 episodes 1 below 95 %, 2 below 99 %",
+        "b: of 1 episodes 0 below 95 %, 1 below 99 %",
+    ]
+
+
+def test_places_tell_how_many_got_there():
+    rows = [row("a", k, time=time, explored=x) for k, (time, x) in enumerate([(60.0, 1.0), (80.0, 1.0), (400.0, 0.5)])]
+    ((name, cell),) = places_section(rows).parts[1].lines
+    assert (name.text, cell.text, cell.note) == ("maze", "180", "2 of 3")
+
+
+def test_typical_is_the_median_and_worst_the_lowest():
+    rows = [row("a", k, area=area) for k, area in enumerate([0.9, 0.1, 0.5])]
+    assert [r["area_under_curve"] for r in typical_and_worst(rows, "a")] == [0.5, 0.1]
+
+
+def test_the_published_numbers_are_those_of_the_table(tmp_path):
+    docs = tmp_path / "docs"
+    options = ["--policies", "oracle", "nearest", "frontier", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1"]
+    options += ["--episodes", "2", "--physics", "kinematic", "--time-limit", "6", "--no-world-sections"]
+    options += ["--slam-axis.policies", "nearest", "--slam-axis.worlds", "pimouse_arena", "--slam-axis.episodes", "1"]
+    assert main([*options, "--out", str(tmp_path / "out"), "--publish", str(docs)]) == 0
+    page = (docs / "arena.md").read_text()
+    with open(docs / "arena" / "episodes.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12 + 2
+    for policy in ("nearest", "frontier", "oracle"):
+        mine = [r for r in rows if r["policy"] == policy and r["slam"] == "tinyslam"]
+        shown = re.search(rf"^\| (?:\d\. |bound: ){policy} \| (.*)$", page, re.MULTILINE).group(1).replace("*", "")
+        numbers = [float(re.match(r"[-\d.]+", cell).group()) for cell in shown.split(" | ")]
+        areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
+        assert numbers[0] == pytest.approx(100 * stats.trim_mean(areas, 0.25), abs=0.051)
+        assert numbers[1] == pytest.approx(100 * stats.trim_mean(fractions, 0.25), abs=0.051)
+        assert numbers[4] == pytest.approx(100 * np.mean([fraction >= 0.95 for fraction in fractions]), abs=0.51)
+        seconds = [float(r["time_to_95"]) for r in mine if r["world"] == "pimouse_arena"]
+        line = re.search(r"^\| pimouse\\_arena \| (.*) \|$", page, re.MULTILINE).group(1).replace("*", "").split(" | ")
+        head = re.search(r"^\|  \| (oracle \| nearest \| frontier) \|$", page, re.MULTILINE).group(1).split(" | ")
+        assert float(line[head.index(policy)].split()[0]) == pytest.approx(stats.trim_mean(seconds, 0.25), abs=0.51)
+    assert "## What mapping error costs" in page
+    assert "nearest, odometry" in page
+    pictures = re.findall(r"\]\((arena/[^)]+)\)", page)
+    assert len(pictures) == 4 + 2 * 3
+    assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
+    assert {path.name for path in (docs / "arena").iterdir()} == {p.removeprefix("arena/") for p in pictures} | {
+        "episodes.csv"
+    }

@@ -1,0 +1,162 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import baselines
+from agents.config_files import ConfigError, load_config, parse_config
+from baselines import RandomExplorer
+from benchmarks.arena.runner import NOT_RUN, Evaluation, Shard
+from benchmarks.arena.settings import Settings
+from envs.worlds import FAMILIES, WORLD_NAMES
+from evaluate import main
+
+SETTINGS = Settings(
+    policies=("nearest", "random"),
+    worlds=("pimouse_arena", "turtlebot3_dqn_stage1"),
+    episodes=2,
+    physics=("kinematic",),
+    time_limit=2.0,
+    slam_axis={"policies": ("nearest",), "worlds": ("pimouse_arena",), "episodes": 1, "slam": ("truth", "tinyslam")},
+)
+
+
+def deterministic(rows):
+    return [{name: value for name, value in row.items() if name != "decision_ms"} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    evaluation = Evaluation(SETTINGS, tmp_path_factory.mktemp("whole"))
+    assert (evaluation.total, evaluation.run()) == (9, [])
+    return evaluation
+
+
+def test_shards_partition_the_evaluation_and_merge_to_the_same(whole, tmp_path):
+    parts = [Evaluation(SETTINGS, tmp_path, Shard(k, 3)) for k in (1, 2, 3)]
+    assert sum(part.total for part in parts) == whole.total
+    for part in parts:
+        assert part.run() == []
+    assert {path.name for path in tmp_path.glob("*.csv")} == {f"episodes-{k}of3.csv" for k in (1, 2, 3)}
+    together = Evaluation(SETTINGS, tmp_path)
+    assert (together.done, together.missing()) == (whole.total, [])
+    assert deterministic(together.rows()) == deterministic(whole.rows())
+    assert deterministic(together.slam_axis_rows()) == deterministic(whole.slam_axis_rows())
+
+
+def test_pairs_stay_in_one_shard(tmp_path):
+    part = Evaluation(SETTINGS, tmp_path, Shard(1, 2))
+    missing = {failure.key for failure in part.missing()}
+    part.run()
+    mine = missing - {failure.key for failure in part.missing()}
+    starts = {(key.world, key.seed) for key in mine}
+    assert mine == {key for key in missing if (key.world, key.seed) in starts}
+    assert 0 < len(mine) < len(missing)
+
+
+def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
+    both = [row for row in whole.slam_axis_rows() if row in whole.rows()]
+    assert [(row["policy"], row["world"], row["seed"], row["slam"]) for row in both] == [
+        ("nearest", "pimouse_arena", 0, "tinyslam")
+    ]
+    assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "tinyslam"}
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Leave out what takes longest."""
+    for name in ("curves_section", "gallery_section"):
+        monkeypatch.setattr(f"benchmarks.arena.publish.{name}", lambda folder, rows: None)
+
+
+class Fragile(RandomExplorer):
+    """Breaks in one of its episodes."""
+
+    def reset(self, robot, control_period, rng):
+        super().reset(robot, control_period, rng)
+        self._is_broken = rng.integers(2**32) == np.random.default_rng([1, 1]).integers(2**32)
+
+    def act(self, observation, belief):
+        if self._is_broken:
+            raise ZeroDivisionError("no way out")
+        return super().act(observation, belief)
+
+
+def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_pictures):
+    monkeypatch.setitem(baselines.EXPLORERS, "fragile", Fragile)
+    settings = ["--policies", "fragile", "random", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--episodes"]
+    settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--no-world-sections", "--out", str(tmp_path)]
+    assert main(settings) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("Could not be run: fragile in") == 2
+    assert "ZeroDivisionError: no way out (test_shards.py" in said
+    page = (tmp_path / "leaderboard.md").read_text()
+    assert "| ZeroDivisionError: no way out" in page
+    assert "4 of 6 episodes" in page  # from the two starts that both have
+
+    # Mended, the same command runs what is missing and nothing else.
+    lines = (tmp_path / "episodes.csv").read_text().splitlines()
+    assert len(lines) == 1 + 6
+    monkeypatch.setitem(baselines.EXPLORERS, "fragile", RandomExplorer)
+    assert main(settings) == 0
+    assert (tmp_path / "episodes.csv").read_text().splitlines()[:7] == lines
+    assert "could not be run" not in (tmp_path / "leaderboard.md").read_text().lower()
+
+
+def test_a_robot_that_does_not_fit_does_not_end_the_suite(tmp_path):
+    settings = SETTINGS.model_copy(update={"worlds": ("pimouse_arena", "maze"), "robots": ("tugbot",)})
+    evaluation = Evaluation(
+        settings.model_copy(update={"episodes": 1, "slam_axis": type(settings.slam_axis)()}), tmp_path
+    )
+    failures = evaluation.run()
+    assert {failure.key.world for failure in failures} == {"pimouse_arena"}
+    assert all("tugbot" in failure.reason and "does not fit" in failure.reason for failure in failures)
+    assert {row["world"] for row in evaluation.rows()} == {"maze"}
+    assert evaluation.missing() == failures
+
+
+def test_nothing_is_run_for_a_report(whole, tmp_path, no_pictures):
+    shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
+    table = (tmp_path / "episodes.csv").read_text()
+    options = [
+        "--policies",
+        "nearest",
+        "random",
+        "--worlds",
+        *SETTINGS.worlds,
+        "--episodes",
+        "3",
+        "--physics",
+        "kinematic",
+    ]
+    options += ["--time-limit", "2", "--no-world-sections", "--out", str(tmp_path), "--report"]
+    assert main(options) == 1
+    assert (tmp_path / "episodes.csv").read_text() == table
+    assert NOT_RUN in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_the_arena_of_the_project_covers_everything():
+    settings = load_config(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
+    assert set(settings.worlds) == {*WORLD_NAMES, *FAMILIES}
+    assert set(settings.policies) == set(baselines.EXPLORERS)
+    assert set(settings.slam_axis.slam) == {"truth", "odometry", "tinyslam"}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (
+            {"polices": ["nearest"]},
+            r"mem: unknown key 'polices'; did you mean 'policies'\? allowed are policies, worlds",
+        ),
+        ({"slam_axis": {"episode": 3}}, r"unknown key 'slam_axis.episode'; did you mean 'episodes'\?"),
+        ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),
+        ({"worlds": []}, r"worlds: .*at least 1 item"),
+        ({"physics": "bullet"}, r"physics: .*tuple, got 'bullet'"),
+        ({"episodes": 0}, r"episodes: .*greater than 0, got 0"),
+    ],
+)
+def test_mistakes_in_the_file_are_named(data, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_config({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
