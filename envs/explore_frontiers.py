@@ -11,8 +11,39 @@ from envs.explore import ExploreEnv
 from envs.frontier_choice import DRIVING, FEATURES, OUTCOMES, OVER, RESET, FrontierChoice, act, judge
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.map_pyramid import CROP_SIZE
-from envs.rewards import RewardWeights
 from envs.robot_env import check_positive
+
+
+def make_choice(explore: ExploreEnv, max_candidates: int, max_decision_time: float) -> FrontierChoice:
+    """Return the choice between frontiers for the robot of an environment.
+
+    Raises:
+        ValueError: if `max_candidates` or `max_decision_time` is not positive.
+    """
+    if max_candidates < 1:
+        raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
+    check_positive(max_decision_time=max_decision_time)
+    angles = explore.robot.lidar.angles + explore.robot.lidar.mount.yaw
+    return FrontierChoice(
+        explore.robot,
+        explore.control_period,
+        explore.resolution,
+        np.vstack([np.cos(angles), np.sin(angles)]),
+        max_candidates=max_candidates,
+        max_time=max_decision_time,
+    )
+
+
+def candidates_space(max_candidates: int) -> spaces.Dict:
+    """Return the observation space of `ExploreFrontiersEnv`."""
+    return spaces.Dict(
+        {
+            "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
+            "action_mask": spaces.MultiBinary(max_candidates),
+            "map": spaces.Box(0, 255, (3, CROP_SIZE, CROP_SIZE), np.uint8),
+            "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
+        }
+    )
 
 
 class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
@@ -106,33 +137,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if max_candidates < 1:
-            raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
-        check_positive(max_decision_time=max_decision_time)
         self.explore = ExploreEnv(control_hz=control_hz, **arguments)
         """The environment that is driven."""
-        robot = self.explore.robot
-        angles = robot.lidar.angles + robot.lidar.mount.yaw
-        self.choice = FrontierChoice(
-            robot,
-            self.explore.control_period,
-            self.explore.resolution,
-            np.vstack([np.cos(angles), np.sin(angles)]),
-            max_candidates=max_candidates,
-            max_time=max_decision_time,
-        )
+        self.choice = make_choice(self.explore, max_candidates, max_decision_time)
         """What there is to choose from, and the pilot."""
         self.render_mode = self.explore.render_mode
         self.metadata = self.explore.metadata
         self.action_space = spaces.Discrete(max_candidates)
-        self.observation_space: spaces.Space[Any] = spaces.Dict(
-            {
-                "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
-                "action_mask": spaces.MultiBinary(max_candidates),
-                "map": spaces.Box(0, 255, (3, CROP_SIZE, CROP_SIZE), np.uint8),
-                "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
-            }
-        )
+        self.observation_space: spaces.Space[Any] = candidates_space(max_candidates)
         self._command = np.zeros(2, dtype=np.float32)
         self._ended = [False, False]
 
@@ -146,9 +158,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.choice.reset()
         self.choice.sense(reading.ranges, 0.0, 0.0, reading.bumper)
         self.choice.survey(self)
-        self._totals = info["rewards"]
-        self._steps = 0
-        return self._observe(), self._complete(info, -1, RESET, info)
+        self._steps = self._touches = 0
+        return self._observe(), self._complete(info, info, -1, RESET)
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive until the next decision is due.
@@ -160,17 +171,16 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             raise ValueError(f"action must be an integer from 0 to {len(self.choice.features) - 1}, got {action!r}")
         choice, explore = self.choice, self.explore
         taken = choice.valid(int(action))
-        self._totals = dict.fromkeys(RewardWeights.names(), 0.0)
-        self._steps = 0
+        self._steps = self._touches = 0
         before = self._info
         outcome = choice.decide(taken, self)
-        info = self._complete(self._info, taken, outcome, before)
+        info = self._complete(self._info, before, taken, outcome)
         terminated, truncated = self._ended
         if not (terminated or truncated or len(choice.places)):
             terminated = True
             info["map_iou"] = map_iou(explore.belief.grid, explore.coverage.area, explore.start)
             info["end_reason"] = "no_reachable_frontier"
-        return self._observe(), sum(self._totals.values()), terminated, truncated, info
+        return self._observe(), sum(info["rewards"].values()), terminated, truncated, info
 
     def action_masks(self) -> np.ndarray:
         """Return which actions have a candidate, shape (max_candidates,), bool, as sb3-contrib's MaskablePPO asks."""
@@ -210,9 +220,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             act(pilot, choice.path, choice.obstacles, *self.pose, v, choice.numbers, self._command)
             self._observation, _, *self._ended, self._info = explore.step(self._command)
             self._steps += 1
-            for name, value in self._info["rewards"].items():
-                self._totals[name] += value
             motion, reading = self._observation["motion"], explore.reading
+            self._touches += reading.bumper
             choice.sense(reading.ranges, float(motion[0]) * robot.max_v, float(motion[1]) * robot.max_w, reading.bumper)
             if any(self._ended):
                 return OVER
@@ -230,15 +239,18 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             "motion": self._observation["motion"],
         }
 
-    def _complete(self, info: dict[str, Any], action: int, outcome: int, before: dict[str, Any]) -> dict[str, Any]:
+    def _complete(self, info: dict[str, Any], before: dict[str, Any], action: int, outcome: int) -> dict[str, Any]:
         """Return the info of `ExploreEnv` after a decision, with what there is to say of the decision."""
         self._info = info
+        gained = info["explored_area"] - before["explored_area"]
+        duration = self._steps * self.explore.control_period
+        touching, is_covered = self._touches / max(self._steps, 1), outcome != RESET and info["is_success"]
         return info | {
-            "rewards": self._totals,
+            "rewards": self.explore.weights.terms(gained, touching, is_covered, duration),
             "action_mask": self.choice.mask,
             "action": action,
             "outcome": OUTCOMES[outcome],
-            "decision_time": info["time"] - before["time"],
+            "decision_time": duration,
             "decision_length": info["path_length"] - before["path_length"],
             "decision_steps": self._steps,
             "area_left": self.explore.coverage.area.area - info["explored_area"],

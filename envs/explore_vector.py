@@ -91,6 +91,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         spaces = cast(gymnasium.spaces.Dict, self.observation_space)
+        self._view_type: type = Views
         self._view_spaces = [cast(gymnasium.spaces.Box, spaces[name]) for name in Views._fields]
         self._views = self._new_views()
         self._max_steps = max_episode_steps or np.iinfo(np.int64).max
@@ -158,9 +159,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
             ValueError: if the actions have the wrong shape, are not finite, or lie outside [-1, 1].
         """
         actions = self._checked(actions)
-        active = ~self._ended
-        if self.autoreset_mode == AutoresetMode.DISABLED and not active.all():
-            raise ValueError(f"lanes {np.flatnonzero(~active).tolist()} have ended; reset them with a reset_mask")
+        active = self._take_active()
         views = self._new_views()
         for i in np.flatnonzero(~active).tolist():
             self._reset_lane(i, None, views)
@@ -193,6 +192,17 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         maps += sum(env.pyramid.near.nbytes + env.pyramid.far.nbytes for env in self.envs)
         return rows + maps + sum(env.coverage.seen.nbytes + env.trail.buffer.nbytes for env in self.envs)
 
+    def _take_active(self) -> np.ndarray:
+        """Return the lanes that have not ended, shape (num_envs,), bool.
+
+        Raises:
+            ValueError: if a lane has, and no step resets it.
+        """
+        active = ~self._ended
+        if self.autoreset_mode == AutoresetMode.DISABLED and not active.all():
+            raise ValueError(f"lanes {np.flatnonzero(~active).tolist()} have ended; reset them with a reset_mask")
+        return active
+
     def _step_all(self, actions: np.ndarray, active: np.ndarray, views: Views) -> None:
         """Step active lanes, a share of them on each core."""
         if len(self._shares) == 1:
@@ -214,8 +224,8 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         shared = (self._lanes, self._numbers, self._directions, self._scratch)
         step_lanes(thread, first, last, actions, active, self._waiting, *shared, views)
 
-    def _new_views(self) -> Views:
-        return Views(*(np.empty(space.shape, space.dtype) for space in self._view_spaces))
+    def _new_views(self) -> Any:
+        return self._view_type(*(np.empty(space.shape, space.dtype) for space in self._view_spaces))
 
     def _checked(self, actions: np.ndarray) -> np.ndarray:
         actions = np.ascontiguousarray(actions, dtype=np.float32)
@@ -287,9 +297,13 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         """Move what moves."""
         for i in self._moving:
             if active[i]:
-                before, after = self._circles[i]
-                before[:] = after
-                after[:] = self.envs[i].world.circles_at((self._lanes.steps[i] + 1) * self._numbers.period)
+                self._move_circles_of(i)
+
+    def _move_circles_of(self, i: int) -> None:
+        """Move what moves in lane `i`."""
+        before, after = self._circles[i]
+        before[:] = after
+        after[:] = self.envs[i].world.circles_at((self._lanes.steps[i] + 1) * self._numbers.period)
 
     def _make_room(self, i: int) -> None:
         """Enlarge lane `i`'s map or trail, which its step would overrun."""
@@ -309,6 +323,15 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         terms = env.weights.terms(lanes.gained * self._cell_area, lanes.bumper, terminated, period)
         rewards = {name: np.where(active, term, 0.0) for name, term in terms.items()}
         return rewards, terminated, active & late & ~terminated
+
+    @property
+    def _lengths(self) -> np.ndarray:
+        """Steps that the environment has taken since the reset, shape (num_envs,)."""
+        return self._lanes.steps
+
+    def _reason(self, i: int, terminated: bool) -> str:
+        """Return why lane `i`'s episode has ended."""
+        return "covered" if terminated else "time_limit"
 
     @property
     def _cell_area(self) -> float:
@@ -341,7 +364,7 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         where = np.flatnonzero(ended).tolist()
         episode = {
             "r": np.where(ended, self._returns, 0.0),
-            "l": np.where(ended, lanes.steps, 0),
+            "l": np.where(ended, self._lengths, 0),
             "t": np.where(ended, lanes.steps * self._numbers.period, 0.0),
         }
         iou = np.zeros(self.num_envs)
@@ -349,12 +372,12 @@ class ExploreVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndar
         for i in where:
             env = self.envs[i]
             iou[i] = map_iou(self._slams[i].map.grid, env.coverage.area, env.start)
-            reasons[i] = "covered" if terminated[i] else "time_limit"
+            reasons[i] = self._reason(i, bool(terminated[i]))
         final = {"map_iou": iou, "end_reason": reasons, "_map_iou": ended, "_end_reason": ended}
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             final_obs = np.full(self.num_envs, None, dtype=object)
             for i in where:
-                final_obs[i] = {name: view[i].copy() for name, view in zip(Views._fields, views, strict=True)}
+                final_obs[i] = {name: view[i].copy() for name, view in views._asdict().items()}
             final_info = info | final
             for i in where:
                 self._reset_lane(i, None, views)

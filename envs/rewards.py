@@ -48,12 +48,12 @@ class RewardWeights(_Weights):
     completed: float = 10.0
     """Once, when the target coverage is reached."""
 
-    def terms(self, gained: Any, touching: Any, completed: Any, period: float) -> dict[str, Any]:
+    def terms(self, gained: Any, touching: Any, completed: Any, period: Any) -> dict[str, Any]:
         """Return the reward terms of a step, or arrays of them.
 
         Args:
             gained: area that became truly known [m2].
-            touching: whether the robot touched anything.
+            touching: whether the robot touched anything, or the share of the step for which it did.
             completed: whether the target coverage is reached.
             period: length of the step [s].
         """

@@ -136,7 +136,9 @@ class FrontierChoice:
     @property
     def mask(self) -> np.ndarray:
         """Shape (max_candidates,), int8: 1 where there is a candidate."""
-        return (np.arange(self._max_candidates) < len(self.places)).astype(np.int8)
+        mask = np.zeros(self._max_candidates, dtype=np.int8)
+        mask[: len(self.places)] = 1
+        return mask
 
     @property
     def plan(self) -> np.ndarray | None:

@@ -35,18 +35,18 @@ def _as_pointer(typing_context, address):
 
 
 @njit(cache=True)
-def _array(address, height, width, dtype):
+def array_at(address, height, width, dtype):
     """Return the C-contiguous array, shape (height, width), that lies at an address."""
     return carray(_as_pointer(address), (height, width), dtype)  # type: ignore[call-arg]
 
 
 @njit(cache=True, error_model="numpy")
-def _drive(i, command, lanes, numbers):
+def drive(i, command, lanes, numbers):
     """Move lane `i`, scan, and return the motion [m, m, rad] that its SLAM is told."""
     state = lanes.state[i]
-    segments = _array(lanes.segments[i, 0], lanes.segments[i, 1], 4, np.float64)
-    before = _array(lanes.circles[i, 0], lanes.circles[i, 2], 3, np.float64)
-    after = _array(lanes.circles[i, 1], lanes.circles[i, 2], 3, np.float64)
+    segments = array_at(lanes.segments[i, 0], lanes.segments[i, 1], 4, np.float64)
+    before = array_at(lanes.circles[i, 0], lanes.circles[i, 2], 3, np.float64)
+    after = array_at(lanes.circles[i, 1], lanes.circles[i, 2], 3, np.float64)
     x, y, theta = state[X], state[Y], state[THETA]
     v = command[0] * numbers.drive.max_v
     w = command[1] * numbers.drive.max_w
@@ -92,13 +92,13 @@ def _drive(i, command, lanes, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def _locate(i, motion, lanes, numbers, directions, points):
+def locate(i, motion, lanes, numbers, directions, points):
     """Find lane `i`'s pose by its SLAM, and decide how the scan is to be drawn."""
     x, y, theta = lanes.belief[i]
     x, y, theta = compose(x, y, theta, motion[0], motion[1], motion[2])
     quality = numbers.quality
     if not numbers.told_pose:
-        words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
+        words = array_at(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
         ranges, lidar, resolution = lanes.ranges[i], numbers.lidar, numbers.resolution
         count = project_hits(ranges, lidar.range_max, directions, lidar.mount_x, lidar.mount_y, resolution, points)
         col, row = lanes.corner[i, 0], lanes.corner[i, 1]
@@ -142,7 +142,7 @@ def _end_beams(i, lanes, numbers, directions, ends):
 
 
 @njit(cache=True, error_model="numpy")
-def _has_room(i, lanes, numbers, directions, ends):
+def has_room(i, lanes, numbers, directions, ends):
     """Tell whether lane `i`'s map and trail have room for what its step adds to them; fills `lanes.touched`."""
     lanes.touched[i] = 0
     if lanes.quality[i] >= 0.0:
@@ -158,15 +158,15 @@ def _has_room(i, lanes, numbers, directions, ends):
 def _levels(i, lanes):
     """Return the levels of lane `i`'s map pyramid."""
     pyramid = lanes.pyramid[i]
-    near, far = _array(pyramid[0], 1, pyramid[1], np.uint16), _array(pyramid[2], 1, pyramid[3], np.uint16)
+    near, far = array_at(pyramid[0], 1, pyramid[1], np.uint16), array_at(pyramid[2], 1, pyramid[3], np.uint16)
     return near[0], far[0]
 
 
 @njit(cache=True, error_model="numpy")
-def _draw(i, lanes, numbers, directions, ends, new_cells):
+def draw(i, lanes, numbers, directions, ends, new_cells):
     """Draw lane `i`'s scan into its map, and count what became truly known."""
-    words = _array(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
-    occupancy = _array(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
+    words = array_at(lanes.map[i, 0], lanes.map[i, 2], lanes.map[i, 3], np.int32)
+    occupancy = array_at(lanes.map[i, 1], lanes.map[i, 2], lanes.map[i, 3], np.int8)
     col, row, extent = _end_beams(i, lanes, numbers, directions, ends)
     count = draw_scan(
         words,
@@ -187,8 +187,8 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
     )
     near, far = _levels(i, lanes)
     pool_map(occupancy, extent[0], extent[1], extent[2], extent[3], numbers.block, near, far)
-    explorable = _array(lanes.area[i, 0], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
-    seen = _array(lanes.area[i, 1], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
+    explorable = array_at(lanes.area[i, 0], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
+    seen = array_at(lanes.area[i, 1], lanes.area[i, 2], lanes.area[i, 3], np.bool_)
     lanes.gained[i] = count_new(
         new_cells[:count],
         lanes.corner[i, 0] * numbers.resolution,
@@ -207,18 +207,36 @@ def _draw(i, lanes, numbers, directions, ends, new_cells):
 
 
 @njit(cache=True, error_model="numpy")
+def mark_trail(i, lanes, numbers):
+    """Remember where lane `i` has been."""
+    x, y, _ = lanes.belief[i]
+    positions = array_at(lanes.trail[i, 0], lanes.trail[i, 1] + 1, 2, np.float64)
+    if is_apart(positions, lanes.trail[i, 1], x, y):
+        positions[lanes.trail[i, 1], 0], positions[lanes.trail[i, 1], 1] = x, y
+        lanes.trail[i, 1] += 1
+        near, far = _levels(i, lanes)
+        left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
+        col, row = (x - left) / numbers.resolution, (y - low) / numbers.resolution
+        mark_visited(col, row, lanes.map[i, 2], lanes.map[i, 3], numbers.block, near, far)
+
+
+@njit(cache=True, error_model="numpy")
+def measure_error(i, lanes):
+    """Measure how far lane `i`'s belief is off."""
+    x, y, theta = lanes.belief[i]
+    believed = compose(lanes.start[i, 0], lanes.start[i, 1], lanes.start[i, 2], x, y, theta)
+    state = lanes.state[i]
+    error = between(believed[0], believed[1], believed[2], state[X], state[Y], state[THETA])
+    lanes.pose_error[i, 0], lanes.pose_error[i, 1] = distance(error[0], error[1]), abs(error[2])
+
+
+@njit(cache=True, error_model="numpy")
 def _view(i, action, lanes, numbers, views):
     """Compose lane `i`'s observation."""
     x, y, theta = lanes.belief[i]
     height, width = lanes.map[i, 2], lanes.map[i, 3]
     left, low = lanes.corner[i, 0] * numbers.resolution, lanes.corner[i, 1] * numbers.resolution
     near, far = _levels(i, lanes)
-    positions = _array(lanes.trail[i, 0], lanes.trail[i, 1] + 1, 2, np.float64)
-    if is_apart(positions, lanes.trail[i, 1], x, y):
-        positions[lanes.trail[i, 1], 0], positions[lanes.trail[i, 1], 1] = x, y
-        lanes.trail[i, 1] += 1
-        cells = (x - left) / numbers.resolution, (y - low) / numbers.resolution
-        mark_visited(cells[0], cells[1], height, width, numbers.block, near, far)
     crop_pyramid(
         near,
         far,
@@ -244,10 +262,6 @@ def _view(i, action, lanes, numbers, views):
         lanes.steps[i] * numbers.period / lanes.time_limit[i],
         views.motion[i],
     )
-    believed = compose(lanes.start[i, 0], lanes.start[i, 1], lanes.start[i, 2], x, y, theta)
-    state = lanes.state[i]
-    error = between(believed[0], believed[1], believed[2], state[X], state[Y], state[THETA])
-    lanes.pose_error[i, 0], lanes.pose_error[i, 1] = distance(error[0], error[1]), abs(error[2])
 
 
 @njit(cache=True, error_model="numpy")
@@ -255,8 +269,10 @@ def _finish(thread, i, action, lanes, numbers, directions, scratch, views):
     """Draw lane `i`'s scan if it is due, and compose its observation."""
     lanes.gained[i] = 0
     if lanes.quality[i] >= 0.0:
-        _draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
+        draw(i, lanes, numbers, directions, scratch.ends[thread], scratch.new_cells[thread])
+    mark_trail(i, lanes, numbers)
     _view(i, action, lanes, numbers, views)
+    measure_error(i, lanes)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -282,9 +298,9 @@ def step_lanes(thread, first, last, actions, active, waiting, lanes, numbers, di
     for i in range(first, last):
         waiting[i] = False
         if active[i]:
-            motion = _drive(i, actions[i], lanes, numbers)
-            _locate(i, motion, lanes, numbers, directions, scratch.points[thread])
-            if _has_room(i, lanes, numbers, directions, scratch.ends[thread]):
+            motion = drive(i, actions[i], lanes, numbers)
+            locate(i, motion, lanes, numbers, directions, scratch.points[thread])
+            if has_room(i, lanes, numbers, directions, scratch.ends[thread]):
                 _finish(thread, i, actions[i], lanes, numbers, directions, scratch, views)
             else:
                 waiting[i] = True
