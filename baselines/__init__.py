@@ -1,11 +1,12 @@
 """Classic explorers and the path follower that they drive with."""
 
 from .explore_lite import ExploreLiteExplorer, ExploreLiteParams
-from .explorer import Explorer
+from .explorer import Explorer, Omniscient
 from .frontier import FrontierExplorer, FrontierParams
 from .greedy_gain import GreedyGainExplorer
 from .nearest import NearestExplorer, NearestParams
 from .next_best_view import NextBestViewExplorer, NextBestViewParams
+from .oracle import OracleExplorer
 from .random import RandomExplorer
 from .rrt import RrtExplorer, RrtParams
 from .tour import TourExplorer, TourParams
@@ -21,6 +22,7 @@ EXPLORERS: dict[str, type[Explorer]] = {
     "next_best_view": NextBestViewExplorer,
     "wall_follower": WallFollower,
     "rrt": RrtExplorer,
+    "oracle": OracleExplorer,
 }
 """Explorers by name."""
 
@@ -48,6 +50,8 @@ __all__ = [
     "NearestParams",
     "NextBestViewExplorer",
     "NextBestViewParams",
+    "Omniscient",
+    "OracleExplorer",
     "RandomExplorer",
     "RrtExplorer",
     "RrtParams",

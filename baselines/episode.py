@@ -11,7 +11,7 @@ import numpy as np
 from envs.coverage import map_iou
 from envs.explore import ExploreEnv
 
-from .explorer import Explorer
+from .explorer import Explorer, Omniscient
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +72,28 @@ class Episode:
     """The explored fraction over time and distance."""
 
 
+def begin_episode(
+    env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, rng: np.random.Generator
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Reset an environment and then the explorer; the truth is told to explorers that ask for it, and to no others.
+
+    Args:
+        env: an `ExploreEnv`, wrapped or not.
+        explorer: will explore.
+        seed: of the environment.
+        rng: the explorer's source of chance.
+
+    Returns:
+        The environment's first observation and info.
+    """
+    place = cast(ExploreEnv, env.unwrapped)
+    observation, info = env.reset(seed=seed)
+    explorer.reset(place.robot, place.control_period, rng)
+    if isinstance(explorer, Omniscient):
+        explorer.reveal(place.coverage.area, place.start, place.target_coverage)
+    return observation, info
+
+
 def run_episode(
     env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, on_step: Callable[[dict[str, Any]], None] | None = None
 ) -> Episode:
@@ -79,14 +101,13 @@ def run_episode(
 
     Args:
         env: an `ExploreEnv`, wrapped or not.
-        explorer: decides; it sees observations and beliefs only.
+        explorer: decides; it sees observations and beliefs only, unless it is `Omniscient`.
         seed: of everything: place, start, noise, and the explorer's own draws.
         on_step: called with `info` after the reset and after every step, to record pictures.
     """
     place = cast(ExploreEnv, env.unwrapped)
-    observation, info = env.reset(seed=seed)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
-    explorer.reset(place.robot, place.control_period, np.random.default_rng([seed, 1]))
+    observation, info = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
     samples, errors, decision_time, decisions = [_sample(info)], [info["pose_error"]], 0.0, 0
     if on_step:
         on_step(info)

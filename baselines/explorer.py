@@ -1,9 +1,11 @@
 """What every explorer offers, classic or learned."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from envs.coverage import ExplorableArea
+from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
 
@@ -33,4 +35,19 @@ class Explorer(Protocol):
 
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action, shape (2,), float32: forward speed and yaw rate as fractions of the robot's limits."""
+        ...
+
+
+@runtime_checkable
+class Omniscient(Protocol):
+    """An explorer that is told the truth: no competitor, but the bound that the others are measured against."""
+
+    def reveal(self, area: ExplorableArea, start: Pose2D, target_coverage: float) -> None:
+        """Learn the truth about the place of an episode; called after `Explorer.reset`.
+
+        Args:
+            area: what there is to see, and the walls.
+            start: pose of the map frame's origin in the world frame.
+            target_coverage: share of the area that ends the episode.
+        """
         ...

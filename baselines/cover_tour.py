@@ -1,0 +1,243 @@
+"""Short tours from which enough is seen: which places to go to, and in which order.
+
+A tour begins at a start and may end anywhere. It need not pass all places: what counts is that what is seen from its
+stops and from the places on the way between them is enough. Improved by local search, and by taking some stops out and
+putting others in (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
+"""
+
+import numpy as np
+from numba import njit
+
+from baselines.cover import count_bits, length_of, look, ones, seen_on
+
+LEAST_SAVING = 1e-6
+"""A change that saves less than this is none: it would be rounding."""
+MAX_REMOVED = 8
+"""Stops that are taken out of a tour at once."""
+DEVIATION = 0.01
+"""How much longer than the best tour one may be to go on from, as a share; goes down to 0 during the search."""
+NOISE = 0.4
+"""By how much chance makes a place look better than it is, as a share."""
+SHORT_DETOUR = 0.2
+"""Added to detours before gains are divided by them, so that a place on the way is no better than any other [m]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _step(cover, tour, k, other):
+    """Return the length from a place to the `k`-th stop; nothing follows the last one."""
+    return cover.lengths[other, tour[k]] if k < tour.size else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _reorder(cover, known, target, tour):
+    """Reverse stretches (2-opt) and let neighbouring ones of up to three stops change places (or-opt) where that helps.
+
+    Changes `tour`; returns whether it did. What is seen on the way changes with the order, and must remain enough.
+    """
+    changed = False
+    size = tour.size
+    for i in range(1, size - 1):
+        for j in range(i + 1, size):
+            before = cover.lengths[tour[i - 1], tour[i]] + _step(cover, tour, j + 1, tour[j])
+            after = cover.lengths[tour[i - 1], tour[j]] + _step(cover, tour, j + 1, tour[i])
+            if after < before - LEAST_SAVING:
+                other = tour.copy()
+                other[i : j + 1] = tour[i : j + 1][::-1]
+                if count_bits(seen_on(cover, known, other)) >= target:
+                    tour[:] = other
+                    changed = True
+            for k in range(i, j):
+                if min(k - i, j - k - 1) > 2:
+                    continue
+                before = cover.lengths[tour[i - 1], tour[i]] + cover.lengths[tour[k], tour[k + 1]]
+                before += _step(cover, tour, j + 1, tour[j])
+                after = cover.lengths[tour[i - 1], tour[k + 1]] + cover.lengths[tour[j], tour[i]]
+                after += _step(cover, tour, j + 1, tour[k])
+                if after < before - LEAST_SAVING:
+                    other = tour.copy()
+                    other[i : i + j - k] = tour[k + 1 : j + 1]
+                    other[i + j - k : j + 1] = tour[i : k + 1]
+                    if count_bits(seen_on(cover, known, other)) >= target:
+                        tour[:] = other
+                        changed = True
+    return changed
+
+
+@njit(cache=True, error_model="numpy")
+def _best_change(cover, target, last, stop, following, prefix, rest):
+    """Find what saves most at a stop: leaving it out, or a place near to it instead.
+
+    Args:
+        cover: the places.
+        target: number of samples to see.
+        last: the stop before.
+        stop: the stop.
+        following: the stop after it, -1 for none.
+        prefix: shape (words,), uint64, what is known at the stop before.
+        rest: shape (words,), uint64, what is seen after the next stop.
+
+    Returns:
+        The place to go to instead, -1 to leave the stop out, the stop itself where nothing is better.
+    """
+    best, least = stop, cover.lengths[last, stop] - LEAST_SAVING
+    if following >= 0:
+        least += cover.lengths[stop, following]
+    seen = np.empty_like(prefix)
+    for choice in range(-1, cover.near.shape[1]):
+        place = -1 if choice < 0 else cover.near[stop, choice]
+        if place == last or (place == following and place >= 0):
+            continue
+        turn = last if place < 0 else place
+        length = cover.lengths[last, turn] + (cover.lengths[turn, following] if following >= 0 else 0.0)
+        if length >= least:
+            continue
+        for w in range(seen.size):
+            seen[w] = prefix[w] | rest[w]
+        look(cover, last, turn, seen)
+        if following >= 0:
+            look(cover, turn, following, seen)
+        if count_bits(seen) >= target:
+            best, least = place, length
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _pull_in(cover, known, target, tour):
+    """Leave out stops that are not needed and move others to where the tour becomes shorter; return the tour."""
+    size = tour.size
+    # What is seen from each stop on, the way to it left out.
+    suffix = np.zeros((size + 1, known.size), dtype=np.uint64)
+    for k in range(size - 2, 0, -1):
+        suffix[k] = suffix[k + 1]
+        look(cover, tour[k], tour[k + 1], suffix[k])
+    prefix = known.copy()
+    kept = np.empty_like(tour)
+    kept[0] = tour[0]
+    num_kept = 1
+    for k in range(1, size):
+        last, following = kept[num_kept - 1], tour[k + 1] if k + 1 < size else -1
+        place = _best_change(cover, target, last, tour[k], following, prefix, suffix[k + 1])
+        if place >= 0:
+            look(cover, last, place, prefix)
+            kept[num_kept] = place
+            num_kept += 1
+    return kept[:num_kept].copy()
+
+
+@njit(cache=True, error_model="numpy")
+def improve(cover, known, target, tour):
+    """Shorten a tour on which enough is seen, until neither order nor stops can be bettered; return it.
+
+    Args:
+        cover: the places.
+        known: shape (words,), uint64, what is known without any tour.
+        target: number of samples to know in the end.
+        tour: shape (size,), int64, the start first.
+    """
+    tour = tour.copy()
+    while True:
+        before = length_of(cover, tour)
+        while _reorder(cover, known, target, tour):
+            pass
+        tour = _pull_in(cover, known, target, tour)
+        if length_of(cover, tour) >= before - LEAST_SAVING:
+            return tour
+
+
+@njit(cache=True, error_model="numpy")
+def complete(cover, known, target, tour, noise, rng):
+    """Insert stops into a tour until enough is seen: each time the one that shows most for its detour.
+
+    Args:
+        cover: the places.
+        known: shape (words,), uint64, what is known without any tour.
+        target: number of samples to know in the end.
+        tour: shape (size,), int64, the start first.
+        noise: by how much chance makes a place look better, as a share.
+        rng: source of chance.
+
+    Returns:
+        The tour, and whether enough is seen on it; if not, nothing more can be.
+    """
+    num_places = cover.lengths.shape[0]
+    open_words = np.empty(known.size, dtype=np.int64)
+    while True:
+        seen = seen_on(cover, known, tour)
+        missing = target - count_bits(seen)
+        if missing <= 0:
+            return tour, True
+        num_open = 0
+        for w in range(seen.size):
+            if seen[w] != ~np.uint64(0):
+                open_words[num_open] = w
+                num_open += 1
+        best, best_at, best_value = -1, 0, 0.0
+        for place in range(num_places):
+            gain = 0
+            for w in open_words[:num_open]:
+                gain += ones(cover.sees[place, w] & ~seen[w])
+            if gain == 0:
+                continue
+            detour, at = cover.lengths[tour[-1], place], tour.size
+            for k in range(tour.size - 1):
+                more = cover.lengths[tour[k], place] + cover.lengths[place, tour[k + 1]]
+                more -= cover.lengths[tour[k], tour[k + 1]]
+                if more < detour:
+                    detour, at = more, k + 1
+            value = min(gain, missing) / (max(detour, 0.0) + SHORT_DETOUR) * (1.0 + noise * rng.random())
+            if value > best_value:
+                best, best_at, best_value = place, at, value
+        if best < 0:
+            return tour, False
+        longer = np.empty(tour.size + 1, dtype=tour.dtype)
+        longer[:best_at], longer[best_at], longer[best_at + 1 :] = tour[:best_at], best, tour[best_at:]
+        tour = longer
+
+
+@njit(cache=True, error_model="numpy")
+def _ruin(cover, tour, rng):
+    """Take out a random number of the stops that lie nearest to a random one; return the rest."""
+    num_stops = tour.size - 1
+    num_removed = 1 + int(rng.random() * min(MAX_REMOVED, num_stops))
+    middle = tour[1 + int(rng.random() * num_stops)]
+    gaps = np.empty(num_stops)
+    for k in range(num_stops):
+        gaps[k] = cover.lengths[middle, tour[k + 1]]
+    kept = np.ones(tour.size, dtype=np.bool_)
+    kept[1 + np.argsort(gaps, kind="mergesort")[:num_removed]] = False
+    return tour[kept]
+
+
+@njit(cache=True, error_model="numpy")
+def search_tour(cover, known, target, tour, num_rounds, rng):
+    """Find a short tour on which enough is seen.
+
+    Args:
+        cover: the places.
+        known: shape (words,), uint64, what is known without any tour.
+        target: number of samples to know in the end.
+        tour: shape (size,), int64, to begin with: the start first, and any stops.
+        num_rounds: how often stops are taken out and others put in.
+        rng: source of chance.
+
+    Returns:
+        The tour, shape (m,), int64, and whether enough is seen on it; if not, all is that can be.
+    """
+    tour, enough = complete(cover, known, target, tour, 0.0, rng)
+    if not enough:
+        target = count_bits(seen_on(cover, known, tour))
+    best = present = improve(cover, known, target, tour)
+    best_length = length_of(cover, best)
+    for k in range(num_rounds):
+        if present.size < 2:
+            break
+        other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), NOISE, rng)
+        if not other_enough:
+            continue
+        other = improve(cover, known, target, other)
+        length = length_of(cover, other)
+        if length < best_length - LEAST_SAVING:
+            best, best_length = other, length
+        if length <= best_length * (1.0 + DEVIATION * (1.0 - k / num_rounds)):
+            present = other
+    return best, enough

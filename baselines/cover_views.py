@@ -1,0 +1,75 @@
+"""What a lidar sees of a place that is known in truth, as sets of samples."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def _view(free, row, col, reach, sample_of, words):
+    """Set the bits of the samples that straight lines from a cell's centre meet before anything that is not free.
+
+    The lines end one cell apart on a circle, and are followed from cell to cell along their longer axis.
+
+    Args:
+        free: shape (height, width), bool; no free cell lies at the edge.
+        row: row of the cell.
+        col: column of the cell.
+        reach: length of the lines [cells].
+        sample_of: shape (height, width), int32, index of a cell's sample, -1 for none.
+        words: shape (words,), uint64, changed.
+    """
+    if sample_of[row, col] >= 0:
+        words[sample_of[row, col] >> 6] |= np.uint64(1) << np.uint64(sample_of[row, col] & 63)
+    height, width = free.shape
+    num_lines = max(8, math.ceil(2.0 * math.pi * reach))
+    for k in range(num_lines):
+        angle = 2.0 * math.pi * k / num_lines
+        d_row, d_col = math.sin(angle), math.cos(angle)
+        scale = max(abs(d_row), abs(d_col))
+        d_row, d_col = d_row / scale, d_col / scale
+        r, c = row + 0.5, col + 0.5
+        for _ in range(int(reach * scale)):
+            r += d_row
+            c += d_col
+            i, j = int(r), int(c)
+            if r < 0.0 or c < 0.0 or i >= height or j >= width or not free[i, j]:
+                break
+            sample = sample_of[i, j]
+            if sample >= 0:
+                words[sample >> 6] |= np.uint64(1) << np.uint64(sample & 63)
+
+
+@njit(cache=True, error_model="numpy")
+def _views(free, cells, reach, sample_of, num_words):
+    views = np.zeros((cells.shape[0], num_words), dtype=np.uint64)
+    for k in range(cells.shape[0]):
+        _view(free, cells[k, 0], cells[k, 1], reach, sample_of, views[k])
+    return views
+
+
+def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
+    """Tell which samples are seen from cells by a lidar that looks all around.
+
+    Args:
+        free: shape (height, width), bool.
+        cells: shape (n, 2), int64, (row, column) of where to look from.
+        reach: range [cells].
+        samples: shape (s, 2), int64, (row, column) of what is looked for.
+
+    Returns:
+        Shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 is set where sample i is seen.
+    """
+    sample_of = np.full(free.shape, -1, dtype=np.int32)
+    sample_of[tuple(samples.T)] = np.arange(len(samples))
+    views: np.ndarray = _views(free, np.ascontiguousarray(cells), float(reach), sample_of, -(-len(samples) // 64))
+    return views
+
+
+def pack_bits(flags: np.ndarray) -> np.ndarray:
+    """Pack flags (shape (s,), bool) into words as `views_from` does: shape (ceil(s / 64),), uint64."""
+    padded = np.zeros(-(-len(flags) // 64) * 64, dtype=bool)
+    padded[: len(flags)] = flags
+    words: np.ndarray = np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
+    return words

@@ -1,0 +1,54 @@
+"""The truth beside what a robot believes."""
+
+import numpy as np
+
+from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
+
+
+class TrueMap:
+    """The true walls in the map frame, to complete a belief with."""
+
+    def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
+        """Take the truth.
+
+        Args:
+            walls: the truth, world frame.
+            start: pose of the map frame's origin in the world frame.
+        """
+        self._walls = walls
+        self._start = start
+        self._grid: OccupancyGrid | None = None
+
+    def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """Return the believed map with the truth where it is unknown; its extent is that of the truth."""
+        truth = self._aligned(grid)
+        shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
+        low = np.maximum(shift, 0)
+        high = np.minimum(shift + grid.data.shape, truth.data.shape)
+        data = truth.data.copy()
+        if (high > low).all():
+            window = data[low[0] : high[0], low[1] : high[1]]
+            known = grid.data[low[0] - shift[0] : high[0] - shift[0], low[1] - shift[1] : high[1] - shift[1]]
+            np.copyto(window, known, where=known >= 0)
+        return OccupancyGrid(data, truth.resolution, truth.origin)
+
+    def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """Return the truth on cells that coincide with those of a map; maps grow by whole cells."""
+        if self._grid is None:
+            x_min, y_min, x_max, y_max = self._walls.bounds
+            corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])
+            corners = self._start.inverse().transform(corners)
+            resolution, origin = grid.resolution, np.array(grid.origin)
+            low = np.floor((corners.min(axis=0) - origin) / resolution)
+            width, height = np.ceil((corners.max(axis=0) - origin) / resolution).astype(int) - low.astype(int)
+            empty = OccupancyGrid(
+                np.full((height, width), OCCUPIED, dtype=np.int8),
+                resolution,
+                tuple((origin + low * resolution).tolist()),
+            )
+            centers = empty.centers(np.argwhere(empty.data >= 0))
+            cells = self._walls.cells(self._start.transform(centers))
+            inside = self._walls.contains(cells)
+            empty.data.reshape(-1)[inside] = self._walls.data[tuple(cells[inside].T)]
+            self._grid = empty
+        return self._grid

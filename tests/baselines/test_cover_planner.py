@@ -1,0 +1,187 @@
+"""Places, what is seen from them, and tours in places whose best tour is known."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from baselines.cover_places import find_places
+from baselines.cover_planner import CoverPlanner
+from baselines.cover_views import pack_bits, views_from
+from envs.coverage import explorable_area
+from envs.geometry import Pose2D
+from envs.navigation import CostmapParams, make_costmap
+from envs.worlds import World
+from tests.baselines.places import BURGER
+
+REACH = BURGER.lidar.range_max
+FOOTPRINT = CostmapParams(0.155, 0.605, 4.0)
+
+
+def world_of(*corners, walls=(), start=(1.0, 1.0)):
+    """A floor with an outline of the given corners, counter-clockwise, and further walls."""
+    outline = [(*a, *b) for a, b in zip(corners, (*corners[1:], corners[0]))]
+    x, y = np.array(corners, dtype=float).T
+    return World(
+        name="plan",
+        segments=np.array([*outline, *walls], dtype=float),
+        circles=np.empty((0, 3)),
+        spawns=(Pose2D(*start, 0.0),),
+        bounds=(x.min(), y.min(), x.max(), y.max()),
+    )
+
+
+def planner_for(world, target=1.0, seed=0):
+    area = explorable_area(world, BURGER, 0.05)
+    places = find_places(make_costmap(area.walls, FOOTPRINT), world.spawns[0][:2])
+    return CoverPlanner(area, places, REACH, target, np.random.default_rng(seed))
+
+
+def seen_from(planner, *points):
+    """What is seen from some points, as a mask of the explorable area."""
+    area = planner.area
+    cells = np.argwhere(area.explorable)
+    words = views_from(area.walls.data == 0, area.walls.cells(np.array(points)), REACH / 0.05, cells)
+    flags = np.unpackbits(np.bitwise_or.reduce(words).view(np.uint8), bitorder="little")[: len(cells)]
+    seen = np.zeros_like(area.explorable)
+    seen[tuple(cells.T)] = flags.astype(bool)
+    return seen
+
+
+def planned(world, target=1.0, num_rounds=60):
+    """Plan a tour from the spawn, after a first look; return its stops and its length without turns."""
+    planner, (x, y, _) = planner_for(world, target), world.spawns[0]
+    assert planner.plan(x, y, seen_from(planner, (x, y)), num_rounds)
+    points = np.array([(x, y), *planner.places.points[planner.stops]])
+    ways, _ = planner.places.ways_from(x, y)
+    length = ways[planner.stops[0]] if planner.stops else 0.0
+    length += sum(planner.places.lengths[a, b] for a, b in pairwise(planner.stops))
+    return points[1:], length
+
+
+def test_views_equal_a_look_along_every_line():
+    rng = np.random.default_rng(0)
+    free = rng.random((50, 60)) < 0.93
+    free[[0, -1]] = free[:, [0, -1]] = False
+    samples = np.argwhere(free)[::3]
+    places, reach = np.array([[20, 25], [2, 3], [47, 57]]), 14.0
+    expected = np.zeros((len(places), len(samples)), dtype=bool)
+    for k, place in enumerate(places):
+        seen = np.zeros_like(free)
+        seen[tuple(place)] = True
+        num_lines = int(np.ceil(2.0 * np.pi * reach))
+        for angle in 2.0 * np.pi * np.arange(num_lines) / num_lines:
+            step = np.array([np.sin(angle), np.cos(angle)])
+            longer = np.abs(step).max()
+            cells = np.floor(place + 0.5 + np.outer(np.arange(1, int(reach * longer) + 1), step / longer)).astype(int)
+            inside = ((cells >= 0) & (cells < free.shape)).all(axis=1)
+            clear = inside.copy()
+            clear[inside] = free[tuple(cells[inside].T)]
+            cells = cells[np.logical_and.accumulate(clear)]
+            seen[tuple(cells.T)] = True
+        expected[k] = seen[tuple(samples.T)]
+    views = views_from(free, places, reach, samples)
+    np.testing.assert_array_equal(views, np.array([pack_bits(flags) for flags in expected]))
+
+
+def test_no_view_leads_through_a_wall_or_beyond_the_range():
+    planner = planner_for(world_of((0, 0), (9, 0), (9, 3), (0, 3), walls=[(4, 0, 4, 2)], start=(3.0, 1.0)))
+    rows, cols = np.nonzero(seen_from(planner, (3.0, 1.0)))
+    x, y = planner.area.walls.centers(np.column_stack([rows, cols])).T
+    assert np.hypot(x - 3.0, y - 1.0).max() < REACH + 0.05
+    assert x[y < 1.9].max() < 4.0
+    assert x[y > 2.5].max() > 4.5
+
+
+def test_places_are_spread_evenly_and_ways_lead_round_walls():
+    world = world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])
+    places = planner_for(world).places
+    gaps = np.hypot(*(places.points[:, None] - places.points).transpose(2, 0, 1))
+    np.fill_diagonal(gaps, np.inf)
+    assert gaps.min() >= 0.2
+    assert gaps.min(axis=1).max() < 0.5
+    a, b = (np.hypot(*(places.points - point).T).argmin() for point in ((4.2, 0.8), (5.8, 0.8)))
+    around = sum(np.hypot(*(places.points[k] - (5.0, 4.0))) for k in (a, b))
+    # Nearness to the wall makes the way longer.
+    assert around < places.lengths[a, b] < 1.5 * around
+    np.testing.assert_array_equal(places.lengths, places.lengths.T)
+
+
+def test_ways_lead_past_places_that_lie_on_them():
+    places = planner_for(world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])).places
+    rng = np.random.default_rng(0)
+    for origin, last in rng.integers(0, len(places.cells), (50, 2)):
+        chain = [last]
+        while chain[-1] != origin:
+            chain.append(places.before[origin, chain[-1]])
+        steps = [places.lengths[a, b] for a, b in pairwise(chain)]
+        assert sum(steps) <= 1.15 * places.lengths[origin, last] + 0.2
+        assert max(steps, default=0.0) < 1.6
+
+
+def test_a_room_that_is_seen_from_the_start_needs_no_way():
+    stops, length = planned(world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)))
+    assert len(stops) == 0
+    assert length == 0.0
+
+
+def test_in_a_corridor_the_shorter_end_comes_first():
+    # From 3.35 m before an end the lidar sees both of its corners.
+    stops, length = planned(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0)))
+    assert stops[0, 0] == pytest.approx(3.35, abs=0.4)
+    assert stops[-1, 0] == pytest.approx(16.65, abs=0.4)
+    assert length == pytest.approx(2 * 4.65 + 8.65, abs=0.8)
+
+
+def test_a_corridor_is_left_unseen_where_that_saves_the_longest_way():
+    # 80 % may be: the last 4 m of the longer end.
+    stops, length = planned(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(3.0, 1.0)), target=0.8)
+    assert stops[-1, 0] == pytest.approx(12.6, abs=0.5)
+    assert length == pytest.approx(9.6, abs=0.6)
+
+
+def test_the_longest_arm_of_a_cross_comes_last():
+    # Arms of 6 m and, upwards, 10 m, all 2 m wide.
+    corners = [
+        (1, -1),
+        (7, -1),
+        (7, 1),
+        (1, 1),
+        (1, 11),
+        (-1, 11),
+        (-1, 1),
+        (-7, 1),
+        (-7, -1),
+        (-1, -1),
+        (-1, -7),
+        (1, -7),
+    ]
+    stops, length = planned(world_of(*corners, start=(0.0, 0.0)))
+    assert stops[-1, 1] > 7.0
+    assert length == pytest.approx(2 * 3 * 3.65 + 7.65, abs=2.0)
+
+
+def test_a_place_that_is_used_up_is_no_stop_again():
+    world = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
+    planner = planner_for(world)
+    seen = seen_from(planner, (8.0, 1.0))
+    used = set()
+    enough = True
+    while enough:
+        enough = planner.plan(8.0, 1.0, seen, 2)
+        assert not used & set(planner.stops)
+        if planner.stops:
+            used.add(planner.stops[0])
+            planner.use_up(planner.stops[0])
+    assert used
+
+
+def test_a_robot_that_is_walled_in_has_no_tour():
+    world = world_of((0, 0), (4, 0), (4, 4), (0, 4))
+    planner = planner_for(world)
+    assert not planner.plan(30.0, 30.0, np.zeros_like(planner.area.explorable), 2)
+    assert planner.stops == []
+    walls = planner.area.walls
+    walls.data[5:37, 5:37] = 100
+    assert find_places(make_costmap(walls, FOOTPRINT), (1.0, 1.0)) is None
+    explorable_area.cache_clear()

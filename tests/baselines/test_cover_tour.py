@@ -1,0 +1,108 @@
+"""Tours from which enough is seen, against all orders of all subsets of the places."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from baselines.cover import Cover, count_bits, length_of, seen_on
+from baselines.cover_tour import complete, improve, search_tour
+
+NOTHING = np.zeros(1, dtype=np.uint64)
+
+
+def cover_of(points, sees):
+    """Places in the open, a straight line from one another and a bit for the stop; no place lies on a way."""
+    points = np.asarray(points, dtype=float)
+    n = len(points)
+    lengths = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) + 1e-3
+    before = np.repeat(np.arange(n, dtype=np.int32)[:, None], n, axis=1)
+    near = np.argsort(lengths, axis=1, kind="stable")[:, 1:].astype(np.int32)
+    return Cover(lengths, before, np.ascontiguousarray(near), np.asarray(sees, dtype=np.uint64).reshape(n, 1))
+
+
+def shortest(cover, target):
+    """Try all orders of all subsets; place 0 is the start."""
+    best = np.inf
+    places = range(1, len(cover.lengths))
+    for size in range(len(cover.lengths)):
+        for stops in permutations(places, size):
+            seen = 0
+            for stop in stops:
+                seen |= int(cover.sees[stop, 0])
+            if seen.bit_count() >= target:
+                best = min(best, sum(cover.lengths[a, b] for a, b in zip((0, *stops), stops)))
+    return best
+
+
+def random_cover(rng, num_places):
+    sees = [0] + [int(rng.integers(1, 1 << 12)) & int(rng.integers(1, 1 << 12)) for _ in range(num_places)]
+    return cover_of(rng.uniform(0.0, 10.0, (num_places + 1, 2)), sees)
+
+
+def test_bits_are_counted():
+    words = np.random.default_rng(0).integers(0, 1 << 63, 100, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    assert count_bits(words) == sum(int(word).bit_count() for word in words)
+    assert count_bits(np.array([0, 2**64 - 1], dtype=np.uint64)) == 64
+
+
+@pytest.mark.parametrize("share", [1.0, 0.7])
+def test_tours_are_almost_always_the_shortest_from_which_enough_is_seen(share):
+    rng = np.random.default_rng(0)
+    excess = []
+    for _ in range(20):
+        cover = random_cover(rng, 6)
+        target = int(share * count_bits(np.bitwise_or.reduce(cover.sees)))
+        tour, enough = search_tour(cover, NOTHING, target, np.array([0]), 60, rng)
+        assert enough
+        assert tour[0] == 0
+        assert len(set(tour)) == len(tour)
+        assert count_bits(seen_on(cover, NOTHING, tour)) >= target
+        excess.append(length_of(cover, tour) / shortest(cover, target) - 1.0)
+    assert np.min(excess) > -1e-9
+    assert np.mean(np.array(excess) < 1e-9) >= 0.9
+    assert np.max(excess) < 0.05
+
+
+def test_seven_stops_that_all_must_be_passed_are_passed_in_the_best_order():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(0.0, 10.0, (8, 2))
+    cover = cover_of(points, [0] + [1 << k for k in range(7)])
+    tour, _ = search_tour(cover, NOTHING, 7, np.array([0]), 60, rng)
+    ways = [np.array([0, *order]) for order in permutations(range(1, 8))]
+    assert sorted(tour) == list(range(8))
+    assert length_of(cover, tour) == pytest.approx(min(length_of(cover, way) for way in ways))
+
+
+def test_what_is_seen_on_the_way_needs_no_stop():
+    cover = cover_of([(0, 0), (1, 0), (2, 0), (3, 0)], [0, 1, 2, 4])
+    cover.before[0, 3], cover.before[0, 2] = 2, 1
+    tour, enough = search_tour(cover, NOTHING, 3, np.array([0]), 20, np.random.default_rng(0))
+    assert enough
+    assert tour.tolist() == [0, 3]
+    # What is beyond the share that is asked for is left unseen, and what is known already needs no way.
+    tour, _ = search_tour(cover, NOTHING, 2, np.array([0]), 20, np.random.default_rng(0))
+    assert tour.tolist() == [0, 2]
+    tour, _ = search_tour(cover, np.array([6], dtype=np.uint64), 3, np.array([0]), 20, np.random.default_rng(0))
+    assert tour.tolist() == [0, 1]
+
+
+def test_all_that_can_be_seen_is_when_it_is_not_enough():
+    cover = cover_of([(0, 0), (1, 0), (-2, 0)], [0, 1, 2])
+    tour, enough = search_tour(cover, NOTHING, 5, np.array([0]), 20, np.random.default_rng(0))
+    assert not enough
+    assert tour.tolist() == [0, 1, 2]
+    assert not complete(cover, NOTHING, 5, np.array([0]), 0.0, np.random.default_rng(0))[1]
+
+
+def test_improving_moves_stops_and_drops_those_that_are_not_needed():
+    # The far place and the near one see the same; the third one sees nothing new.
+    cover = cover_of([(0, 0), (4, 0), (3, 0), (3, 3)], [0, 3, 3, 1])
+    assert improve(cover, NOTHING, 2, np.array([0, 3, 1])).tolist() == [0, 2]
+
+
+def test_the_same_chance_finds_the_same_tour():
+    cover = random_cover(np.random.default_rng(5), 40)
+    target = count_bits(np.bitwise_or.reduce(cover.sees))
+    tours = [search_tour(cover, NOTHING, target, np.array([0]), 10, np.random.default_rng(3))[0] for _ in range(2)]
+    np.testing.assert_array_equal(*tours)
