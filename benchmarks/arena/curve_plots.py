@@ -126,11 +126,11 @@ def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
     for policy, band in bands.by_policy.items():
         middle, low, high = (100.0 * line for line in band)
         axes.fill_between(bands.grid, low, high, color=colors[policy], alpha=alpha, linewidth=0)
-        style = {"color": colors[policy], "linestyle": dashes[policy], "linewidth": 1.8}
-        axes.plot(bands.grid, middle, label=short(policy), **style)
+        (line,) = axes.plot(bands.grid, middle, color=colors[policy], linewidth=1.8, label=short(policy))
+        line.set_linestyle(dashes[policy])
 
 
-def _legend(axes: Axes, num_policies: int, theme: Theme, where: str) -> None:
+def _legend(axes: Axes, num_policies: int, theme: Theme, where: Literal["best", "lower right"]) -> None:
     size = 10 if num_policies <= 6 else 7
     legend = axes.legend(loc=where, frameon=False, labelcolor=theme.ink, fontsize=size, handlelength=2.4)
     legend.set_zorder(5)

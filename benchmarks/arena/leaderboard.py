@@ -14,7 +14,7 @@ from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, reference_of, values_of
 from benchmarks.arena.ranking import GAPS, PRIMARY, SHOWN, Entry, gaps, rank
 from benchmarks.arena.records import Row
-from benchmarks.arena.runner import Failure
+from benchmarks.arena.runner import NOT_RUN, Failure
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import best_of, compare, pool, split
 from benchmarks.arena.theme import short
@@ -193,7 +193,7 @@ def unfinished_section(rows: Sequence[Row]) -> Section:
         )
         if lines:
             title = f"{short(policy)}: of {total} episodes {below[0]} below 95 %, {below[1]} below 99 %"
-            parts.append(Table(head, lines, title))
+            parts.append(Table(head, lines, words=(6,), title=title))
     if len(parts) == 1:
         parts = ["Every episode explored 99 % or more."]
     return Section("Not finished", tuple(parts))
@@ -209,18 +209,19 @@ def missing_section(missing: Sequence[Failure], num_rows: int, num_fair: int) ->
     """
     if not missing:
         return None
-    groups: dict[tuple[str, str, str], list[Failure]] = {}
+    groups: dict[tuple[str, str], list[Failure]] = {}
     for failure in missing:
-        key = failure.key
-        groups.setdefault((f"{key.world}, {key.robot}", key.slam, failure.reason), []).append(failure)
-    lines = tuple(
-        (Cell(place), Cell(slam), Cell(", ".join(dict.fromkeys(short(one.key.policy) for one in group))))
-        + (Cell(str(len(group))), Cell(reason))
-        for (place, slam, reason), group in groups.items()
-    )
-    text = f"{len(missing)} episodes are missing. The leaderboard counts the starts that all competitors have"
-    text += "." if num_rows == num_fair else f": {num_fair} of {num_rows} episodes."
-    return Section("Not run", (text, Table(("place, robot", "SLAM", "explorers", "episodes", "why"), lines)))
+        if failure.reason != NOT_RUN:
+            groups.setdefault((f"{failure.key.world}, {failure.key.robot}", failure.reason), []).append(failure)
+    lines = []
+    for (place, reason), group in groups.items():
+        who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
+        lines.append((Cell(place), Cell(str(len(group))), Cell(who), Cell(reason)))
+    untried = sum(failure.reason == NOT_RUN for failure in missing)
+    text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
+    text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
+    table = Table(("place, robot", "episodes", "explorers", "why"), tuple(lines), words=(2, 3))
+    return Section("Not run", (text, table) if lines else (text,))
 
 
 def origin_section(settings: Settings, folder_settings: dict[str, Any], command: str) -> Section:

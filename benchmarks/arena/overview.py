@@ -36,7 +36,7 @@ def curves_section(folder: Path, rows: Sequence[Row]) -> Section:
     scores = {policy: values_of(rows, policy, PRIMARY) for policy in curves}
     speeds = {policy: [-values for values in _reached_times(rows, policy)] for policy in curves}
     over_time, over_distance = (sample_curves(curves, over, SHARES) for over in ("time", "path_length"))
-    profiles = sample_profiles(scores, 0.0, 1.0)
+    profiles = sample_profiles(scores, 0.4, 1.0)
     races = _mirrored(sample_profiles(speeds, -SHARES, 0.0))
     text = (
         f"Every start has its own unit: what {reference} needed to explore 95 % from it. Bands are 95 % intervals; "

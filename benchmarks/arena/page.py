@@ -38,6 +38,8 @@ class Table:
     """Headings."""
     lines: tuple[tuple[Cell, ...], ...]
     """Rows of cells."""
+    words: tuple[int, ...] = ()
+    """Columns of words, beside the first."""
     title: str = ""
     """Said in a line above; a table with a title is folded away."""
 
@@ -140,9 +142,9 @@ def _html_table(table: Table) -> str:
     lines = []
     for first, *others in table.lines:
         cells = "".join(
-            f"<td{' class=best' if cell.is_best else ''}>{html.escape(cell.text)}"
+            f'<td class="{"best" if cell.is_best else "words" if k in table.words else ""}">{html.escape(cell.text)}'
             f"<small>{html.escape(cell.note)}</small></td>"
-            for cell in others
+            for k, cell in enumerate(others, start=1)
         )
         lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
     content = html_table([html.escape(heading) for heading in table.head], lines)
@@ -152,7 +154,7 @@ def _html_table(table: Table) -> str:
 
 
 def _markdown_table(table: Table) -> str:
-    align = ["---", *["---:"] * (len(table.head) - 1)]
+    align = ["---" if k in (0, *table.words) else "---:" for k in range(len(table.head))]
     lines = [[_markdown_cell(cell) for cell in line] for line in table.lines]
     content = "\n".join(f"| {' | '.join(cells)} |" for cells in ([_escape(h) for h in table.head], align, *lines))
     if not table.title:

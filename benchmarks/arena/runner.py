@@ -17,7 +17,7 @@ from benchmarks.arena.trace import trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all
 from envs.explore import ExploreEnv
 
-NOT_RUN = "not run yet"
+NOT_RUN = "not tried yet"
 """Why an episode is missing that nobody has tried."""
 
 

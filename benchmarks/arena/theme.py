@@ -31,11 +31,12 @@ class Theme:
         colors = {policy: self.lines[k % len(self.lines)] for k, policy in enumerate(others)}
         return {policy: colors.get(policy, self.ink if policy == BOUND else self.muted) for policy in policies}
 
-    def dashes(self, policies: Sequence[str]) -> dict[str, str | tuple[int, tuple[float, ...]]]:
+    def dashes(self, policies: Sequence[str]) -> dict[str, tuple[float, Sequence[float]]]:
         """Give every policy its line style: dotted for the bound, dashed for every other competitor in turn."""
         others = [policy for policy in policies if policy not in ("random", BOUND)]
-        styles = {policy: "solid" if k % 2 == 0 else (0, (5, 1.2)) for k, policy in enumerate(others)}
-        return {policy: styles.get(policy, (0, (1, 1.2)) if policy == BOUND else "solid") for policy in policies}
+        solid, dashed, dotted = (0.0, ()), (0.0, (5.0, 1.2)), (0.0, (1.0, 1.2))
+        styles = {policy: dashed if k % 2 else solid for k, policy in enumerate(others)}
+        return {policy: styles.get(policy, dotted if policy == BOUND else solid) for policy in policies}
 
 
 LIGHT = Theme(
