@@ -1,8 +1,8 @@
 """Seed 2's explorer for several robots with one map.
 
-Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay, "Autonomous
-Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), who ran it on two and three robots. What
-`rrt.py` says of one robot holds for each; besides:
+Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay,
+"Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), who ran it on two and
+three robots. What `rrt.py` says of one robot holds for each; besides:
 
 - *Who is asked.* Points are assigned whenever a robot has none: to all robots without one together. The others keep
   theirs, and what those will see there is no gain any more. A robot for which no point is left stands and waits.
@@ -23,6 +23,7 @@ from baselines.rrt import RrtExplorer
 from baselines.rrt_assigner import NOBODY, assign
 from baselines.rrt_detector import RrtDetector, RrtParams
 from baselines.survey import Survey
+from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.team import MateFilter
@@ -37,6 +38,10 @@ PASSED_GAP = 0.5
 """Gap between the footprint of a robot that waits and the path of the one that passes, from which that one has [m]."""
 MAX_WAIT = 15.0
 """Longest time to give way [s]."""
+MATE_GAP = 0.05
+"""Gap that is kept to a mate besides that to other obstacles, since it moves [m]."""
+LOOK_AHEAD = 0.5
+"""A mate is an obstacle also where it will be after this time [s]."""
 
 
 class TeamMember(RrtExplorer):
@@ -192,6 +197,11 @@ class RrtTeam:
         return [member.plan for member in self._members]
 
     @property
+    def points(self) -> np.ndarray:
+        """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
+        return self._detector.points
+
+    @property
     def targets(self) -> list[tuple[float, float] | None]:
         """The frontier point of each robot (x, y), map frame [m]; None for a robot without one."""
         return [member.target for member in self._members]
@@ -219,8 +229,8 @@ class RrtTeam:
                 self._clear_the_way(member)
         actions = np.empty((len(self._members), 2), dtype=np.float32)
         for member in self._members:
-            view = {key: observation[key][member.index] for key in ("scan", "motion")}
-            actions[member.index] = member.act(self._tell_mates(member, view), beliefs[member.index])
+            view = self._tell_mates(member, observation)
+            actions[member.index] = member.act(view, beliefs[member.index])
         return actions
 
     def assign(self, member: TeamMember, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
@@ -266,20 +276,29 @@ class RrtTeam:
             return NOBODY
         return int(np.flatnonzero((frontiers == points[chosen]).all(axis=1))[0])
 
-    def _tell_mates(self, member: TeamMember, view: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _tell_mates(self, member: TeamMember, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Tell a robot where its mates are, and return what it observes without them."""
-        pose = self._beliefs[member.index].pose
+        robot, k = self._robot, member.index
+        view = {key: observation[key][k] for key in ("scan", "motion")}
         mates = [mate for mate in self._members if mate is not member]
         if not mates:
             return view
-        poses = [self._beliefs[mate.index].pose for mate in mates]
-        outlines: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
-        for mate, place in zip(mates, poses, strict=True):
-            outlines[mate.precedence > member.precedence].append(outline(pose, place, self._robot.radius))
-        member.standing, member.passing = np.concatenate(outlines[False]), np.concatenate(outlines[True])
-        range_max = np.float32(self._robot.lidar.range_max)
-        ranges = self._without_mates(view["scan"] * range_max, pose, poses)
-        return {**view, "scan": np.where(np.isnan(ranges), np.float32(0.0), view["scan"])}
+        poses = [belief.pose for belief in self._beliefs]
+        ranges = view["scan"] * np.float32(robot.lidar.range_max)
+        obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
+        for mate in mates:
+            here = poses[mate.index]
+            ahead = here.compose(
+                Pose2D(float(observation["motion"][mate.index, 0]) * robot.max_v * LOOK_AHEAD, 0.0, 0.0)
+            )
+            obstacles[mate.precedence > member.precedence] += [
+                outline(poses[k], here, robot.radius + MATE_GAP),
+                outline(poses[k], ahead, robot.radius + MATE_GAP),
+                self._without_mates.hits(ranges, poses[k], here),
+            ]
+        member.standing, member.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
+        is_hit = np.isnan(self._without_mates(ranges, poses[k], [poses[mate.index] for mate in mates]))
+        return {**view, "scan": np.where(is_hit, np.float32(0.0), view["scan"])}
 
     def _clear_the_way(self, member: TeamMember) -> None:
         """Find out which mate holds a robot up, and settle who lets whom pass."""

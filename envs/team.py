@@ -9,7 +9,7 @@ from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.observation import Trail
-from envs.robots import LidarParams, RobotParams, WheelOdometry
+from envs.robots import RobotParams, WheelOdometry
 from envs.simulation import Reading, TrueState, Twist
 from envs.simulation.contact import clearance
 from envs.slam import GivenPoseSlam, TinySlam
@@ -17,8 +17,8 @@ from envs.worlds import World
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room [m]."""
-START_GAP = 0.2
-"""Least gap between the footprints of two robots at the start [m]."""
+START_GAP = 0.5
+"""Least gap between the footprints of two robots at the start, where there is room [m]."""
 MATE_MARGIN = 0.15
 """Beams that end this near to a mate's footprint are taken to have hit it [m]: both poses are off by centimetres."""
 MATES_RANGE = 16.0
@@ -107,10 +107,10 @@ class MateFilter:
     """Takes the mates out of a robot's scans, so that they do not become walls of the map."""
 
     def __init__(self, robot: RobotParams) -> None:
-        lidar: LidarParams = robot.lidar
-        angles = lidar.angles + lidar.mount.yaw
+        """Prepare for robots of one kind."""
+        self._lidar = robot.lidar
+        angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
-        self._mount = lidar.mount.x, lidar.mount.y
         self._reach = robot.radius + MATE_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, mates: list[Pose2D]) -> np.ndarray:
@@ -123,8 +123,15 @@ class MateFilter:
         """
         if not mates:
             return ranges
-        positions = np.array([mate[:2] for mate in mates])
-        return without_mates(ranges, self._directions, *self._mount, *pose, positions, self._reach)
+        positions, mount = np.array([mate[:2] for mate in mates]), self._lidar.mount
+        return without_mates(ranges, self._directions, mount.x, mount.y, *pose, positions, self._reach)
+
+    def hits(self, ranges: np.ndarray, pose: Pose2D, mate: Pose2D) -> np.ndarray:
+        """Return where the beams end that end at a mate: shape (k, 2), float64, base frame [m]; see `__call__`."""
+        is_hit = np.isnan(self(ranges, pose, [mate])) & ~np.isnan(ranges)
+        mount = self._lidar.mount
+        points: np.ndarray = (mount.x, mount.y) + (ranges[is_hit] * self._directions[:, is_hit]).T
+        return points
 
 
 def observe_mates(pose: Pose2D, mates: list[Pose2D]) -> np.ndarray:
