@@ -8,16 +8,27 @@ import numpy as np
 
 from baselines.navigator import Navigator, Status
 from baselines.recovery import Dwell
+from baselines.rrt_trees import BLOCKED, grid_check
 from baselines.survey import Survey
-from envs.navigation import clear_around
+from envs.navigation import clear_around, frontier_clusters
 from envs.robots import RobotParams
 from envs.slam import Belief
 
 DECISION_PERIOD = 1.0
 """Time between two looks at the map [s]."""
 LOOK_RADIUS = 3.0
-"""Frontier cells this near to where the robot has stood to look at them, or to a goal that failed, are given up, in
-radii of the robot and at most 0.75 m."""
+"""Frontier cells are given up with the goal that was to show them, when the robot has stood there in vain, if they lie
+in its sight and no farther away than the goal's and this more, in radii of the robot and at most 0.75 m; and as near as
+this to a goal that failed too often."""
+MIN_CELLS = 3
+"""Fewer frontier cells that touch are none."""
+IMPATIENCE = 1.3
+"""Factor by which these two grow with each goal that was in vain: a map that has drifted is full of small frontiers
+that nothing lies behind. A goal that showed enough ends it."""
+MAX_IMPATIENCE = 8.0
+"""The most that they grow to."""
+WORTHWHILE = 4.0
+"""Side of the square of newly known area that is enough, in radii of the robot."""
 GOAL_RADIUS = 0.4
 """A goal is worth its way as long as there is a frontier this near to the one that it was chosen for [m]."""
 RETRY_RADIUS = 0.5
@@ -72,6 +83,8 @@ class GoalExplorer(ABC):
         self._still_time = 0.0
         self._period = control_period
         self._given_up = np.empty((0, 2))
+        self._num_vain = 0
+        self._known = 0.0
         self._failures: list[tuple[float, float]] = []
         # Goals that the robot has turned away from since the last one that came to an end.
         self._left: list[tuple[float, float]] = []
@@ -101,9 +114,8 @@ class GoalExplorer(ABC):
         if self._goal is not None:
             remaining = self._frontier_near(survey, self._goal.frontier, GOAL_RADIUS)
             if navigator.status is Status.REACHED:
-                # What remains though the robot stands where it wanted to see it from.
-                gap = math.hypot(self._goal.frontier[0] - survey.pose.x, self._goal.frontier[1] - survey.pose.y)
-                self._give_up(survey, survey.pose[:2], gap + self._look_radius)
+                if len(remaining):
+                    self._give_up_in_sight(survey, self._goal, remaining)
             elif navigator.status is Status.FAILED:
                 self._fail(survey, self._goal)
             elif len(remaining) and navigator.replan(survey):
@@ -115,6 +127,7 @@ class GoalExplorer(ABC):
                 return
             elif len(remaining):
                 self._fail(survey, self._goal)
+            self._weigh_gain(survey)
         self._left.clear()
         for tightness in range(navigator.max_tightness + 1):
             again = survey if tightness == navigator.tightness else self._survey(navigator, belief, tightness)
@@ -129,10 +142,15 @@ class GoalExplorer(ABC):
         navigator.look_around()
 
     def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
-        """Look at the map, without the frontiers that have been given up."""
+        """Look at the map, without the frontiers that have been given up or are not worth the way."""
         survey = navigator.survey(belief, tightness)
         useful = clear_around(survey.frontier, survey.grid.cells(self._given_up))
         self._given_up = self._given_up[useful]
+        if self._num_vain:
+            clusters = frontier_clusters(survey.frontier)
+            small = [cells for cells in clusters if len(cells) < MIN_CELLS * self._impatience]
+            rows, cols = np.concatenate([np.empty((0, 2), dtype=np.int64), *small]).T
+            survey.frontier[rows, cols] = False
         return survey
 
     def _set_out(
@@ -145,6 +163,11 @@ class GoalExplorer(ABC):
         navigator.drive_to((float(x), float(y)), path, view=goal.frontier, tightness=tightness, is_change=is_change)
         self._has_looked_around = False
 
+    @property
+    def _impatience(self) -> float:
+        """How much more must speak for a frontier than at first."""
+        return float(min(IMPATIENCE**self._num_vain, MAX_IMPATIENCE))
+
     @abstractmethod
     def _choose(self, survey: Survey) -> Goal | None:
         """Return the next goal; None if nothing that is left can be reached."""
@@ -156,8 +179,31 @@ class GoalExplorer(ABC):
     def _fail(self, survey: Survey, goal: Goal) -> None:
         """Take note that the robot did not get to a goal."""
         self._failures.append(goal.frontier)
+        self._num_vain += 1
         if self._num_failures(goal.frontier) >= MAX_FAILURES:
-            self._give_up(survey, goal.frontier, self._look_radius)
+            self._give_up(survey, self._frontier_near(survey, goal.frontier, self._look_radius))
+
+    def _give_up_in_sight(self, survey: Survey, goal: Goal, remaining: np.ndarray) -> None:
+        """Give up what has not come to light though the robot stands where it wanted to see it from.
+
+        Args:
+            survey: the map.
+            goal: where the robot stands.
+            remaining: shape (k, 2), int64, the frontier cells that it was for.
+        """
+        gap = math.hypot(goal.frontier[0] - survey.pose.x, goal.frontier[1] - survey.pose.y)
+        around = self._frontier_near(survey, survey.pose[:2], gap + self._look_radius * self._impatience)
+        here = (np.array(survey.pose[:2]) - survey.grid.origin) / survey.grid.resolution
+        in_sight = [grid_check(survey.grid.data, *here, col + 0.5, row + 0.5)[0] != BLOCKED for row, col in around]
+        self._give_up(survey, np.concatenate([remaining, around[np.array(in_sight, dtype=np.bool_)]]))
+        self._num_vain += 1
+
+    def _weigh_gain(self, survey: Survey) -> None:
+        """Forget goals that were in vain if the last one has shown enough."""
+        known = np.count_nonzero(survey.grid.data >= 0) * survey.grid.resolution**2
+        if known >= self._known + (WORTHWHILE * self._robot.radius) ** 2:
+            self._num_vain = 0
+        self._known = known
 
     def _num_failures(self, point: tuple[float, float]) -> int:
         """Return how often the robot did not get to a frontier (x, y), map frame [m]."""
@@ -178,9 +224,8 @@ class GoalExplorer(ABC):
         distances = np.hypot(*(survey.grid.centers(cells) - point).T)
         return cells[distances <= radius]
 
-    def _give_up(self, survey: Survey, point: tuple[float, float], radius: float) -> None:
-        """Leave the frontier cells within `radius` [m] of a point (x, y), map frame [m], out from now on."""
-        cells = self._frontier_near(survey, point, radius)
+    def _give_up(self, survey: Survey, cells: np.ndarray) -> None:
+        """Leave frontier cells, shape (k, 2), (row, column), out from now on."""
         self._given_up = np.concatenate([self._given_up, survey.grid.centers(cells)])
         survey.frontier[cells[:, 0], cells[:, 1]] = False
 

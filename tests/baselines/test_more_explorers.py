@@ -16,11 +16,9 @@ from baselines import (
     WallFollower,
     make_explorer,
 )
-from baselines.candidates import goal_for
-from baselines.goal_explorer import Goal, GoalExplorer
+from baselines.goal_explorer import Goal
 from baselines.visible_gain import visible_gains
 from envs.geometry import OccupancyGrid
-from envs.navigation import frontier_clusters
 from tests.baselines.places import BURGER, belief_at, chosen_by, hall, observation_of, survey_from
 
 GOAL_EXPLORERS = [ExploreLiteExplorer, GreedyGainExplorer, NextBestViewExplorer, TourExplorer]
@@ -154,39 +152,6 @@ def test_a_goal_is_changed_on_the_way():
     for _ in range(12):
         explorer.act(observation_of(), belief_at(11.2, -0.5, grid))
     assert explorer.plan[-1, 0] > 11.0
-
-
-class Undecided(GoalExplorer):
-    """Always prefers the other one of the hall's two openings."""
-
-    def _choose(self, survey):
-        return self._towards(survey, 0)
-
-    def _better(self, survey, goal):
-        return self._towards(survey, 1 if goal.frontier[0] < 5.0 else 0)
-
-    def _towards(self, survey, which):
-        clusters = sorted(frontier_clusters(survey.frontier), key=lambda cells: cells[0, 1])
-        return goal_for(survey, survey.field, clusters[-which])
-
-
-def test_a_robot_that_changes_its_mind_still_notices_that_it_is_stuck():
-    explorer = Undecided()
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    for _ in range(350):
-        explorer.act(observation_of(), belief_at(5.0, 0.0))
-    assert len(explorer._failures)
-
-
-def test_a_goal_that_was_turned_away_from_is_not_turned_to_again_on_the_way():
-    explorer = Undecided()
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    ends = []
-    for step in range(60):
-        # Drives somewhere all the time, so that it is never stuck.
-        explorer.act(observation_of(), belief_at(5.0 + 2.0 * np.sin(0.05 * step), 0.0))
-        ends.append(explorer._goal.frontier[0])
-    assert np.count_nonzero(np.abs(np.diff(ends)) > 5.0) == 1
 
 
 @pytest.mark.parametrize(
