@@ -60,11 +60,10 @@ def main(arguments: list[str] | None = None) -> int:
         default = Command(settings, out=tyro.MISSING)
         command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
         evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))
-        if not command.report:
-            run_with_progress(evaluation, command.jobs, command.ray, messages)
+        failures = [] if command.report else run_with_progress(evaluation, command.jobs, command.ray, messages)
         if command.shard:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
-            return 0
+            return 1 if failures else 0
         summary = publish(evaluation, command=f"python evaluate.py {shlex.join(arguments)}", docs=command.publish)
     except KeyboardInterrupt:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")

@@ -1,6 +1,7 @@
 """Files that are either whole or absent."""
 
 import os
+import platform
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,7 @@ def write_file(path: Path, content: bytes | str) -> None:
     Raises:
         OSError: if it cannot be written; the old file is still there, and nothing is left beside it.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = _beside(path)
     try:
         _write_through(temporary, content)
         os.replace(temporary, path)
@@ -28,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
     Raises:
         OSError: if it cannot be written or exists already; nothing is left beside it.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = _beside(path)
     shutil.rmtree(temporary, ignore_errors=True)
     try:
         temporary.mkdir(parents=True)
@@ -40,6 +41,11 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
     _sync_folder(path.parent)
+
+
+def _beside(path: Path) -> Path:
+    """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder."""
+    return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
 
 
 def _write_through(path: Path, content: bytes | str) -> None:

@@ -26,7 +26,7 @@ from benchmarks.arena.plots import draw_world
 from benchmarks.arena.ranking import rank
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
 from benchmarks.arena.report import build_report
-from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.runner import Evaluation, Failure
 from benchmarks.arena.summary import Summary, split, summarise, to_json
 from benchmarks.arena.terminal import ranking_table, terminal_table
 from benchmarks.arena.theme import short
@@ -43,8 +43,8 @@ TEXT = (
 """Stands at the head of that page."""
 
 
-def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> None:
-    """Run an evaluation behind a progress bar that shows the latest episode; say what could not be run."""
+def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> list[Failure]:
+    """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -66,6 +66,7 @@ def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, consol
         key = failure.key
         where = f"{key.policy} in {key.world} with {key.robot}, {key.physics}, {key.slam}, seed {key.seed}"
         console.print(f"Could not be run: {where}: {failure.reason}", style="red", markup=False, highlight=False)
+    return failures
 
 
 def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None, **report: Any) -> Summary:

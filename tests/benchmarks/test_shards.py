@@ -1,4 +1,5 @@
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,30 @@ def test_pairs_stay_in_one_shard(tmp_path):
     starts = {(key.world, key.seed) for key in mine}
     assert mine == {key for key in missing if (key.world, key.seed) in starts}
     assert 0 < len(mine) < len(missing)
+
+
+def test_a_shard_publishes_nothing(tmp_path):
+    options = [
+        "--policies",
+        "nearest",
+        "random",
+        "--worlds",
+        "pimouse_arena",
+        "--episodes",
+        "2",
+        "--physics",
+        "kinematic",
+    ]
+    assert main([*options, "--time-limit", "2", "--out", str(tmp_path), "--shard", "2/2"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"episodes", "episodes-2of2.csv", "settings.json"}
+    assert len((tmp_path / "episodes-2of2.csv").read_text().splitlines()) == 1 + 2
+
+
+def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    options = ["--policies", "nearest", "--worlds", "pimouse_arena", "--physics", "kinematic", "--out", str(tmp_path)]
+    assert main([*options, "--ray", "auto"]) == 2
+    assert "pip install 'lidarnaut[ray]'" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
