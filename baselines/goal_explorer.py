@@ -85,6 +85,8 @@ class GoalExplorer(ABC):
         self._given_up = np.empty((0, 2))
         self._num_vain = 0
         self._known = 0.0
+        # How small the robot is in the plans of the next look for a goal.
+        self._tightness = 0
         self._failures: list[tuple[float, float]] = []
         # Goals that the robot has turned away from since the last one that came to an end.
         self._left: list[tuple[float, float]] = []
@@ -99,7 +101,8 @@ class GoalExplorer(ABC):
         self._sense(navigator, observation)
         self._still_time = self._dwell.update(belief.pose) * self._period
         self._countdown -= 1
-        if not navigator.is_busy and (navigator.status is not Status.DRIVING or self._countdown <= 0):
+        is_due = navigator.status is not Status.DRIVING or self._countdown <= 0 or self._tightness > 0
+        if is_due and not navigator.is_busy:
             self._countdown = self._decision_steps
             self._consider(navigator, belief)
         return navigator.act(observation, belief)
@@ -129,12 +132,18 @@ class GoalExplorer(ABC):
                 self._fail(survey, self._goal)
             self._weigh_gain(survey)
         self._left.clear()
-        for tightness in range(navigator.max_tightness + 1):
-            again = survey if tightness == navigator.tightness else self._survey(navigator, belief, tightness)
-            self._goal = self._choose(again)
-            if self._goal is not None:
-                self._set_out(navigator, again, self._goal, tightness)
-                return
+        # One look per step: four in one would take longer than a control period in a large place.
+        is_same = self._tightness == navigator.tightness
+        again = survey if is_same else self._survey(navigator, belief, self._tightness)
+        self._goal = self._choose(again)
+        if self._goal is not None:
+            self._set_out(navigator, again, self._goal, self._tightness)
+            self._tightness = 0
+            return
+        if self._tightness < navigator.max_tightness:
+            self._tightness += 1
+            return
+        self._tightness = 0
         if self._has_looked_around:
             is_stuck = again.field is None or self._still_time > STILL_TIME
             self._end_reason = "stuck" if is_stuck else "no_reachable_frontier"

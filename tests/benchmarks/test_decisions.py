@@ -1,0 +1,13 @@
+"""Decisions are timed step by step, and none takes longer than a control period."""
+
+from benchmarks.decisions import WARM_UP, time_decisions
+
+
+def test_rrt_never_misses_a_beat_in_the_warehouse():
+    # The first run loads or compiles the kernels.
+    for _ in range(2):
+        found = time_decisions("tugbot_warehouse", "rrt", max_time=15.0)
+    assert found.count == 150 - WARM_UP
+    assert 0.0 < found.mean <= found.p99 <= found.longest
+    assert found.missed == 0
+    assert 0.01 < found.explored < 0.5
