@@ -210,7 +210,7 @@ def find_places(costmap: Costmap, start: tuple[float, float], max_places: int = 
     first = _nearest_block(block_costs, grid.cells(np.array(start)) // side)
     if first is None:
         return None
-    travel, _ = search(block_costs, step_weights(COST_WEIGHT, False), *first, -1, -1)
+    travel, _ = search(block_costs, step_weights(COST_WEIGHT, False), first[0], first[1], -1, -1)
     block_costs[travel[1:-1, 1:-1] == UNREACHED] = COST_LETHAL
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution

@@ -7,13 +7,17 @@ import numpy as np
 from baselines.cover import Cover
 from baselines.cover_places import Places
 from baselines.cover_tour import search_tour
-from baselines.cover_views import pack_bits, views_from
+from baselines.cover_views import pack_bits, unpack_bits, views_from
 from envs.coverage import ExplorableArea
 
 MAX_SAMPLES = 8192
 """Most cells that stand for the area to see."""
 STOP_COST = 0.1
 """What a stop costs beside the way to it [m]: of two tours of one length, that with fewer turns is driven faster."""
+
+MAX_MISSES = 3
+"""Places from which a sample should have been seen and was not, after which it is given up: a map that has drifted shows
+walls in its stead."""
 
 
 class CoverPlanner:
@@ -38,16 +42,32 @@ class CoverPlanner:
         self._rng = rng
         num_explorable = np.count_nonzero(area.explorable)
         self._num_allowed = num_explorable - math.ceil(target_coverage * num_explorable)
+        self._misses = np.zeros(area.explorable.shape, dtype=np.uint8)
         self._used = np.zeros(len(places.cells), dtype=bool)
         self._num_fresh = 0
+        self._samples = np.empty((0, 2), dtype=np.int64)
+        self._sees = np.empty((len(places.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
         """Indices of the places to go to, in their order."""
 
-    def use_up(self, place: int) -> None:
-        """Take note that there is nothing more to see from a place, or no way to get there."""
+    def leave_out(self, place: int) -> None:
+        """Take note that no way leads to a place."""
         self._used[place] = True
         self._sees[place] = 0
         self.stops = [stop for stop in self.stops if stop != place]
+
+    def use_up(self, place: int, seen: np.ndarray) -> None:
+        """Take note that the robot has been at a place, and will see no more from there.
+
+        Args:
+            place: where it is.
+            seen: shape of the explorable area, bool: what is known now.
+        """
+        missed = self._samples[unpack_bits(self._sees[place], len(self._samples))]
+        missed = missed[~seen[tuple(missed.T)]]
+        self._misses[tuple(missed.T)] += 1
+        self._sees &= ~pack_bits(self._misses[tuple(self._samples.T)] >= MAX_MISSES)
+        self.leave_out(place)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
         """Update the tour.
@@ -82,7 +102,7 @@ class CoverPlanner:
             known: np.ndarray = seen[tuple(self._samples.T)]
             if np.count_nonzero(~known) > self._num_fresh // 2 or self._num_fresh < MAX_SAMPLES:
                 return known
-        unseen = np.argwhere(self.area.explorable & ~seen)
+        unseen = np.argwhere(self.area.explorable & ~seen & (self._misses < MAX_MISSES))
         self._num_fresh = min(len(unseen), MAX_SAMPLES)
         self._samples = unseen[np.sort(self._rng.choice(len(unseen), self._num_fresh, replace=False))]
         free = self.area.walls.data == 0

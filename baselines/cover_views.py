@@ -73,3 +73,8 @@ def pack_bits(flags: np.ndarray) -> np.ndarray:
     padded[: len(flags)] = flags
     words: np.ndarray = np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
     return words
+
+
+def unpack_bits(words: np.ndarray, num_flags: int) -> np.ndarray:
+    """Unpack what `pack_bits` has packed: shape (num_flags,), bool."""
+    return np.unpackbits(words.astype("<u8").view(np.uint8), count=num_flags, bitorder="little").astype(bool)

@@ -166,6 +166,12 @@ class Navigator:
         self.tightness = tightness
         self._follower.set_path(path)
 
+    def follow(self, path: np.ndarray) -> None:
+        """Take another way to the same goal: shape (n, 2), n > 0, map frame [m]; it may end beside the goal."""
+        assert self.goal is not None
+        self.goal = (float(path[-1, 0]), float(path[-1, 1]))
+        self._follower.set_path(path)
+
     def replan(self, survey: Survey) -> bool:
         """Plan the way to the goal anew; False if there is none any more."""
         assert self.goal is not None

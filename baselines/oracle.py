@@ -31,6 +31,8 @@ SHARP_TURN = 0.8
 """...or would turn more sharply than this at one [rad]."""
 ARRIVED = 0.15
 """A stop this near has been reached [m]."""
+REACH_MARGIN = 0.1
+"""What is taken off the lidar's range in plans [m]."""
 GOAL_TOLERANCE = 0.4
 """How far beside a stop a path may end where the map has something in the way [m]."""
 
@@ -105,24 +107,27 @@ class OracleExplorer:
         completed = Belief(belief.pose, self._truth.complete(belief.grid), belief.new_cells)
         surveys = [navigator.survey(completed, tightness) for tightness in range(navigator.max_tightness + 1)]
         if navigator.status is Status.FAILED and planner.stops:
-            planner.use_up(planner.stops[0])
+            planner.leave_out(planner.stops[0])
+        for place in np.flatnonzero(np.hypot(*(planner.places.points - (x, y)).T) < ARRIVED):
+            planner.use_up(int(place), coverage.seen)
         while True:
             planner.plan(x, y, coverage.seen, num_rounds)
             num_rounds = ROUNDS
             if not planner.stops:
                 return False
             stop = planner.stops[0]
-            gap = math.hypot(*(planner.places.points[stop] - (x, y)))
-            has_arrived = gap < ARRIVED or (navigator.status is Status.REACHED and self._goal == stop)
-            if not has_arrived and self._set_out(planner, surveys):
+            if navigator.status is Status.REACHED and self._goal == stop:
+                planner.use_up(stop, coverage.seen)
+            elif self._set_out(planner, surveys):
                 return True
-            # What has not been seen from here will not be, nor from where no way leads.
-            planner.use_up(stop)
+            else:
+                planner.leave_out(stop)
 
     def _prepare(self, coverage: Coverage) -> CoverPlanner | None:
         """Spread places over the true map, for a smaller footprint if the whole one does not get around enough."""
         truth = Belief(self._start, coverage.area.walls, np.empty((0, 2), dtype=np.int32))
-        reach, (x, y, _) = self._robot.lidar.range_max, self._start
+        # The robot counts as having arrived a little before.
+        reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         first = None
         for tightness in range(self._navigator.max_tightness + 1):
             places = find_places(self._navigator.survey(truth, tightness).costmap, (x, y))
@@ -143,7 +148,7 @@ class OracleExplorer:
             path = plan_path(survey.costmap, survey.pose[:2], points[0], tolerance=GOAL_TOLERANCE)
             if path is None:
                 continue
-            self._goal = planner.stops[0]
+            goal = planner.stops[0]
             for stop, point in zip(planner.stops[1:], points[1:]):
                 if len(path) * survey.grid.resolution > LOOKAHEAD:
                     break
@@ -152,8 +157,13 @@ class OracleExplorer:
                 if more is None or _turn(path, more) > SHARP_TURN:
                     break
                 path = np.concatenate([path, more[1:]])
-                self._goal = stop
-            self._navigator.drive_to((float(path[-1, 0]), float(path[-1, 1])), path, tightness=tightness)
+                goal = stop
+            if goal == self._goal and self._navigator.status is Status.DRIVING:
+                # The clocks that tell when the robot is stuck go on.
+                self._navigator.follow(path)
+            else:
+                self._navigator.drive_to((float(path[-1, 0]), float(path[-1, 1])), path, tightness=tightness)
+            self._goal = goal
             return True
         return False
 

@@ -172,7 +172,7 @@ def test_a_place_that_is_used_up_is_no_stop_again():
         assert not used & set(planner.stops)
         if planner.stops:
             used.add(planner.stops[0])
-            planner.use_up(planner.stops[0])
+            planner.use_up(planner.stops[0], seen)
     assert used
 
 
