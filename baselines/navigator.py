@@ -91,7 +91,8 @@ class Navigator:
         self._goal_tolerance = min(params.goal_tolerance * robot.radius, 0.2)
         self._memory = ObstacleMemory(robot, control_period)
         self._obstacles = NO_POINTS
-        self._num_standing = 0
+        self._num_seen = 0
+        self._standing = NO_POINTS
         self._follower = PathFollower(robot, control_period)
         self._maneuvers = Maneuvers(robot, control_period, rng)
         self._view: tuple[float, float] | None = None
@@ -125,9 +126,11 @@ class Navigator:
             tightness: 0 for the padded footprint, up to `max_tightness` for the smallest.
         """
         params = self._costmap_params[tightness]
-        standing = self._obstacles[: self._num_standing]
-        near = (standing**2).sum(axis=1) < self._params.marking_range**2
-        return Survey(belief, params, standing[near])
+        seen, standing = (
+            points[(points**2).sum(axis=1) < self._params.marking_range**2]
+            for points in (self._obstacles[: self._num_seen], self._standing)
+        )
+        return Survey(belief, params, seen, standing)
 
     @property
     def is_busy(self) -> bool:
@@ -188,11 +191,11 @@ class Navigator:
 
         Args:
             observation: with `scan` and `motion`.
-            standing: shape (n, 2), more obstacles, base frame [m].
-            passing: shape (n, 2), obstacles that plans need not lead around, because they will be gone [m].
+            standing: shape (n, 2), obstacles that come and go, and that plans lead around, base frame [m].
+            passing: shape (n, 2), the same of those that plans need not lead around, because they will be gone [m].
         """
         seen = self._memory.update(observation["scan"], observation["motion"])
-        self._num_standing = len(seen) + len(standing)
+        self._num_seen, self._standing = len(seen), standing
         self._obstacles = np.concatenate([seen, standing, passing]) if len(standing) + len(passing) else seen
 
     def wait(self) -> None:

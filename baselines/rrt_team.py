@@ -37,7 +37,7 @@ BLOCKING_REACH = 1.5
 PASSED_GAP = 0.5
 """Gap between the footprint of a robot that waits and the path of the one that passes, from which that one has [m]."""
 MAX_WAIT = 15.0
-"""Longest time to give way [s]."""
+"""Longest time to stand aside [s]."""
 MATE_GAP = 0.05
 """Gap that is kept to a mate besides that to other obstacles, since it moves [m]."""
 LOOK_AHEAD = 0.5
@@ -60,7 +60,7 @@ class TeamMember(RrtExplorer):
         self._held = Dwell(0.25 * robot.radius + 0.02, 0.3)
         self._held_time = 0.0
         self._pause = 0
-        self._wait_steps = 0
+        self._wait_time = 0.0
         self.makes_way_for: TeamMember | None = None
         self.standing, self.passing = NO_POINTS, NO_POINTS
         """Outlines of the mates that plans lead around, and of those that they lead through; base frame [m]."""
@@ -91,7 +91,6 @@ class TeamMember(RrtExplorer):
         self._held_time = self._held.update(belief.pose) * self._period
         self._idle_steps += 1
         self._pause -= 1
-        self._wait_steps += 1
         return GoalExplorer.act(self, observation, belief)
 
     def be_asked(self, belief: Belief) -> tuple[Survey, np.ndarray, np.ndarray]:
@@ -111,7 +110,7 @@ class TeamMember(RrtExplorer):
         assert way is not None
         x, y = survey.grid.centers(np.array(cell))
         self.navigator.drive_to((float(x), float(y)), way)
-        self._goal, self.makes_way_for, self._wait_steps = None, other, 0
+        self._goal, self.makes_way_for, self._wait_time = None, other, 0.0
         return True
 
     def go_on(self) -> None:
@@ -142,13 +141,14 @@ class TeamMember(RrtExplorer):
             self._end_reason, self._has_looked_around, self._pause = None, False, self._decision_steps
 
     def _has_passed(self, other: "TeamMember", belief: Belief) -> bool:
-        if self._wait_steps * self._period > MAX_WAIT:
-            return True
         path = other.navigator.plan
         if path is None:
             return True
-        is_there = self.navigator.status is not Status.DRIVING
-        return is_there and not is_beside(belief.pose[:2], path, 2.0 * self._robot.radius + PASSED_GAP)
+        if self.navigator.status is Status.DRIVING:
+            return False
+        self._wait_time += self._period
+        is_off = not is_beside(belief.pose[:2], path, 2.0 * self._robot.radius + PASSED_GAP)
+        return is_off or self._wait_time > MAX_WAIT
 
     def _assigned(self, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
         return self._team.assign(self, survey, places, frontiers)

@@ -64,10 +64,16 @@ def run_team_episode(
     times = np.array([info["time"] for info in infos])
     fractions = np.array([info["explored_fraction"] for info in infos])
     errors = np.array([info["pose_error"][:, 0] for info in infos])
-    marks = [times[fractions >= mark] for mark in (0.90, 0.95, 0.99)]
+
+    def time_to(mark: float) -> float:
+        reached = times[fractions >= mark]
+        return float(reached[0]) if len(reached) else env.time_limit
+
     return TeamEpisode(
-        float(fractions[-1]),
-        *(float(reached[0]) if len(reached) else env.time_limit for reached in marks),
+        explored_fraction=float(fractions[-1]),
+        time_to_90=time_to(0.90),
+        time_to_95=time_to(0.95),
+        time_to_99=time_to(0.99),
         path_length=info["path_length"],
         collisions=info["collisions"],
         position_rmse=np.sqrt((errors**2).mean(axis=0)),

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from baselines import RrtExplorer, RrtParams
-from baselines.right_of_way import find_refuge, is_beside, outline
+from baselines.goal_explorer import Goal
 from baselines.rrt_team import RrtTeam
-from baselines.survey import Survey
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams
+from envs.geometry import Pose2D
 from envs.robots import load_robot
-from envs.slam import Belief
 from envs.worlds import World
 
 BURGER = load_robot("turtlebot3_burger")
@@ -34,24 +31,68 @@ def run(env, seed, max_time, watch=None):
     return team, info
 
 
-def corridor(width=0.5, length=8.0, bay=None):
-    """Two rooms of 2 m x 2 m joined by a corridor along x, with a bay on one side if wanted."""
-    half, end = 0.5 * width, 0.5 * length
-    low = [[-end, -half], [end, -half]]
-    high = [[-end, half], [end, half]] if bay is None else []
-    outline = [*low, [end, -1.0], [end + 2, -1.0], [end + 2, 1.0], [end, 1.0], [end, half]]
-    if bay is not None:
-        outline += [[bay + 0.4, half], [bay + 0.4, half + 0.8], [bay - 0.4, half + 0.8], [bay - 0.4, half]]
-    outline += [[-end, half], [-end, 1.0], [-end - 2, 1.0], [-end - 2, -1.0], [-end, -1.0], [-end, -half]]
-    assert high is not None
-    points = np.array(outline)
+def corridor(width=0.45, length=4.0):
+    """Two rooms of 2 m x 2 m, joined by a corridor along x in which two robots cannot pass each other."""
+    side, end = 0.5 * width, 0.5 * length
+    left = [[-end, side], [-end, 1.0], [-end - 2, 1.0], [-end - 2, -1.0], [-end, -1.0], [-end, -side]]
+    right = [[end, -side], [end, -1.0], [end + 2, -1.0], [end + 2, 1.0], [end, 1.0], [end, side]]
+    points = np.array([*left, *right, left[0]])
     return World(
         name="corridor",
         segments=np.hstack([points[:-1], points[1:]]),
         circles=np.empty((0, 3)),
         spawns=(Pose2D(-end - 1.0, 0.0, 0.0),),
-        bounds=(-end - 2, -1.0, end + 2, 1.0 + width),
+        bounds=(-end - 2, -1.0, end + 2, 1.0),
     )
+
+
+def send(team, env, targets, monkeypatch):
+    """Let the robots drive to targets (x, y), world frame, on a map that they know already, and to nothing else."""
+    grid, walls = env.beliefs[0].grid, env.coverage.area.walls
+    rows, cols = np.nonzero(grid.data < 0)
+    cells = walls.cells(env.start.transform(grid.centers(np.column_stack([rows, cols]))))
+    inside = walls.contains(cells)
+    grid.data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
+    monkeypatch.setattr(team._detector, "detect", lambda *_: None)
+    for member, target in zip(team._members, targets, strict=True):
+        point = env.start.between(Pose2D(*target, 0.0))[:2]
+
+        def choose(survey, point=point):
+            row, col = survey.grid.cells(np.array(point))
+            is_open = survey.field is not None and np.isfinite(survey.field.cost(np.array([row, col])))
+            return Goal((int(row), int(col)), point) if is_open else None
+
+        monkeypatch.setattr(member, "_choose", choose)
+        monkeypatch.setattr(member, "_frontier_near", lambda *_: np.zeros((1, 2), dtype=np.int64))
+
+
+@pytest.mark.parametrize("indices", [(0, 1), (1, 0)])
+def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch):
+    starts, targets = [(-2.3, 0.0, 0.0), (2.3, 0.0, math.pi)], [(3.3, 0.3), (-3.3, -0.3)]
+    env = ExploreTeamEnv(
+        world=corridor(),
+        physics="kinematic",
+        slam="truth",
+        start=tuple(starts[k] for k in indices),
+        target_coverage=1.0,
+    )
+    observation, info = env.reset(seed=0)
+    team = RrtTeam()
+    team.reset(env.robot, env.control_period, 2, np.random.default_rng(0))
+    targets = [targets[k] for k in indices]
+    send(team, env, targets, monkeypatch)
+    arrived, met = [math.inf, math.inf], math.inf
+    while max(arrived) == math.inf and info["time"] < 150.0:
+        observation, _, _, _, info = env.step(team.act(observation, env.beliefs))
+        poses = [member.state.pose for member in env.members]
+        met = min(met, math.dist(poses[0][:2], poses[1][:2]))
+        for k in range(2):
+            if math.dist(poses[k][:2], targets[k]) < 0.25:
+                arrived[k] = min(arrived[k], info["time"])
+    assert met < 1.0
+    # The lower index goes first.
+    assert arrived[0] < arrived[1] < 150.0
+    assert info["collisions"].tolist() == [0, 0]
 
 
 def test_a_team_of_one_does_what_the_single_explorer_does():
