@@ -1,4 +1,4 @@
-"""Short open tours: from a start past every stop, ending anywhere, or where it is best to end."""
+"""Short open tours: from a start past every stop, ending anywhere."""
 
 import numpy as np
 from numba import njit
@@ -8,24 +8,23 @@ IMPROVEMENT = 1e-9
 
 
 @njit(cache=True, error_model="numpy")
-def tour_length(lengths, ends, tour):
+def tour_length(lengths, tour):
     """Sum the lengths along a tour.
 
     Args:
         lengths: shape (n + 1, n + 1), float64: between the start (index 0) and the stops.
-        ends: shape (n + 1,), float64: what is added for the index that the tour ends with.
         tour: shape (n + 1,), int64: indices in their order, the start first.
     """
-    total = ends[tour[-1]]
+    total = 0.0
     for k in range(len(tour) - 1):
         total += lengths[tour[k], tour[k + 1]]
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _step(lengths, ends, tour, k, other):
-    """Return the length from an index to the `k`-th stop; after the last one comes the end."""
-    return lengths[other, tour[k]] if k < len(tour) else ends[other]
+def _step(lengths, tour, k, other):
+    """Return the length from an index to the `k`-th stop; nothing follows the last one."""
+    return lengths[other, tour[k]] if k < len(tour) else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,12 +36,11 @@ def _reverse(tour, first, last):
 
 
 @njit(cache=True, error_model="numpy")
-def _improve(lengths, ends, tour, num_fixed):
+def _improve(lengths, tour, num_fixed):
     """Reverse stretches (2-opt) and move up to three stops elsewhere (or-opt, Or 1976) until neither shortens the tour.
 
     Args:
         lengths: shape (n + 1, n + 1), float64, symmetric.
-        ends: shape (n + 1,), float64, see `tour_length`.
         tour: shape (n + 1,), int64, changed.
         num_fixed: indices at the tour's beginning that stay where they are.
     """
@@ -52,8 +50,8 @@ def _improve(lengths, ends, tour, num_fixed):
         improved = False
         for i in range(num_fixed, size - 1):
             for j in range(i + 1, size):
-                before = lengths[tour[i - 1], tour[i]] + _step(lengths, ends, tour, j + 1, tour[j])
-                after = lengths[tour[i - 1], tour[j]] + _step(lengths, ends, tour, j + 1, tour[i])
+                before = lengths[tour[i - 1], tour[i]] + _step(lengths, tour, j + 1, tour[j])
+                after = lengths[tour[i - 1], tour[j]] + _step(lengths, tour, j + 1, tour[i])
                 if after < before - IMPROVEMENT:
                     _reverse(tour, i, j)
                     improved = True
@@ -65,9 +63,9 @@ def _improve(lengths, ends, tour, num_fixed):
                         continue
                     # i..k and k + 1..j change places.
                     before = lengths[tour[i - 1], tour[i]] + lengths[tour[k], tour[k + 1]]
-                    before += _step(lengths, ends, tour, j + 1, tour[j])
+                    before += _step(lengths, tour, j + 1, tour[j])
                     after = lengths[tour[i - 1], tour[k + 1]] + lengths[tour[j], tour[i]]
-                    after += _step(lengths, ends, tour, j + 1, tour[k])
+                    after += _step(lengths, tour, j + 1, tour[k])
                     if after < before - IMPROVEMENT:
                         _reverse(tour, i, k)
                         _reverse(tour, k + 1, j)
@@ -76,14 +74,13 @@ def _improve(lengths, ends, tour, num_fixed):
 
 
 @njit(cache=True, error_model="numpy")
-def best_tours(lengths, ends):
+def best_tours(lengths):
     """Find a short tour for each stop that could come first.
 
     Each begins with the nearest stop next, and is improved with 2-opt and or-opt.
 
     Args:
         lengths: shape (n + 1, n + 1), float64, finite, symmetric, index 0 is the start.
-        ends: shape (n + 1,), float64, finite: what is added for the index that a tour ends with.
 
     Returns:
         Shape (n, n + 1), int64: tours, the k-th with stop k + 1 after the start; and their lengths, shape (n,).
@@ -103,6 +100,6 @@ def best_tours(lengths, ends):
                     nearest, least = stop, lengths[tour[k - 1], stop]
             tour[k] = nearest
             left[nearest] = False
-        _improve(lengths, ends, tour, 2)
-        totals[first - 1] = tour_length(lengths, ends, tour)
+        _improve(lengths, tour, 2)
+        totals[first - 1] = tour_length(lengths, tour)
     return tours, totals

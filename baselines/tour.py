@@ -2,7 +2,8 @@
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021.
 One level of tour over the nearest viewpoints takes the place of its two; the way past all that is left still decides
-what comes first, so that nothing small is left behind for which the robot would have to return.
+what comes first, so that no dead end is left behind for which the robot would have to return. Small frontiers wait
+until there are no larger ones: they rarely show enough to be worth a turn.
 """
 
 import math
@@ -14,7 +15,6 @@ from baselines.candidates import goal_for
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.open_tour import best_tours
 from baselines.survey import Survey
-from baselines.visible_gain import visible_gains
 from envs.geometry import OccupancyGrid
 from envs.navigation import COST_UNKNOWN, Costmap, TravelField, frontier_clusters, travel_field
 from envs.robots import RobotParams
@@ -27,18 +27,15 @@ FAR = 1e4
 class TourParams:
     """How to place viewpoints and to keep to a tour."""
 
-    sizes: tuple[int, ...] = (8, 3)
-    """Least number of touching frontier cells; the next one is taken when nothing of the size before can be reached."""
+    sizes: tuple[int, ...] = (16, 8, 3)
+    """Least number of touching frontier cells; the next one is taken when nothing of the size before can be reached. A
+    corner that furniture hides has few, is worth little, and lies beside the way at some later time as often as not."""
     cover: float = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
     max_cover: float = 3.0
     """...and at most this far [m]."""
     max_stops: int = 16
     """Viewpoints that the tour leads past: the ones that are cheapest to get to."""
-    end_weight: float = 0.0
-    """X"""
-    max_range: float = 5.0
-    """X"""
     hysteresis: float = 1.0
     """How much shorter a tour must be for the robot to turn away from the frontier that it is going to see [m]."""
 
@@ -107,19 +104,13 @@ class TourExplorer(GoalExplorer):
         costs = field.cost(places)
         nearest = np.argsort(costs, kind="stable")[: self._params.max_stops]
         stops = [stops[k] for k in nearest]
-        _, totals = best_tours(_lengths(survey, places[nearest]), self._ends(survey, places[nearest]))
+        _, totals = best_tours(_lengths(survey, places[nearest]))
         if last is not None:
             gaps = [_gap(stop.frontier, last.frontier) for stop in stops]
             same = int(np.argmin(gaps))
             if gaps[same] <= self._cover:
                 totals[same] -= self._params.hysteresis
         return stops[int(np.argmin(totals))]
-
-    def _ends(self, survey: Survey, places: np.ndarray) -> np.ndarray:
-        if self._params.end_weight == 0.0:
-            return np.zeros(len(places) + 1)
-        gains = visible_gains(survey.grid, places, min(self._robot.lidar.range_max, self._params.max_range))
-        return np.concatenate([[0.0], -self._params.end_weight * np.sqrt(gains)])
 
 
 def _gap(a: tuple[float, float], b: tuple[float, float]) -> float:
@@ -129,8 +120,9 @@ def _gap(a: tuple[float, float], b: tuple[float, float]) -> float:
 def _lengths(survey: Survey, places: np.ndarray) -> np.ndarray:
     """Measure the ways between the robot (index 0) and all stops.
 
-    Cells as large as the robot's radius do for that, and take a tenth of the time: a cell is open where any part of it
-    is, which opens no walls, since the robot's radius closes what is around them.
+    Cells as large as the robot's radius do for that, and take a tenth of the time. A cell is open where any part of it
+    is. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
+    narrow may count as one.
 
     Args:
         survey: where they are.

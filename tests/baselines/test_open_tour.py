@@ -15,29 +15,27 @@ def random_lengths(rng, num_stops):
 def test_tours_are_almost_always_the_shortest_there_are():
     rng = np.random.default_rng(0)
     excess = []
-    for k in range(40):
+    for _ in range(40):
         lengths = random_lengths(rng, 6)
-        # Every other time it matters where the tour ends.
-        ends = np.concatenate([[0.0], rng.uniform(-5.0, 0.0, 6)]) if k % 2 else np.zeros(7)
-        tours, totals = best_tours(lengths, ends)
+        tours, totals = best_tours(lengths)
         for k in range(6):
             rest = [stop for stop in range(1, 7) if stop != k + 1]
-            shortest = min(tour_length(lengths, ends, np.array([0, k + 1, *order])) for order in permutations(rest))
+            shortest = min(tour_length(lengths, np.array([0, k + 1, *order])) for order in permutations(rest))
             assert totals[k] >= shortest - 1e-9
-            assert totals[k] == tour_length(lengths, ends, tours[k])
+            assert totals[k] == tour_length(lengths, tours[k])
             excess.append(totals[k] / shortest - 1.0)
     assert np.mean(np.array(excess) < 1e-9) > 0.9
     assert np.max(excess) < 0.15
 
 
 def test_tours_pass_every_stop_once_and_begin_as_told():
-    tours, _ = best_tours(random_lengths(np.random.default_rng(1), 16), np.zeros(17))
+    tours, _ = best_tours(random_lengths(np.random.default_rng(1), 16))
     for k, tour in enumerate(tours):
         assert list(tour[:2]) == [0, k + 1]
         assert sorted(tour) == list(range(17))
 
 
 def test_one_stop_is_a_tour():
-    tours, totals = best_tours(np.array([[0.0, 3.0], [3.0, 0.0]]), np.zeros(2))
+    tours, totals = best_tours(np.array([[0.0, 3.0], [3.0, 0.0]]))
     assert tours.tolist() == [[0, 1]]
     assert totals.tolist() == [3.0]
