@@ -52,7 +52,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ## Description
     The place, the robot, its sensors and its SLAM are those of `ExploreEnv`. The policy does not steer: each step it
     picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A pilot plans the
-    way, follows it, keeps clear of what the lidar sees, plans anew every two seconds, and backs off when it is caught.
+    way, follows it, keeps clear of what the lidar sees, plans anew every four seconds, and backs off when it is caught.
     A step ends as soon as a new decision is due, after some control steps.
 
     ## Action Space

@@ -143,8 +143,8 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
                 self._make_room(i)
             elif moves:
                 self._move_circles_of(i)
-            rngs = (simulator.rng, slam_rng)
-            code = drive_on(thread, i, code == ROOM, moves, pilots, choice.block, *rngs, target, *shared)  # type: ignore[call-arg]
+            lane = (i, code == ROOM, moves, pilots, choice.block, simulator.rng, slam_rng, target)
+            code = drive_on(thread, *lane, *shared)
         return code
 
     def _decide(self, thread: int, lanes: Iterator[int], actions: np.ndarray, views: FrontierViews) -> None:

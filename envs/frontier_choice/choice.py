@@ -101,6 +101,8 @@ class FrontierChoice:
         self._pilot_params = pilot
         self._resolution = resolution
         self._tables = tables_of(survey, robot, resolution)
+        self.block = self._tables[0].block
+        """Side of a planning cell [map cells]."""
         self._look_radius = min(pilot.look_radius * robot.radius, 0.75)
         self._max_candidates = max_candidates
         self.directions = directions
@@ -124,8 +126,6 @@ class FrontierChoice:
         self.places = np.empty((0, 4))
         """Shape (k, 4), float64, map frame [m]: where to stand (x, y) and what to see from there, of each candidate."""
         self.features[:] = 0.0
-        self.block = self._tables[0].block
-        """Side of a planning cell [map cells]."""
         self.given_up = np.empty((0, 2))
         """Shape (m, 2), float64: frontier cells that do not count any more, nor do their neighbours, map frame [m]."""
         self._seen = np.empty((0, 3))
@@ -159,13 +159,13 @@ class FrontierChoice:
         grid, pose = body.grid, body.pose
         around = self.obstacles[: self.pilot["num_obstacles"][0]]
         where = (grid.data, grid.resolution, *grid.origin, *pose, around, self.given_up)
+        side = self.block * grid.resolution
+        lengths = tuple(max(1, round(length / side)) for length in self._params.min_lengths)
         for tables in self._tables:
-            side = tables.block * grid.resolution
-            lengths = tuple(max(1, round(length / side)) for length in self._params.min_lengths)
             self._found, *self._field = find_candidates(*where, lengths, self._max_candidates, tables)
             if len(self._found):
                 break
-        self._planning, self.block = tables, tables.block
+        self._planning = tables
         top, left = self._field[3:]
         scales = (math.pi * tables.gain_radius**2, float(tables.inflation), float(self._pilot_params.max_failures))
         self.places, self._seen = describe(
@@ -225,7 +225,7 @@ class FrontierChoice:
 
     def _set_out(self, action: int, grid: OccupancyGrid) -> None:
         tables = self._planning
-        side = tables.block * grid.resolution
+        side = self.block * grid.resolution
         costs, travel, came_by, top, left = self._field
         row, col = self._found[action, :2].astype(np.int64)
         corner = grid.origin[0] + left * side, grid.origin[1] + top * side
@@ -237,7 +237,7 @@ class FrontierChoice:
     def _replan(self, body: Body) -> bool:
         """Plan the way to the goal anew; False if there is none any more."""
         grid, tables, goal = body.grid, self._planning, self.pilot[0]
-        reach = max(2, round(SHORTCUT / (tables.block * grid.resolution)))
+        reach = max(2, round(SHORTCUT / (self.block * grid.resolution)))
         around = self.obstacles[: goal["num_obstacles"]]
         where = (grid.data, grid.resolution, *grid.origin, *body.pose, around, goal["goal_x"], goal["goal_y"])
         num_points = plan_again(*where, self.numbers.goal_tolerance, reach, tables, self.path)

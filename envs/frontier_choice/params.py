@@ -12,8 +12,8 @@ class SurveyParams:
     padding: float = 0.03
     """Added to the robot's radius in plans [m]: half a map cell and the pose's jitter."""
     tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
-    """Shares of the robot's radius that plans fall back on, on the map's own cells, when nothing can be reached
-    otherwise: walls of a map that has drifted close gaps that are open in truth, and the scan guards the robot."""
+    """Shares of the robot's radius that plans fall back on when nothing can be reached otherwise: walls of a map that
+    has drifted close gaps that are open in truth, and the scan guards the robot."""
     inflation: float = 0.45
     """How far beyond that nearness to obstacles costs [m]."""
     cost_scaling_factor: float = 4.0
@@ -40,8 +40,8 @@ class PilotParams:
 
     min_time: float = 1.0
     """A frontier that vanishes sooner does not end the drive [s]."""
-    replan_time: float = 2.0
-    """Time between two plans of the way [s]."""
+    replan_time: float = 4.0
+    """Time between two plans of the way within one drive [s]."""
     goal_tolerance: float = 1.6
     """Distance at which the goal counts as reached, in radii of the robot and at most 0.2 m."""
     frontier_radius: float = 0.4

@@ -85,10 +85,10 @@ class SurveyTables(NamedTuple):
 
 
 def tables_of(params: SurveyParams, robot: RobotParams, resolution: float) -> tuple[SurveyTables, ...]:
-    """Return the tables to try in turn: large cells and the padded robot, then the map's own cells and smaller ones."""
+    """Return the tables to try in turn: for the padded robot, then for smaller ones."""
     block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
-    tight = [SurveyTables.of(params, share * robot.radius, 1, resolution) for share in params.tight_radii]
-    return SurveyTables.of(params, robot.radius + params.padding, block, resolution), *tight
+    radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
+    return tuple(SurveyTables.of(params, radius, block, resolution) for radius in radii)
 
 
 @njit(cache=True, error_model="numpy")

@@ -32,6 +32,9 @@ COST_WEIGHT = 3.0
 """How many times its length a step over the dearest free cell costs more than one over a free one."""
 NUM_BUCKETS = 1 << 15
 """Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
+BUCKET_SHIFT = 8
+"""Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve each
+other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
 MAX_COST_WEIGHT = 9.0
 """Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
@@ -98,23 +101,24 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     around = np.zeros(8, dtype=np.int32)
     jumps = np.array([d_row * (width + 2) + d_col for d_row, d_col in STEPS])
 
+    shift = 0 if has_goal else BUCKET_SHIFT
     start = (start_row + 1) * stride + start_col + 1
     travel[start] = 0
-    total = _octile(goal_row - start_row, goal_col - start_col) if has_goal else 0
+    level = _octile(goal_row - start_row, goal_col - start_col) if has_goal else 0
     entries[0, 0], entries[0, 1] = start, -1
-    heads[total & (NUM_BUCKETS - 1)] = 0
+    heads[level & (NUM_BUCKETS - 1)] = 0
     num_entries = num_waiting = 1
     while num_waiting > 0:
-        while heads[np.uint32(total & (NUM_BUCKETS - 1))] < 0:
-            total += 1
-        bucket = np.uint32(total & (NUM_BUCKETS - 1))
+        while heads[np.uint32(level & (NUM_BUCKETS - 1))] < 0:
+            level += 1
+        bucket = np.uint32(level & (NUM_BUCKETS - 1))
         entry = heads[bucket]
         heads[bucket] = entries[entry, 1]
         num_waiting -= 1
         node = np.uint32(entries[entry, 0])
         here = travel[node]
         row, col = np.int32(node // stride) - 1, np.int32(node % stride) - 1
-        if here + (_octile(row - goal_row, col - goal_col) if has_goal else 0) != total:
+        if (here + (_octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
             # A cheaper way has come to this cell since it was queued.
             continue
         if has_goal and row == goal_row and col == goal_col:
@@ -140,7 +144,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
                 there += _octile(row + d_row - goal_row, col + d_col - goal_col)
             if num_entries == entries.shape[0]:
                 entries = np.concatenate((entries, np.empty_like(entries)))
-            bucket = np.uint32(there & (NUM_BUCKETS - 1))
+            bucket = np.uint32((there >> shift) & (NUM_BUCKETS - 1))
             entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
             num_entries += 1
