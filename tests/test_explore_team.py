@@ -52,9 +52,13 @@ def test_gymnasiums_checker_has_no_warning():
     env.close()
 
 
-@pytest.mark.parametrize("slam", ["tinyslam", "odometry", "truth"])
-def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam):
-    env, team = ExploreEnv(**QUICK, slam=slam), ExploreTeamEnv(**QUICK, slam=slam, num_robots=1)
+@pytest.mark.parametrize(
+    ("slam", "physics"),
+    [("tinyslam", "kinematic"), ("odometry", "kinematic"), ("truth", "kinematic"), ("tinyslam", "bullet")],
+)
+def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
+    kwargs = {**QUICK, "slam": slam, "physics": physics}
+    env, team = ExploreEnv(**kwargs), ExploreTeamEnv(**kwargs, num_robots=1)
     rng = np.random.default_rng(0)
     (observation, info), (stacked, team_info) = env.reset(seed=5), team.reset(seed=5)
     for _ in range(120):
@@ -71,20 +75,35 @@ def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam):
     np.testing.assert_array_equal(env.belief.grid.data, team.beliefs[0].grid.data)
 
 
-def test_same_seed_same_bytes():
-    env = ExploreTeamEnv(**QUICK, num_robots=3)
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_same_seed_same_bytes(physics):
+    env = ExploreTeamEnv(**{**QUICK, "physics": physics}, num_robots=3)
     first = rollout(env, 7, 40)
     rollout(env, 8, 10)
     assert same(first, rollout(env, 7, 40))
     assert not same(first, rollout(env, 9, 40))
 
 
-def test_pickling():
-    env = ExploreTeamEnv(**QUICK, render_mode="rgb_array")
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_pickling(physics):
+    env = ExploreTeamEnv(**{**QUICK, "physics": physics}, render_mode="rgb_array")
     expected = rollout(env, 4, 10)
     env.render()
     assert same(expected, rollout(pickle.loads(pickle.dumps(env)), 4, 10))
     env.close()
+
+
+def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
+    start = ((1.0, 1.0, 0.3), (1.0, 3.0, -0.3), (6.0, 2.0, 3.0))
+    team = ExploreTeamEnv(world=hall(), physics="bullet", num_robots=3, start=start, slam="truth")
+    alone = ExploreEnv(world=hall(), physics="kinematic", start=start[0], slam="truth")
+    team.reset(seed=0)
+    alone.reset(seed=0)
+    for _ in range(50):
+        team.step(np.array([[0.8, 0.2], [0.5, -0.1], [0.3, 0.3]], dtype=np.float32))
+        alone.step(np.array([0.8, 0.2], dtype=np.float32))
+    assert math.dist(team.members[0].state.pose[:2], alone._state.pose[:2]) < 0.03
+    team.close()
 
 
 @pytest.mark.parametrize(
@@ -198,21 +217,29 @@ def test_mates_leave_no_trace_in_the_map(slam):
     assert highest <= 12
 
 
-def test_robots_bump_into_each_other_and_both_feel_it():
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_robots_bump_into_each_other_and_both_feel_it(physics):
     start = ((1.0, 2.0, 0.0), (2.0, 2.0, 0.0), (4.0, 2.0, 0.0))
-    env = ExploreTeamEnv(world=hall(), physics="kinematic", num_robots=3, start=start, slam="truth")
+    env = ExploreTeamEnv(world=hall(), physics=physics, num_robots=3, start=start, slam="truth")
     env.reset(seed=0)
     ahead = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype=np.float32)
-    infos = [env.step(ahead)[4] for _ in range(80)]
+    infos = [env.step(ahead)[4] for _ in range(60)]
     assert infos[0]["collisions"].tolist() == [0, 0, 0]
     assert infos[-1]["collisions"][0] >= 1
     assert infos[-1]["collisions"][1] >= 1
     assert infos[-1]["collisions"][2] == 0
-    # Both pay for it, and nobody is pushed or driven through.
+    # Both pay for it.
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
     first, second = (member.state.pose for member in env.members[:2])
-    assert tuple(second) == start[1]
-    assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
+    if physics == "kinematic":
+        # Nobody is pushed or driven through.
+        assert tuple(second) == start[1]
+        assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
+    else:
+        # Who is run into rolls on.
+        assert second.x > start[1][0] + 0.01
+        assert math.dist(first[:2], second[:2]) > BURGER.radius
+    env.close()
 
 
 def test_area_counts_once_whoever_sees_it():

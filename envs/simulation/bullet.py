@@ -1,19 +1,19 @@
-"""A robot as a rigid body in PyBullet, driven by the motors of its two wheels."""
+"""Robots as rigid bodies in PyBullet, driven by the motors of their two wheels."""
 
-import math
 import weakref
+from collections.abc import Sequence
 
 import numpy as np
 
-from envs.geometry import Pose2D, wrap_angle
+from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.worlds import World
 
-from .bullet_bodies import CHASSIS_LINK, WHEEL_LINKS, build_robot, build_world, import_pybullet
+from .bullet_bodies import build_world, import_pybullet
+from .bullet_robot import BulletRobot
 from .contact import check_start
-from .drive import Drive, check_command, count_substeps, plan_wheels
-from .sensors import Sensors
 from .simulator import Reading, TrueState, Twist
+from .team import check_starts, mates_as_circles
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -24,105 +24,97 @@ CONTACT_BREAKING = 0.1
 drag old points of contact along, which costs time, and robots meet walls too late to stop before them."""
 _NOT_CONNECTED = -1
 """Id that no physics client has."""
-_NORMAL_FORCE = 9
-"""Entry of a contact point that holds the force between the bodies."""
-_OUT_OF_REACH = 1e3
-"""Height at which a body touches nothing [m]."""
 
 
-class BulletSimulator:
-    """A robot in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
+class BulletTeam:
+    """Robots in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
 
-    The controller turns the command into wheel rates as it does under the kinematic physics; motors of limited
-    torque turn the wheels, and friction moves the robot. Wheel slip beyond what the contact itself yields is a
-    disturbance of the wheel's rate that the encoder does not see.
+    The lidar of each sees the others as circles, as under the kinematic physics.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float) -> None:
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         import_pybullet()
-        self._robot = robot
-        self._drive = Drive.of(robot)
+        self._arguments = robot, float(control_period), num_robots
+        self._radius = robot.radius
         self._period = float(control_period)
-        self._substeps = count_substeps(self._drive, self._period)
-        self._sensors = Sensors(robot)
-        self._rates, self._slips = np.empty((self._substeps, 2)), np.empty((self._substeps, 2))
+        self.robots = [BulletRobot(robot, control_period) for _ in range(num_robots)]
         self._client = _NOT_CONNECTED
         self._world: World
         self._steps = -1
 
-    def __reduce__(self) -> tuple[type["BulletSimulator"], tuple[RobotParams, float]]:
+    def __reduce__(self) -> tuple[type["BulletTeam"], tuple[RobotParams, float, int]]:
         """Pickle as a new simulator: what happens in PyBullet stays there."""
-        return BulletSimulator, (self._robot, self._period)
+        return BulletTeam, self._arguments
 
     @property
-    def state(self) -> TrueState:
-        """The truth after the last `reset` or `step`."""
+    def states(self) -> list[TrueState]:
+        """The truth about each robot after the last `reset` or `step`."""
         self._require_reset()
-        return self._state
+        return [robot.state for robot in self.robots]
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """Roll and pitch of the body [rad]."""
-        self._require_reset()
-        _, orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
-        roll, pitch, _ = self._bullet.getEulerFromQuaternion(orientation)
-        return roll, pitch
-
-    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
-        """Put the robot at rest at `pose` (world frame) and return its first reading.
+    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
+        """Put the robots at rest and return their first readings; see `TeamSimulator`.
 
         Raises:
-            ValueError: the robot does not fit there.
+            ValueError: a robot does not fit where it shall start.
         """
         circles = world.circles_at(0.0)
-        check_start(pose, self._robot.radius, world.segments, circles, world.name)
+        for pose in poses:
+            check_start(pose, self._radius, world.segments, circles, world.name)
+        check_starts(poses, self._radius)
         self._connect()
         if self._steps < 0 or world is not self._world:
             self._build(world)
-        self._rng, self._circles, self._steps = rng, circles, 0
-        self._commanded = (0.0, 0.0)
-        self._rolled, self._slipped = np.zeros(2), np.zeros(2)
+        self._circles, self._steps = circles, 0
         self._place_movers(circles, np.zeros_like(circles))
-        self._place_robot(pose)
-        self._observe()
-        return self._read(self._sensors.draw(rng), bumper=False)
+        for robot, pose in zip(self.robots, poses, strict=True):
+            robot.lift(pose)
+        self._bullet.performCollisionDetection(physicsClientId=self._client)
+        for robot, pose, rng in zip(self.robots, poses, rngs, strict=True):
+            robot.put_down(pose, rng)
+        return self._read()
 
-    def step(self, command: Twist) -> Reading:
-        """Drive with the commanded twist for one control period and return what the sensors say at its end.
+    def step(self, commands: Sequence[Twist]) -> list[Reading]:
+        """Drive for one control period; see `TeamSimulator`.
 
         Raises:
-            ValueError: the command holds NaN or infinity.
+            ValueError: a command holds NaN or infinity.
             RuntimeError: there was no reset.
         """
         self._require_reset()
-        v, w = check_command(command)
-        noise = self._sensors.draw(self._rng)
+        for robot, command in zip(self.robots, commands, strict=True):
+            robot.plan(command)
         self._steps += 1
-        before = self._circles
+        before, substeps = self._circles, self.robots[0].substeps
         if self._world.movers:
             self._circles = self._world.circles_at(self._steps * self._period)
-        normals, rates, slips = noise[0], self._rates, self._slips
-        self._commanded = plan_wheels(
-            *self._commanded, v, w, normals[0], normals[1], self._period, self._drive, rates, slips
-        )
-        self._rolled += rates.sum(axis=0) * (self._period / self._substeps)
-        self._slipped += slips.sum(axis=0) * (self._period / self._substeps)
-        touched = False
-        for substep, targets in enumerate((rates + slips).tolist()):
+        for substep in range(substeps):
             if self._world.movers:
                 travel = self._circles - before
-                self._place_movers(before + substep / self._substeps * travel, travel / self._period)
-            self._turn_wheels(targets)
+                self._place_movers(before + substep / substeps * travel, travel / self._period)
+            for robot in self.robots:
+                robot.turn_wheels(substep)
             self._bullet.stepSimulation(physicsClientId=self._client)
-            touched = touched or self._touches()
-        self._observe()
-        return self._read(noise, touched)
+            for robot in self.robots:
+                robot.feel()
+        for robot in self.robots:
+            robot.observe()
+        return self._read()
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""
         if self._client != _NOT_CONNECTED:
             self._disconnect()
             self._client, self._steps = _NOT_CONNECTED, -1
+
+    def _read(self) -> list[Reading]:
+        time, poses = self._steps * self._period, [robot.state.pose for robot in self.robots]
+        readings = []
+        for k, robot in enumerate(self.robots):
+            mates = mates_as_circles(poses, k, self._radius)
+            circles = np.vstack([self._circles, mates]) if len(mates) else self._circles
+            readings.append(robot.read(time, self._world.segments, circles))
+        return readings
 
     def _require_reset(self) -> None:
         if self._steps < 0:
@@ -139,7 +131,7 @@ class BulletSimulator:
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=self._period / self._substeps,
+            fixedTimeStep=self._period / self.robots[0].substeps,
             numSubSteps=0,
             numSolverIterations=SOLVER_ITERATIONS,
             contactBreakingThreshold=CONTACT_BREAKING,
@@ -149,20 +141,9 @@ class BulletSimulator:
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
         self._movers = build_world(bullet, client, world)
-        self._body = build_robot(bullet, client, self._robot)
+        for robot in self.robots:
+            robot.build(bullet, client)
         self._world = world
-
-    def _place_robot(self, pose: Pose2D) -> None:
-        """Put the robot at rest, free of the past: contacts remember their impulses, and lifting it breaks them."""
-        bullet, client = self._bullet, self._client
-        for wheel in WHEEL_LINKS:
-            bullet.resetJointState(self._body, wheel, 0.0, 0.0, physicsClientId=client)
-        orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
-        above, ground = [pose.x, pose.y, _OUT_OF_REACH], [pose.x, pose.y, self._robot.drive.wheel_radius]
-        bullet.resetBasePositionAndOrientation(self._body, above, orientation, physicsClientId=client)
-        bullet.performCollisionDetection(physicsClientId=client)
-        bullet.resetBasePositionAndOrientation(self._body, ground, orientation, physicsClientId=client)
-        bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
 
     def _place_movers(self, circles: np.ndarray, velocities: np.ndarray) -> None:
         bullet, client = self._bullet, self._client
@@ -172,43 +153,40 @@ class BulletSimulator:
             velocity = [*velocities[i, :2].tolist(), 0.0]
             bullet.resetBaseVelocity(mover, velocity, [0.0] * 3, physicsClientId=client)
 
-    def _turn_wheels(self, rates: list[float]) -> None:
-        self._bullet.setJointMotorControlArray(
-            self._body,
-            WHEEL_LINKS,
-            self._bullet.VELOCITY_CONTROL,
-            targetVelocities=rates,
-            velocityGains=[1.0, 1.0],
-            forces=[self._robot.drive.max_torque] * 2,
-            physicsClientId=self._client,
-        )
 
-    def _touches(self) -> bool:
-        points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)
-        return any(point[_NORMAL_FORCE] > 0.0 for point in points)
+class BulletSimulator:
+    """A robot in a world, moved by PyBullet: a team of one."""
 
-    def _observe(self) -> None:
-        (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
-        linear, angular = self._bullet.getBaseVelocity(self._body, physicsClientId=self._client)
-        rotation = self._bullet.getMatrixFromQuaternion(orientation)
-        theta = math.atan2(rotation[3], rotation[0])
-        speed = linear[0] * math.cos(theta) + linear[1] * math.sin(theta)
-        self._state = TrueState(Pose2D(x, y, float(wrap_angle(theta))), Twist(speed, angular[2]))
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        self._team = BulletTeam(robot, control_period, 1)
 
-    def _read(self, noise: tuple[np.ndarray, np.ndarray], bumper: bool) -> Reading:
-        return self._sensors.read(
-            noise,
-            self._steps * self._period,
-            self._state.pose,
-            self._encoder_angles(),
-            self._state.twist.w,
-            bumper,
-            self._world.segments,
-            self._circles,
-        )
+    @property
+    def state(self) -> TrueState:
+        """The truth after the last `reset` or `step`."""
+        return self._team.states[0]
 
-    def _encoder_angles(self) -> tuple[float, float]:
-        if self._robot.odometry.open_loop:
-            return float(self._rolled[0]), float(self._rolled[1])
-        left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS, physicsClientId=self._client)
-        return left[0] - self._slipped[0], right[0] - self._slipped[1]
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """Roll and pitch of the body [rad]."""
+        return self._team.robots[0].tilt
+
+    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
+        """Put the robot at rest at `pose` (world frame) and return its first reading.
+
+        Raises:
+            ValueError: the robot does not fit there.
+        """
+        return self._team.reset(world, [pose], [rng])[0]
+
+    def step(self, command: Twist) -> Reading:
+        """Drive with the commanded twist for one control period and return what the sensors say at its end.
+
+        Raises:
+            ValueError: the command holds NaN or infinity.
+            RuntimeError: there was no reset.
+        """
+        return self._team.step([command])[0]
+
+    def close(self) -> None:
+        """Disconnect from PyBullet. The next reset connects again."""
+        self._team.close()

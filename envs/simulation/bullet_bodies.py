@@ -10,7 +10,7 @@ from envs.robots import BodyParams, RobotParams
 from envs.worlds import World
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""Collision groups: wheels and casters touch the ground alone, the chassis obstacles alone."""
+"""Collision groups: wheels and casters touch the ground alone, the chassis obstacles and other robots."""
 WHEEL_LINKS = (0, 1)
 """Links of the left and the right wheel."""
 CHASSIS_LINK = 2
@@ -191,7 +191,7 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
             bullet.changeDynamics(robot_id, link, localInertiaDiagonal=[rolling] * 3, physicsClientId=client)
         if link == CHASSIS_LINK:
             bullet.changeDynamics(robot_id, link, localInertiaDiagonal=_inertia(body), physicsClientId=client)
-        group, mask = (CHASSIS, OBSTACLES) if link == CHASSIS_LINK else (ROLLING, GROUND)
+        group, mask = (CHASSIS, OBSTACLES | CHASSIS) if link == CHASSIS_LINK else (ROLLING, GROUND)
         bullet.setCollisionFilterGroupMask(robot_id, link, group, mask, physicsClientId=client)
     return robot_id
 

@@ -50,7 +50,11 @@ def make_team_simulator(physics: str, robot: RobotParams, control_period: float,
     """
     if physics == "kinematic":
         return KinematicTeam(robot, control_period, num_robots)
-    raise ValueError(f"unknown physics {physics!r}; choose kinematic")
+    if physics == "bullet":
+        from .bullet import BulletTeam
+
+        return BulletTeam(robot, control_period, num_robots)
+    raise ValueError(f"unknown physics {physics!r}; choose bullet or kinematic")
 
 
 class KinematicTeam:
