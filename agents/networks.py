@@ -4,9 +4,7 @@ import math
 
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import PyTorchObs
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -92,14 +90,7 @@ class MapPatches(nn.Conv2d):
     def forward(self, crop: Tensor) -> Tensor:
         """Return the features, shape (batch, channels * patches), of crops from 0 to 255.
 
-        The weights are scaled rather than the pixels, of which there are many more.
+        The weights are scaled rather than the pixels, of which there are many more; so the policy must be told not to
+        scale images itself (`normalize_images=False`).
         """
-        return functional.relu(self._conv_forward(crop.float(), self.weight / 255.0, self.bias)).flatten(1)
-
-
-class ExplorerPolicy(MultiInputActorCriticPolicy):
-    """Hands observations to the network as they are: it scales the crops itself, in place of two passes over them."""
-
-    def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor | None = None) -> Tensor:
-        """Return the features of an observation, shape (batch, features_dim); policy and value share them."""
-        return self.features_extractor(obs)
+        return functional.relu(self._conv_forward(crop, self.weight / 255.0, self.bias)).flatten(1)

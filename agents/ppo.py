@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
@@ -20,7 +20,7 @@ from agents.checkpoint import (
     check_tensors,
 )
 from agents.config import NetworkConfig, TrainingConfig
-from agents.networks import ExplorerFeatures, ExplorerPolicy
+from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
 from agents.vector import Observations
 
@@ -39,7 +39,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         return ppo.learning_rate * (remaining if ppo.anneal else 1.0)
 
     model = PPO(
-        ExplorerPolicy,
+        MultiInputActorCriticPolicy,
         env,
         learning_rate=learning_rate,
         n_steps=ppo.num_steps,
@@ -61,7 +61,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
     return model
 
 
-def build_policy(checkpoint: Checkpoint, folder: Path) -> ExplorerPolicy:
+def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticPolicy:
     """Make the policy of a checkpoint, for acting only.
 
     Raises:
@@ -69,7 +69,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> ExplorerPolicy:
     """
     record = checkpoint.record
     observation_space = spaces.Dict({key: box.space() for key, box in record.observation.items()})
-    policy = ExplorerPolicy(
+    policy = MultiInputActorCriticPolicy(
         observation_space, record.action.space(), lambda _: 0.0, **_policy_arguments(record.config.network)
     )
     check_tensors(folder, POLICY_FILE, checkpoint.policy, policy.state_dict())
@@ -181,4 +181,5 @@ def _policy_arguments(network: NetworkConfig) -> dict[str, Any]:
         "net_arch": {"pi": [network.hidden], "vf": [network.hidden]},
         "activation_fn": nn.ReLU,
         "log_std_init": network.log_std,
+        "normalize_images": False,  # the network scales crops by their weights, of which there are fewer
     }
