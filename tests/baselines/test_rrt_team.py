@@ -7,11 +7,17 @@ import pytest
 
 from baselines import RrtExplorer, RrtParams
 from baselines.goal_explorer import Goal
+from baselines.right_of_way import find_refuge, is_beside, outline
+from baselines.rrt_assigner import assign
 from baselines.rrt_team import RrtTeam
+from baselines.survey import Survey
+from baselines.team_episode import run_team_episode
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
-from envs.geometry import Pose2D
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import CostmapParams
 from envs.robots import load_robot
+from envs.slam import Belief
 from envs.worlds import World
 
 BURGER = load_robot("turtlebot3_burger")
@@ -121,3 +127,60 @@ def test_two_robots_explore_a_small_world_without_touching():
     both = np.array([targets for targets in apart if None not in targets])
     assert len(both) > 50
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
+
+
+def test_what_a_mate_is_on_its_way_to_is_no_gain_any_more():
+    data = np.zeros((200, 200), dtype=np.int8)
+    data[30:50, 30:50] = data[155:165, 95:105] = -1
+    grid, points = OccupancyGrid(data, 0.05, (0.0, 0.0)), np.array([[2.0, 2.0], [5.0, 8.0]])
+    robots, costs = np.array([[2.0, 5.0]]), np.array([[3.0, 4.2]])
+    revenue = {"info_radius": 1.0, "info_multiplier": 3.0, "hysteresis_radius": 3.0, "hysteresis_gain": 2.0}
+    assert assign(grid, robots, points, costs, **revenue).tolist() == [0]
+    # 3 * 2 * 1 - 3 against 3 * 0.25 - 4.2; once a mate sees all of the first island, 0 - 3 against -3.45: still nearer.
+    assert assign(grid, robots, points, costs, **revenue, taken=np.array([[2.1, 2.0]])).tolist() == [0]
+    costs = np.array([[4.0, 4.2]])
+    assert assign(grid, robots, points, costs, **revenue).tolist() == [0]
+    assert assign(grid, robots, points, costs, **revenue, taken=np.array([[2.1, 2.0]])).tolist() == [1]
+
+
+def test_a_refuge_lies_off_the_way_and_on_ones_own_side_of_it():
+    data = np.full((80, 160), 100, dtype=np.int8)
+    data[35:45, 2:158] = 0  # a corridor, 0.5 m wide, along x = 0 ... 8
+    data[35:60, 100:120] = 0  # with a bay at x = 5 ... 6
+    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
+    path = np.column_stack([np.linspace(2.0, 7.5, 111), np.full(111, 2.0)])
+    belief = Belief(Pose2D(4.0, 2.0, 0.0), grid, NO_CELLS)
+    mate = outline(belief.pose, Pose2D(3.0, 2.0, 0.0), BURGER.radius)
+    np.testing.assert_allclose(np.hypot(*(mate - (-1.0, 0.0)).T), BURGER.radius)
+    cell = find_refuge(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=mate), path, BURGER.radius)
+    x, y = grid.centers(np.array(cell))
+    assert 5.0 < x < 6.0
+    assert y > 2.0 + 2 * BURGER.radius + 0.1
+    assert not is_beside((x, y), path, 2 * BURGER.radius + 0.1)
+    data[35:60, 100:120] = 100
+    data[35:45, 100:120] = 0
+    assert find_refuge(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=mate), path, BURGER.radius) is None
+
+
+def test_beside_a_path_counts_as_far_as_one_looks_ahead():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    assert is_beside((2.0, 0.2), path, 0.3)
+    assert not is_beside((2.0, 0.2), path, 0.3, reach=1.5)
+    assert not is_beside((2.0, 0.4), path, 0.3)
+    assert not is_beside((0.0, 0.0), path[:0], 0.3)
+
+
+def test_an_episode_of_a_team_is_measured():
+    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", start="spawn", time_limit=20.0)
+    infos = []
+    episode = run_team_episode(env, RrtTeam(), 0, infos.append)
+    assert 0 < episode.time_to_90 <= episode.time_to_95 <= episode.time_to_99 <= 20.0
+    assert episode.explored_fraction >= infos[-1]["explored_fraction"] > 0.9
+    assert episode.path_length.shape == episode.collisions.shape == episode.position_rmse.shape == (2,)
+    assert episode.position_rmse.max() < 0.1
+    assert episode.end_reason in ("covered", "time_limit")
+
+
+def test_it_wants_a_reset_first():
+    with pytest.raises(RuntimeError, match="reset"):
+        RrtTeam().act({}, [])
