@@ -144,7 +144,7 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
             elif moves:
                 self._move_circles_of(i)
             lane = (i, code == ROOM, moves, pilots, choice.block, simulator.rng, slam_rng, target)
-            code = drive_on(thread, *lane, *shared)
+            code = drive_on(thread, *lane, *shared)  # type: ignore[call-arg]
         return code
 
     def _decide(self, thread: int, lanes: Iterator[int], actions: np.ndarray, views: FrontierViews) -> None:

@@ -202,14 +202,14 @@ def test_time_up_truncates_within_a_decision():
 
 
 def test_nothing_left_to_reach_terminates():
-    # With a target that nobody reaches, frontiers run out sooner or later.
-    env = ExploreFrontiersEnv(**QUICK, target_coverage=1.0)
+    # Some corners of this place stay unknown, however long one looks.
+    env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", target_coverage=1.0)
     out = rollout(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
     assert (terminated, truncated, info["end_reason"]) == (True, False, "no_reachable_frontier")
     assert not observation["action_mask"].any()
-    assert info["explored_fraction"] > 0.97
-    assert 0.0 < info["area_left"] < 1.0
+    assert info["explored_fraction"] > 0.95
+    assert info["area_left"] > 0.0
     assert "map_iou" in info
 
 

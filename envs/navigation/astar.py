@@ -33,8 +33,8 @@ COST_WEIGHT = 3.0
 NUM_BUCKETS = 1 << 15
 """Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
 BUCKET_SHIFT = 8
-"""Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve each
-other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
+"""Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve
+each other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
 MAX_COST_WEIGHT = 9.0
 """Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
