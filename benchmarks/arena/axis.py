@@ -27,6 +27,8 @@ class AxisEntry:
     """Value of the axis."""
     base: str
     """Value that it is compared with."""
+    worlds: tuple[str, ...]
+    """Where there are starts that all values share."""
     estimates: dict[str, Estimate]
     """By the names of `SHOWN`."""
     differences: dict[str, Estimate]
@@ -62,4 +64,5 @@ def _entry(versions: Sequence[Row], policy: str, value: str, base: str) -> AxisE
     if value != base:
         differences = {m.name: paired_difference(*paired_values(versions, value, base, m)) for m in COMPARED}
     estimates = {m.name: pool(values_of(versions, value, m), m) for m in SHOWN}
-    return AxisEntry(policy, value, base, estimates, differences)
+    worlds = tuple(dict.fromkeys(row["world"] for row in versions))
+    return AxisEntry(policy, value, base, worlds, estimates, differences)

@@ -14,7 +14,7 @@ from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, reference_of, values_of
 from benchmarks.arena.ranking import GAPS, PRIMARY, SHOWN, Entry, gaps, rank
 from benchmarks.arena.records import Row
-from benchmarks.arena.runner import NOT_RUN, Failure
+from benchmarks.arena.runner import NOT_RUN, Failure, group_failures
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import best_of, compare, pool, split
 from benchmarks.arena.theme import short
@@ -157,7 +157,7 @@ def axis_section(rows: Sequence[Row], axis: str) -> Section | None:
         *("", *(f"{m.label} {m.unit}".strip() for m in AXIS_SHOWN)),
         *(f"{m.label} {m.unit}".strip() + f", difference to {base}" for m in AXIS_COMPARED),
     )
-    places = list(dict.fromkeys(row["world"] for row in rows))
+    places = list(dict.fromkeys(world for entry in entries for world in entry.worlds))
     starts = entries[0].estimates[PRIMARY.name].n
     title = "What mapping error costs" if axis == "slam" else f"What {axis} costs"
     text = (
@@ -209,18 +209,14 @@ def missing_section(missing: Sequence[Failure], num_rows: int, num_fair: int) ->
     """
     if not missing:
         return None
-    groups: dict[tuple[str, str], list[Failure]] = {}
-    for failure in missing:
-        if failure.reason != NOT_RUN:
-            groups.setdefault((f"{failure.key.world}, {failure.key.robot}", failure.reason), []).append(failure)
     lines = []
-    for (place, reason), group in groups.items():
+    for (place, reason), group in group_failures([one for one in missing if one.reason != NOT_RUN]).items():
         who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
         lines.append((Cell(place), Cell(str(len(group))), Cell(who), Cell(reason)))
     untried = sum(failure.reason == NOT_RUN for failure in missing)
     text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
     text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
-    table = Table(("place, robot", "episodes", "explorers", "why"), tuple(lines), words=(2, 3))
+    table = Table(("place and robot", "episodes", "explorers", "why"), tuple(lines), words=(2, 3))
     return Section("Not run", (text, table) if lines else (text,))
 
 

@@ -26,7 +26,7 @@ from benchmarks.arena.plots import draw_world
 from benchmarks.arena.ranking import rank
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
 from benchmarks.arena.report import build_report
-from benchmarks.arena.runner import Evaluation, Failure
+from benchmarks.arena.runner import Evaluation, Failure, group_failures
 from benchmarks.arena.summary import Summary, split, summarise, to_json
 from benchmarks.arena.terminal import ranking_table, terminal_table
 from benchmarks.arena.theme import short
@@ -62,10 +62,10 @@ def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, consol
             progress.update(task, advance=1, latest=latest)
 
         failures = evaluation.run(jobs, ray, on_result)
-    for failure in failures:
-        key = failure.key
-        where = f"{key.policy} in {key.world} with {key.robot}, {key.physics}, {key.slam}, seed {key.seed}"
-        console.print(f"Could not be run: {where}: {failure.reason}", style="red", markup=False, highlight=False)
+    for (place, reason), group in group_failures(failures).items():
+        who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
+        line = f"{len(group)} episodes of {who} in {place} could not be run: {reason}"
+        console.print(line, style="red", markup=False, highlight=False)
     return failures
 
 

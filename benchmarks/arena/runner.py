@@ -59,6 +59,14 @@ class Failure:
     """Why, in a line."""
 
 
+def group_failures(failures: Sequence[Failure]) -> dict[tuple[str, str], list[Failure]]:
+    """Return failures by place (with its robot) and reason."""
+    groups: dict[tuple[str, str], list[Failure]] = {}
+    for failure in failures:
+        groups.setdefault((f"{failure.key.world} with {failure.key.robot}", failure.reason), []).append(failure)
+    return groups
+
+
 class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
@@ -170,9 +178,12 @@ class Evaluation:
                 for policy, seed in there.items():
                     try:
                         prepare(env, policy.make(), seed)
-                        pending.discard(policy)
                     except (ValueError, CheckpointError) as error:
                         first = first or error
+                        continue
+                    except Exception:  # a fault in the explorer: its episodes will tell
+                        pass
+                    pending.discard(policy)
         if pending and first:
             raise first
 

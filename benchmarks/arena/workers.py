@@ -159,14 +159,10 @@ def _run(workplace: _Workplace, task: Task) -> Result:
     try:
         return workplace.run(task)
     except Exception as error:
-        logging.getLogger(__name__).exception("%s", task.key)
-        return Result(task.key, reason=_explain(error))
-
-
-def _explain(error: Exception) -> str:
-    """Say in a line what went wrong; where, unless the error's own words were written for users."""
-    said = " ".join(str(error).split())
-    if isinstance(error, (ValueError, CheckpointError)):
-        return said
-    *_, last = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
+        if not isinstance(error, (ValueError, CheckpointError)):  # those speak for themselves
+            logging.getLogger(__name__).exception("%s", task.key)
+        *_, last = traceback.extract_tb(error.__traceback__)
+        said = " ".join(str(error).split())
+        return Result(
+            task.key, reason=f"{type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
+        )

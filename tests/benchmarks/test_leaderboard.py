@@ -96,11 +96,14 @@ def test_an_axis_is_compared_pair_by_pair():
         for slam, area, time in (("tinyslam", 0.7, 120.0), ("truth", 0.8, 100.0), ("odometry", 0.2, 300.0))
         for seed in range(4)
     ]
-    rows.append(row("a", 7, slam="tinyslam", area=0.0))  # has no partner
+    # These have no partners.
+    rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
     entries = compare_axis(rows, "slam")
     assert [(e.value, e.base, e.estimates["area_under_curve"].n) for e in entries] == [
         *(("truth", "truth", 4), ("tinyslam", "truth", 4), ("odometry", "truth", 4)),
     ]
+    assert {e.policy for e in entries} == {"a"}
+    assert entries[0].worlds == ("maze",)
     assert entries[0].differences == {}
     assert entries[1].differences["area_under_curve"].iqm == pytest.approx(-0.1)
     assert entries[1].differences["relative_time"].iqm == pytest.approx(0.2)
