@@ -144,7 +144,7 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
             elif moves:
                 self._move_circles_of(i)
             lane = (i, code == ROOM, moves, pilots, choice.block, simulator.rng, slam_rng, target)
-            code = drive_on(thread, *lane, *shared)  # type: ignore[call-arg]
+            code = drive_on(thread, *lane, *shared)
         return code
 
     def _decide(self, thread: int, lanes: Iterator[int], actions: np.ndarray, views: FrontierViews) -> None:
@@ -159,6 +159,7 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
     def _look(self, i: int, views: FrontierViews) -> None:
         """Compose lane `i`'s observation."""
         choice, env, rows, numbers = self._choices[i], self.envs[i], self._lanes, self._numbers
+        command = self._tallies.command[i]
         views.candidates[i], views.action_mask[i] = choice.features, choice.mask
         env.pyramid.crop(*self._pilots[i].pose, np.empty_like(views.map[i]), views.map[i])
         fill_motion(
@@ -166,7 +167,8 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
             rows.twist[i, 1],
             numbers.drive.max_v,
             numbers.drive.max_w,
-            *self._tallies.command[i],
+            command[0],
+            command[1],
             rows.bumper[i],
             rows.steps[i] * numbers.period / rows.time_limit[i],
             views.motion[i],
