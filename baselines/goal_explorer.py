@@ -202,8 +202,8 @@ class GoalExplorer(ABC):
         """
         gap = math.hypot(goal.frontier[0] - survey.pose.x, goal.frontier[1] - survey.pose.y)
         around = self._frontier_near(survey, survey.pose[:2], gap + self._look_radius * self._impatience)
-        here = (np.array(survey.pose[:2]) - survey.grid.origin) / survey.grid.resolution
-        in_sight = [grid_check(survey.grid.data, *here, col + 0.5, row + 0.5)[0] != BLOCKED for row, col in around]
+        u, v = (np.array(survey.pose[:2]) - survey.grid.origin) / survey.grid.resolution
+        in_sight = [grid_check(survey.grid.data, u, v, col + 0.5, row + 0.5)[0] != BLOCKED for row, col in around]
         self._give_up(survey, np.concatenate([remaining, around[np.array(in_sight, dtype=np.bool_)]]))
         self._num_vain += 1
 
