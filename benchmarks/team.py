@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import tyro
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.transforms import Affine2D
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
@@ -23,6 +25,7 @@ from baselines.team_episode import run_team_episode
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
+from envs.map_pyramid import OCCUPIED_FROM
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
 ROOMS_SIZE = (20.0, 20.0)
@@ -150,9 +153,12 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
     width, height = x_max - x_min, y_max - y_min
     figure = Figure(figsize=(7.0, 7.0 * height / width + 0.5), dpi=110, layout="constrained", facecolor=theme.paper)
     axes = figure.subplots()
-    for mask, color, size in ((grid.data >= 0) & (grid.data < 50), "#ffffff", 1.6), (grid.data >= 65, theme.ink, 1.6):
-        x, y = start.transform(grid.centers(np.argwhere(mask))).T
-        axes.scatter(x, y, s=size, marker="s", color=color, linewidths=0, rasterized=True)
+    picture = np.full((*grid.data.shape, 4), to_rgba(theme.unknown), dtype=np.float32)
+    picture[(grid.data >= 0) & (grid.data < OCCUPIED_FROM)] = to_rgba(theme.paper)
+    picture[grid.data >= OCCUPIED_FROM] = to_rgba(theme.ink)
+    left, low, right, high = grid.bounds
+    image = axes.imshow(picture, origin="lower", extent=(left, right, low, high), interpolation="auto")
+    image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
     walls = LineCollection(list(env.world.segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
     axes.add_collection(walls)
     for member, color in zip(env.members, theme.lines):

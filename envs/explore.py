@@ -142,8 +142,7 @@ class ExploreEnv(RobotEnv):
         self.start = choose_start(self._start, self.world, area, self.robot, self.np_random)
         """World pose of the map frame's origin: where the robot starts."""
         if self._time_limit is None:
-            # Time to sweep the area twice with a swath of a metre at full speed, rounded to ten seconds.
-            self.time_limit = 120.0 + 10.0 * round(0.2 * area.area / self.robot.max_v)
+            self.time_limit = area.usual_time_limit(self.robot.max_v)
         simulator_rng, slam_rng = self.np_random.spawn(2)
         self._stand(self.world, self.start, simulator_rng)
         self.odometry.reset(self.reading.ticks)
