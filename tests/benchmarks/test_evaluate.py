@@ -25,7 +25,7 @@ def read_rows(folder):
         return list(csv.DictReader(file))
 
 
-def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys):
+def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, no_overview):
     options = "--episodes 2 --physics kinematic --time-limit 4 --jobs 2 --json --policies random nearest --worlds"
     command = [sys.executable, "evaluate.py", *options.split(), WORLD, "--out", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -88,13 +88,6 @@ def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
     assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "tinyslam"}
 
 
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Leave out what takes longest."""
-    for name in ("curves_section", "gallery_section"):
-        monkeypatch.setattr(f"benchmarks.arena.publish.{name}", lambda folder, rows: None)
-
-
 class Fragile(RandomExplorer):
     """Breaks in one of its episodes."""
 
@@ -108,7 +101,7 @@ class Fragile(RandomExplorer):
         return super().act(observation, belief)
 
 
-def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_pictures):
+def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_overview):
     monkeypatch.setitem(baselines.EXPLORERS, "fragile", Fragile)
     settings = ["--policies", "fragile", "random", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--episodes"]
     settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--no-world-sections", "--out", str(tmp_path)]
@@ -141,7 +134,7 @@ def test_a_robot_that_does_not_fit_does_not_end_the_suite(tmp_path):
     assert evaluation.missing() == failures
 
 
-def test_nothing_is_run_for_a_report(whole, tmp_path, no_pictures):
+def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     table = (tmp_path / "episodes.csv").read_text()
     options = [
