@@ -15,14 +15,13 @@ three robots. What `rrt.py` says of one robot holds for each; besides:
 
 import numpy as np
 
-from baselines.goal_explorer import GOAL_RADIUS, GoalExplorer
-from baselines.navigator import NO_POINTS, Navigator, Status
-from baselines.recovery import Dwell
-from baselines.right_of_way import find_refuge, is_beside, outline
-from baselines.rrt import RrtExplorer
+from baselines.goal_explorer import GOAL_RADIUS
+from baselines.navigator import NO_POINTS, Status
+from baselines.right_of_way import is_beside, outline
 from baselines.rrt_assigner import NOBODY, assign
 from baselines.rrt_detector import RrtDetector, RrtParams
 from baselines.survey import Survey
+from baselines.team_member import TeamMember
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
@@ -30,128 +29,12 @@ from envs.team import MateFilter
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)
 """The launch file of the published program for three robots."""
-HOLD_TIME = 1.0
-"""Time without getting anywhere after which a robot is held up [s]."""
 BLOCKING_REACH = 1.5
 """How far ahead on a robot's path a mate holds it up [m]."""
-PASSED_GAP = 0.5
-"""Gap between the footprint of a robot that waits and the path of the one that passes, from which that one has [m]."""
-MAX_WAIT = 15.0
-"""Longest time to stand aside [s]."""
 MATE_GAP = 0.05
 """Gap that is kept to a mate besides that to other obstacles, since it moves [m]."""
 LOOK_AHEAD = 0.5
 """A mate is an obstacle also where it will be after this time [s]."""
-
-
-class TeamMember(RrtExplorer):
-    """One robot of the team. What it decides for itself is how to get to the point that the team assigns to it."""
-
-    def __init__(self, params: RrtParams, team: "RrtTeam", index: int) -> None:
-        """Make a robot of a team."""
-        super().__init__(params)
-        self._team = team
-        self.index = index
-
-    def join(self, robot: RobotParams, control_period: float, rng: np.random.Generator, detector: RrtDetector) -> None:
-        """Prepare for a new episode with the team's detector."""
-        self.reset(robot, control_period, rng)
-        self._detector = detector
-        self._held = Dwell(0.25 * robot.radius + 0.02, 0.3)
-        self._held_time = 0.0
-        self._pause = 0
-        self._wait_time = 0.0
-        self.makes_way_for: TeamMember | None = None
-        self.standing, self.passing = NO_POINTS, NO_POINTS
-        """Outlines of the mates that plans lead around, and of those that they lead through; base frame [m]."""
-
-    @property
-    def navigator(self) -> Navigator:
-        """What drives it."""
-        assert self._navigator is not None
-        return self._navigator
-
-    @property
-    def target(self) -> tuple[float, float] | None:
-        """The frontier that it is going to see (x, y), map frame [m]."""
-        return None if self._goal is None else self._goal.frontier
-
-    @property
-    def precedence(self) -> tuple[bool, int]:
-        """The lower goes first."""
-        return self._goal is None, self.index
-
-    @property
-    def is_held_up(self) -> bool:
-        """Whether it is on its way and does not get anywhere."""
-        return self._held_time > HOLD_TIME and not self.navigator.is_busy and self.navigator.plan is not None
-
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`."""
-        self._held_time = self._held.update(belief.pose) * self._period
-        self._idle_steps += 1
-        self._pause -= 1
-        return GoalExplorer.act(self, observation, belief)
-
-    def be_asked(self, belief: Belief) -> tuple[Survey, np.ndarray, np.ndarray]:
-        """Return what it sees of the map, and what `_open_goals` says of that."""
-        survey = self._survey(self.navigator, belief, self.navigator.tightness)
-        return survey, *self._open_goals(survey)
-
-    def make_way(self, belief: Belief, other: "TeamMember") -> bool:
-        """Drive off the path of another robot, and give the own point up; False if there is nowhere to go."""
-        path = other.navigator.plan
-        survey = self.navigator.survey(belief)
-        cell = None if path is None else find_refuge(survey, path, self._robot.radius)
-        if cell is None:
-            return False
-        assert survey.field is not None
-        way = survey.field.path(*cell)
-        assert way is not None
-        x, y = survey.grid.centers(np.array(cell))
-        self.navigator.drive_to((float(x), float(y)), way)
-        self._goal, self.makes_way_for, self._wait_time = None, other, 0.0
-        return True
-
-    def go_on(self) -> None:
-        """Forget that it was held up."""
-        self._held.restart()
-        self._held_time = 0.0
-
-    def revive(self) -> None:
-        """Go on, since there is still something to explore."""
-        self._end_reason = None
-        self._idle_steps = 0
-
-    def _sense(self, navigator: Navigator, observation: dict[str, np.ndarray]) -> None:
-        navigator.sense(observation, self.standing, self.passing)
-
-    def _consider(self, navigator: Navigator, belief: Belief) -> None:
-        if self.makes_way_for is not None:
-            if not self._has_passed(self.makes_way_for, belief):
-                return
-            self.makes_way_for = None
-            navigator.wait()
-        if self._pause > 0 and self._goal is None:
-            return
-        super()._consider(navigator, belief)
-        if self._goal is None and self._team.is_exploring:
-            # Nothing is left for this one as things stand: no reason to turn around, or to look again at every step.
-            navigator.wait()
-            self._end_reason, self._has_looked_around, self._pause = None, False, self._decision_steps
-
-    def _has_passed(self, other: "TeamMember", belief: Belief) -> bool:
-        path = other.navigator.plan
-        if path is None:
-            return True
-        if self.navigator.status is Status.DRIVING:
-            return False
-        self._wait_time += self._period
-        is_off = not is_beside(belief.pose[:2], path, 2.0 * self._robot.radius + PASSED_GAP)
-        return is_off or self._wait_time > MAX_WAIT
-
-    def _assigned(self, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
-        return self._team.assign(self, survey, places, frontiers)
 
 
 class RrtTeam:
@@ -173,7 +56,9 @@ class RrtTeam:
         """
         self._robot = robot
         self._detector = RrtDetector(self._params, rng)
-        self._members = [TeamMember(self._params, self, k) for k in range(num_robots)]
+        self._members = [
+            TeamMember(self._params, k, self.assign, self._is_anyone_on_the_way) for k in range(num_robots)
+        ]
         for member in self._members:
             member.join(robot, control_period, rng, self._detector)
         self._without_mates = MateFilter(robot)
@@ -186,9 +71,7 @@ class RrtTeam:
             return None
         return "no_reachable_frontier" if "no_reachable_frontier" in reasons else reasons[0]
 
-    @property
-    def is_exploring(self) -> bool:
-        """Whether any robot is on its way to a point."""
+    def _is_anyone_on_the_way(self) -> bool:
         return any(member.target is not None for member in self._members)
 
     @property
