@@ -6,9 +6,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.compilation import announce_compilation
 from envs.coverage import map_iou
 from envs.explore import ExploreEnv
 from envs.frontier_choice import DRIVING, FEATURES, OUTCOMES, OVER, RESET, FrontierChoice, act, judge
+from envs.frontier_choice.candidates import find_candidates
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.map_pyramid import CROP_SIZE
 from envs.robot_env import check_positive
@@ -23,6 +25,7 @@ def make_choice(explore: ExploreEnv, max_candidates: int, max_decision_time: flo
     if max_candidates < 1:
         raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
     check_positive(max_decision_time=max_decision_time)
+    announce_compilation(find_candidates)
     angles = explore.robot.lidar.angles + explore.robot.lidar.mount.yaw
     return FrontierChoice(
         explore.robot,

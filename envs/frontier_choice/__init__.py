@@ -3,7 +3,8 @@
 from .choice import OUTCOMES, OVER, RESET, FrontierChoice
 from .features import FEATURES
 from .params import PilotParams, SurveyParams
-from .pilot import DRIVING, act, judge, sense
+from .pilot import act, judge, sense
+from .records import DRIVING
 
 __all__ = [
     "DRIVING",

@@ -5,23 +5,13 @@ from typing import Protocol
 
 import numpy as np
 
+from envs.frontier_choice.candidates import find_candidates
 from envs.frontier_choice.features import FEATURES, describe
 from envs.frontier_choice.params import PilotParams, SurveyParams
-from envs.frontier_choice.pilot import (
-    ARRIVED,
-    FAILED,
-    GONE,
-    LOOKED,
-    PILOT,
-    REPLAN,
-    TIME_UP,
-    PilotNumbers,
-    frontier_near,
-    look_around,
-    sense,
-    set_out,
-)
-from envs.frontier_choice.survey import find_candidates, plan_again, tables_of, write_path
+from envs.frontier_choice.pilot import look_around, sense, set_out
+from envs.frontier_choice.records import ARRIVED, FAILED, GONE, LOOKED, PILOT, REPLAN, TIME_UP, PilotNumbers
+from envs.frontier_choice.survey import frontier_near, plan_again, write_path
+from envs.frontier_choice.tables import tables_of
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
 from envs.navigation.paths import SHORTCUT

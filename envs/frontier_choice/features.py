@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.frontier_choice.survey import (
+from envs.frontier_choice.candidates import (
     CLEARANCE,
     COST,
     FRONTIER_COL,

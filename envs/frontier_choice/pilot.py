@@ -1,122 +1,15 @@
 """The pilot: drives along a path, gets the robot free, and tells when the drive is over. Kernels over one record."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from envs.frontier_choice.params import PilotParams
+from envs.frontier_choice.records import ARRIVED, DRIVING, FAILED, GONE, LOOKED, REPLAN, TIME_UP
+from envs.frontier_choice.survey import frontier_near
 from envs.geometry.pose import wrap_angle
-from envs.navigation.frontiers import mark_frontier
 from envs.navigation.obstacles import add_bump, free_distance, remember, scan_points
-from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerNumbers, follow, turn_rate
-from envs.robots import RobotParams
-
-DRIVING, REPLAN, ARRIVED, GONE, FAILED, TIME_UP, LOOKED = range(7)
-"""What `judge` says: the drive goes on; it goes on once the way is planned anew; the robot has arrived; the frontier is
-gone; the robot does not get there; the time for one decision is over; the robot has looked around."""
-
-PILOT = np.dtype(
-    [
-        *FOLLOWER_FIELDS,
-        ("num_points", np.int64),  # of the path
-        ("goal_x", np.float64),
-        ("goal_y", np.float64),
-        ("frontier_x", np.float64),
-        ("frontier_y", np.float64),
-        ("has_goal", np.int64),
-        ("steps", np.int64),  # of this drive
-        ("planned", np.int64),  # step at which the way was planned last
-        ("stall_x", np.float64),  # where the robot last was when it had moved or turned
-        ("stall_y", np.float64),
-        ("stall_theta", np.float64),
-        ("stall_steps", np.int64),
-        ("stuck_x", np.float64),  # where it last was when it had come some way
-        ("stuck_y", np.float64),
-        ("stuck_steps", np.int64),
-        ("recoveries", np.int64),
-        ("back_v", np.float64),  # manoeuvre: straight on for some steps, then turning for some
-        ("back_steps", np.int64),
-        ("turn_w", np.float64),
-        ("turn_steps", np.int64),
-        ("forward", np.int64),  # whether the last command was not backwards
-        ("num_remembered", np.int64),  # obstacles, see `remember`
-        ("num_obstacles", np.int64),
-    ]
-)
-"""What a pilot keeps from step to step, in the map frame, m and rad."""
-
-
-class PilotNumbers(NamedTuple):
-    """Robot and `PilotParams` as scalars that Numba takes."""
-
-    follower: FollowerNumbers
-    period: float
-    """[s]"""
-    mount: tuple[float, float, float]
-    """Of the lidar: x, y [m], yaw [rad]."""
-    half_fov: float
-    sees_around: bool
-    """Whether the lidar sees in all directions."""
-    range_min: float
-    range_far: float
-    """Distance up to which obstacles beside the lidar's view are remembered [m]."""
-    max_w: float
-    goal_tolerance: float
-    """[m]"""
-    frontier_radius: float
-    """[m]"""
-    min_steps: int
-    max_steps: int
-    replan_steps: int
-    stall_distance: float
-    """[m]"""
-    stall_angle: float
-    stall_steps: int
-    stuck_distance: float
-    stuck_steps: int
-    max_recoveries: int
-    spin_rate: float
-    """[rad/s]"""
-    back_reach: float
-    """How far the robot backs off [m]."""
-    back_speed: float
-    """[m/s]"""
-
-    @classmethod
-    def of(cls, robot: RobotParams, period: float, max_time: float, params: PilotParams) -> "PilotNumbers":
-        """Collect the numbers for drives of at most `max_time` seconds with a command every `period` seconds."""
-        lidar = robot.lidar
-
-        def steps(seconds: float) -> int:
-            return max(1, round(seconds / period))
-
-        return cls(
-            follower=FollowerNumbers.of(robot, period),
-            period=float(period),
-            mount=(float(lidar.mount.x), float(lidar.mount.y), float(lidar.mount.yaw)),
-            # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
-            half_fov=0.5 * lidar.fov + lidar.angle_increment,
-            sees_around=lidar.fov > 2.0 * math.pi - 0.1,
-            range_min=float(lidar.range_min),
-            range_far=2.0 * robot.radius + 0.3,
-            max_w=float(robot.max_w),
-            goal_tolerance=min(params.goal_tolerance * robot.radius, 0.2),
-            frontier_radius=params.frontier_radius,
-            min_steps=steps(params.min_time),
-            max_steps=steps(max_time),
-            replan_steps=steps(params.replan_time),
-            stall_distance=0.25 * robot.radius + 0.02,
-            stall_angle=params.stall_angle,
-            stall_steps=steps(params.stall_time),
-            stuck_distance=params.stuck_distance,
-            stuck_steps=steps(params.stuck_time),
-            max_recoveries=params.max_recoveries,
-            spin_rate=float(min(robot.max_w, params.spin_rate)),
-            back_reach=0.5 * robot.radius + 0.1,
-            back_speed=0.4 * robot.max_v,
-        )
+from envs.navigation.pursuit import follow, turn_rate
 
 
 @njit(cache=True, error_model="numpy")
@@ -265,55 +158,6 @@ def _count_still(pilot, x, y, theta, numbers):
         pilot.stuck_steps = 0
     else:
         pilot.stuck_steps += 1
-
-
-@njit(cache=True, error_model="numpy")
-def frontier_near(data, left, low, resolution, block, x, y, radius, given_up):
-    """Find the frontier around a place.
-
-    Args:
-        data: shape (rows, cols), int8, occupancy.
-        left: where its first column begins, map frame [m].
-        low: where its first row begins [m].
-        resolution: side of its cells [m].
-        block: side of a planning cell [map cells].
-        x: the place, map frame [m].
-        y: the same [m].
-        radius: how far around [m].
-        given_up: shape (m, 2), float64: cells here and their neighbours do not count, map frame [m].
-
-    Returns:
-        Shape (k, 2), float64: centres of frontier cells [m].
-    """
-    side = block * resolution
-    row, col = math.floor((y - low) / side), math.floor((x - left) / side)
-    reach = math.ceil(radius / side - 1e-9)
-    size = 2 * reach + 3
-    rows, cols = data.shape
-    first_row, first_col = row - reach - 1, col - reach - 1
-    joined = np.full((size, size), -1, dtype=np.int8)
-    for i in range(size):
-        for r in range(max((first_row + i) * block, 0), min((first_row + i + 1) * block, rows)):
-            for j in range(size):
-                for c in range(max((first_col + j) * block, 0), min((first_col + j + 1) * block, cols)):
-                    joined[i, j] = max(joined[i, j], data[r, c])
-    mask = mark_frontier(joined)
-    # The rim is only there to be looked at from within.
-    mask[0], mask[-1], mask[:, 0], mask[:, -1] = False, False, False, False
-    for k in range(given_up.shape[0]):
-        i = math.floor((given_up[k, 1] - low) / side) - first_row
-        j = math.floor((given_up[k, 0] - left) / side) - first_col
-        if -1 <= i <= size and -1 <= j <= size:
-            mask[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = False
-    cells = np.empty((size * size, 2))
-    count = 0
-    for i in range(size):
-        for j in range(size):
-            if mask[i, j] and (i - reach - 1) ** 2 + (j - reach - 1) ** 2 <= reach * reach:
-                cells[count, 0] = left + (first_col + j + 0.5) * side
-                cells[count, 1] = low + (first_row + i + 0.5) * side
-                count += 1
-    return cells[:count]
 
 
 @njit(cache=True, error_model="numpy")

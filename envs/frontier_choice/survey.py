@@ -1,94 +1,16 @@
-"""What a map offers: frontiers that the robot can get to, and the ways there. Kernels, and the tables they need."""
+"""What a map says about travel and frontiers, on planning cells. Kernels."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from envs.frontier_choice.params import SurveyParams
-from envs.navigation.astar import UNREACHED, search, step_weights
-from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, CostmapParams, Inflation, inflate, known_window
-from envs.navigation.frontiers import clear_around, count_unknown, flood, mark_frontier
+from envs.frontier_choice.tables import OCCUPIED_FROM
+from envs.navigation.astar import UNREACHED, search
+from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, inflate, known_window
+from envs.navigation.frontiers import mark_frontier
 from envs.navigation.obstacles import mark_missing, points_within
 from envs.navigation.paths import nearest_cell, shorten, walk_back
-from envs.navigation.viewpoints import cheapest_view
-from envs.robots import RobotParams
-
-OCCUPIED_FROM = 50
-"""Least occupancy that is an obstacle [percent]."""
-COST_WEIGHT = 3.0
-"""How many times its length a step over the dearest free cell costs more than one over a free one."""
-
-CANDIDATE_FIELDS = (
-    "goal_row",
-    "goal_col",
-    "frontier_row",
-    "frontier_col",
-    "cost",
-    "size",
-    "gain",
-    "clearance",
-    "heading",
-)
-"""Columns of what `find_candidates` returns: where to stand and what to see from there [planning cells], the travel
-cost [units of `search`], the frontier's length [cells], unknown cells around it, distance from the goal to the nearest
-obstacle [cells], and the direction of the way there [rad]."""
-GOAL_ROW, GOAL_COL, FRONTIER_ROW, FRONTIER_COL, COST, SIZE, GAIN, CLEARANCE, HEADING = range(len(CANDIDATE_FIELDS))
-
-
-class SurveyTables(NamedTuple):
-    """Robot and `SurveyParams` in planning cells, as Numba takes them."""
-
-    block: int
-    """Side of a planning cell [map cells]."""
-    costs: np.ndarray
-    """Shape (n,), uint8: cost by the squared distance to the nearest obstacle [cells2]."""
-    weights: np.ndarray
-    """Shape (256,), uint8, see `step_weights`."""
-    inflation: int
-    """Distance up to which nearness to an obstacle costs [cells]."""
-    radius: int
-    """How far from its cell the robot may be taken to stand [cells]."""
-    same_obstacle: int
-    """[cells]"""
-    marking_range: float
-    """[m]"""
-    max_extent: int
-    """[cells]"""
-    views: tuple[int, ...]
-    """View distances [cells]."""
-    gain_radius: float
-    """[cells]"""
-    heading_steps: int
-    """[cells]"""
-
-    @classmethod
-    def of(cls, params: SurveyParams, robot_radius: float, block: int, resolution: float) -> "SurveyTables":
-        """Collect the numbers for a robot of a radius [m] on a map with cells of a side [m]."""
-        side = block * resolution
-        spread = CostmapParams(robot_radius, robot_radius + params.inflation, params.cost_scaling_factor, OCCUPIED_FROM)
-        inflation = Inflation.of(spread, side)
-        return cls(
-            block=block,
-            costs=inflation.cost_of_squared,
-            weights=step_weights(COST_WEIGHT, False),
-            inflation=inflation.reach,
-            radius=max(1, math.floor(robot_radius / side + 1e-9)),
-            same_obstacle=round(params.same_obstacle / side),
-            marking_range=params.marking_range,
-            max_extent=max(2, round(params.max_extent / side)),
-            views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
-            gain_radius=params.gain_radius / side,
-            heading_steps=max(1, round(params.heading_distance / side)),
-        )
-
-
-def tables_of(params: SurveyParams, robot: RobotParams, resolution: float) -> tuple[SurveyTables, ...]:
-    """Return the tables to try in turn: for the padded robot, then for smaller ones."""
-    block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
-    radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
-    return tuple(SurveyTables.of(params, radius, block, resolution) for radius in radii)
 
 
 @njit(cache=True, error_model="numpy")
@@ -190,141 +112,6 @@ def survey_map(data, resolution, origin_x, origin_y, x, y, theta, points, tables
     return joined, costs, row, col, stand
 
 
-@njit(cache=True, error_model="numpy")
-def _split(cells, first, last, extent, bounds):
-    """Split the cells from `first` to `last` - 1 in place, until no part's bounding box is longer than `extent`.
-
-    Args:
-        cells: shape (n, 2), int64, reordered.
-        first: first cell.
-        last: cell after the last.
-        extent: [cells].
-        bounds: shape (n + 1, 2), int64, written: first cell, and cell after the last, of each part.
-
-    Returns:
-        How many parts there are.
-    """
-    stack = [(first, last)]
-    count = 0
-    while len(stack) > 0:
-        a, b = stack.pop()
-        low_row, high_row, low_col, high_col = cells[a, 0], cells[a, 0], cells[a, 1], cells[a, 1]
-        for k in range(a + 1, b):
-            low_row, high_row = min(low_row, cells[k, 0]), max(high_row, cells[k, 0])
-            low_col, high_col = min(low_col, cells[k, 1]), max(high_col, cells[k, 1])
-        tall, wide = high_row - low_row + 1, high_col - low_col + 1
-        if max(tall, wide) <= extent:
-            bounds[count, 0], bounds[count, 1] = a, b
-            count += 1
-            continue
-        axis = 0 if tall >= wide else 1
-        middle = (low_row + high_row) // 2 if axis == 0 else (low_col + high_col) // 2
-        i = a
-        for k in range(a, b):
-            if cells[k, axis] <= middle:
-                r, c = cells[k]
-                cells[k, 0], cells[k, 1] = cells[i, 0], cells[i, 1]
-                cells[i, 0], cells[i, 1] = r, c
-                i += 1
-        stack.append((i, b))
-        stack.append((a, i))
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def _clearance(joined, row, col, reach):
-    """Return the distance from a cell to the nearest occupied one, at most `reach` [cells]."""
-    height, width = joined.shape
-    best = reach * reach
-    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if joined[r, c] >= OCCUPIED_FROM:
-                best = min(best, (r - row) ** 2 + (c - col) ** 2)
-    return math.sqrt(best)
-
-
-@njit(cache=True, error_model="numpy")
-def _describe(joined, came_by, travel, goal_row, goal_col, row, col, size, tables, candidate):
-    """Write the row of a candidate; see `CANDIDATE_FIELDS`."""
-    candidate[GOAL_ROW], candidate[GOAL_COL] = goal_row, goal_col
-    candidate[FRONTIER_ROW], candidate[FRONTIER_COL] = row, col
-    candidate[COST] = travel[goal_row + 1, goal_col + 1]
-    candidate[SIZE] = size
-    candidate[GAIN] = count_unknown(joined, row, col, tables.gain_radius)
-    candidate[CLEARANCE] = _clearance(joined, goal_row, goal_col, tables.inflation)
-    way = walk_back(came_by, goal_row, goal_col)
-    # Standing on the goal already, the way on is the one to what is to be seen.
-    ahead_row, ahead_col = row, col
-    if way.shape[0] > 1:
-        ahead = min(tables.heading_steps, way.shape[0] - 1)
-        ahead_row, ahead_col = way[ahead, 0], way[ahead, 1]
-    candidate[HEADING] = math.atan2(ahead_row - way[0, 0], ahead_col - way[0, 1])
-
-
-@njit(cache=True, error_model="numpy")
-def _gather(joined, travel, came_by, cells, starts, min_length, tables, bounds, found):
-    """Write the candidates among frontiers of at least `min_length` cells to `found`, and return how many there are."""
-    count = 0
-    for k in range(len(starts) - 1):
-        if starts[k + 1] - starts[k] < min_length:
-            continue
-        for part in range(_split(cells, starts[k], starts[k + 1], tables.max_extent, bounds)):
-            members = cells[bounds[part, 0] : bounds[part, 1]]
-            for reach in tables.views:
-                row, col, seen = cheapest_view(joined, travel, members, reach)
-                if seen >= 0:
-                    place = members[seen]
-                    _describe(joined, came_by, travel, row, col, place[0], place[1], len(members), tables, found[count])
-                    count += 1
-                    break
-    return count
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def find_candidates(
-    data, resolution, origin_x, origin_y, x, y, theta, points, given_up, min_lengths, max_candidates, tables
-):
-    """Find frontiers that the robot can get to.
-
-    Args:
-        data: see `survey_map`.
-        resolution: see `survey_map`.
-        origin_x: see `survey_map`.
-        origin_y: see `survey_map`.
-        x: see `survey_map`.
-        y: see `survey_map`.
-        theta: see `survey_map`.
-        points: see `survey_map`.
-        given_up: shape (m, 2), float64, frontier cells that do not count any more, nor do their neighbours, map
-            frame [m].
-        min_lengths: cells that a frontier has at least; the next one counts where none of those before can be reached.
-        max_candidates: how many are returned at most, the cheapest to get to.
-        tables: `SurveyTables`.
-
-    Returns:
-        Candidates, shape (k, 9), float64, see `CANDIDATE_FIELDS`, by increasing travel cost; then what the ways there
-        are read from: costs, travel costs and steps of `search`, and the first row and column [planning cells].
-    """
-    joined, costs, top, left, stand = survey_map(data, resolution, origin_x, origin_y, x, y, theta, points, tables)
-    if stand[0] < 0:
-        none = np.full((joined.shape[0] + 2, joined.shape[1] + 2), UNREACHED, dtype=np.int32)
-        return np.empty((0, len(CANDIDATE_FIELDS))), costs, none, np.zeros(none.shape, dtype=np.uint8), top, left
-    travel, came_by = search(costs, tables.weights, stand[0], stand[1], -1, -1)
-    mask = mark_frontier(joined)
-    side = tables.block * resolution
-    clear_around(mask, cells_of(given_up, origin_x + left * side, origin_y + top * side, side))
-    cells = np.empty((np.count_nonzero(mask), 2), dtype=np.int64)
-    starts = flood(mask, cells)
-    bounds = np.empty((len(cells) + 1, 2), dtype=np.int64)
-    found = np.empty((len(cells) + 1, len(CANDIDATE_FIELDS)))
-    num_found = 0
-    for min_length in min_lengths:
-        if num_found == 0:
-            num_found = _gather(joined, travel, came_by, cells, starts, min_length, tables, bounds, found)
-    order = np.argsort(found[:num_found, COST], kind="mergesort")[:max_candidates]
-    return found[order], costs, travel, came_by, top, left
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
 def write_path(costs, travel, came_by, row, col, weights, reach, left, low, side, path):
     """Write the way to a cell as points at most half a planning cell apart.
@@ -399,3 +186,52 @@ def plan_again(
         return 0
     x0, y0 = origin_x + left * side, origin_y + top * side
     return write_path(costs, travel, came_by, goal[0], goal[1], tables.weights, reach, x0, y0, side, path)
+
+
+@njit(cache=True, error_model="numpy")
+def frontier_near(data, left, low, resolution, block, x, y, radius, given_up):
+    """Find the frontier around a place.
+
+    Args:
+        data: shape (rows, cols), int8, occupancy.
+        left: where its first column begins, map frame [m].
+        low: where its first row begins [m].
+        resolution: side of its cells [m].
+        block: side of a planning cell [map cells].
+        x: the place, map frame [m].
+        y: the same [m].
+        radius: how far around [m].
+        given_up: shape (m, 2), float64: cells here and their neighbours do not count, map frame [m].
+
+    Returns:
+        Shape (k, 2), float64: centres of frontier cells [m].
+    """
+    side = block * resolution
+    row, col = math.floor((y - low) / side), math.floor((x - left) / side)
+    reach = math.ceil(radius / side - 1e-9)
+    size = 2 * reach + 3
+    rows, cols = data.shape
+    first_row, first_col = row - reach - 1, col - reach - 1
+    joined = np.full((size, size), -1, dtype=np.int8)
+    for i in range(size):
+        for r in range(max((first_row + i) * block, 0), min((first_row + i + 1) * block, rows)):
+            for j in range(size):
+                for c in range(max((first_col + j) * block, 0), min((first_col + j + 1) * block, cols)):
+                    joined[i, j] = max(joined[i, j], data[r, c])
+    mask = mark_frontier(joined)
+    # The rim is only there to be looked at from within.
+    mask[0], mask[-1], mask[:, 0], mask[:, -1] = False, False, False, False
+    for k in range(given_up.shape[0]):
+        i = math.floor((given_up[k, 1] - low) / side) - first_row
+        j = math.floor((given_up[k, 0] - left) / side) - first_col
+        if -1 <= i <= size and -1 <= j <= size:
+            mask[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = False
+    cells = np.empty((size * size, 2))
+    count = 0
+    for i in range(size):
+        for j in range(size):
+            if mask[i, j] and (i - reach - 1) ** 2 + (j - reach - 1) ** 2 <= reach * reach:
+                cells[count, 0] = left + (first_col + j + 0.5) * side
+                cells[count, 1] = low + (first_row + i + 0.5) * side
+                count += 1
+    return cells[:count]

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 
 from envs.frontier_choice.choice import OVER
-from envs.frontier_choice.pilot import DRIVING, act, judge, sense
+from envs.frontier_choice.pilot import act, judge, sense
+from envs.frontier_choice.records import DRIVING
 from envs.lanes.kernels import array_at, draw, drive, has_room, locate, mark_trail, measure_error
 
 ROOM, STEPPED = -3, -4

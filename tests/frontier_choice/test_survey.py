@@ -5,10 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.frontier_choice.features import FEATURES, describe
-from envs.frontier_choice.params import SurveyParams
-from envs.frontier_choice.pilot import frontier_near
-from envs.frontier_choice.survey import (
+from envs.frontier_choice.candidates import (
     COST,
     FRONTIER_COL,
     FRONTIER_ROW,
@@ -16,10 +13,11 @@ from envs.frontier_choice.survey import (
     GOAL_COL,
     GOAL_ROW,
     find_candidates,
-    join_cells,
-    tables_of,
-    write_path,
 )
+from envs.frontier_choice.features import FEATURES, describe
+from envs.frontier_choice.params import SurveyParams
+from envs.frontier_choice.survey import frontier_near, join_cells, write_path
+from envs.frontier_choice.tables import tables_of
 from envs.geometry import OccupancyGrid
 from envs.navigation import CostmapParams, frontier_mask, make_costmap, travel_field
 from envs.robots import load_robot
