@@ -15,13 +15,20 @@ MAX_SAMPLES = 8192
 STOP_COST = 0.1
 """What a stop costs beside the way to it [m]: of two tours of one length, that with fewer turns is driven faster."""
 
-MAX_MISSES = 3
-"""Places from which a sample should have been seen and was not, after which it is given up: a map that has drifted shows
-walls in its stead."""
+NEAR = 0.5
+"""Cells within this share of the lidar's range are surely in sight of who passes a place closely."""
+MAX_MISSES = 2
+"""Stops, or places passed near to it, from which a cell should have been seen and was not, after which it had its
+chance."""
 
 
 class CoverPlanner:
-    """Keeps a tour and what it is for; plans anew from wherever the robot is."""
+    """Keeps a tour and what it is for; plans anew from wherever the robot is.
+
+    A cell that was not seen from where it should have been had its chance: the tour does not go back for it, but makes
+    up for it elsewhere. Where a map has drifted, cells lie behind its walls and never count as known. When so many were
+    missed that the target cannot be reached without them, they are left to whoever comes after the tour.
+    """
 
     def __init__(
         self, area: ExplorableArea, places: Places, reach: float, target_coverage: float, rng: np.random.Generator
@@ -42,9 +49,9 @@ class CoverPlanner:
         self._rng = rng
         num_explorable = np.count_nonzero(area.explorable)
         self._num_allowed = num_explorable - math.ceil(target_coverage * num_explorable)
-        self._misses = np.zeros(area.explorable.shape, dtype=np.uint8)
+        self._misses = np.zeros(area.explorable.shape, dtype=np.int32)
         self._used = np.zeros(len(places.cells), dtype=bool)
-        self._num_fresh = 0
+        self._has_drifted = False
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(places.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
@@ -60,13 +67,14 @@ class CoverPlanner:
         """Take note that the robot has been at a place, and will see no more from there.
 
         Args:
-            place: where it is.
+            place: where it is: the next stop, or one that it passes by.
             seen: shape of the explorable area, bool: what is known now.
         """
         missed = self._samples[unpack_bits(self._sees[place], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
+        if place not in self.stops[:1]:
+            missed = missed[np.hypot(*(missed - self.places.cells[place]).T) <= NEAR * self._reach]
         self._misses[tuple(missed.T)] += 1
-        self._sees &= ~pack_bits(self._misses[tuple(self._samples.T)] >= MAX_MISSES)
         self.leave_out(place)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
@@ -82,33 +90,76 @@ class CoverPlanner:
             Whether what there is to see suffices for the target coverage.
         """
         ways = self.places.ways_from(x, y)
-        num_unseen = int(np.count_nonzero(self.area.explorable & ~seen))
-        if ways is None or num_unseen <= self._num_allowed:
+        if ways is None:
             self.stops = []
-            return ways is not None
-        known = self._sample(seen)
-        # Samples stand for all that has not been seen, and as large a share of them may be left out.
-        num_allowed = int(np.count_nonzero(~known) * self._num_allowed / num_unseen)
+            return False
+        self._before = ways[1]
+        unseen = self.area.explorable & ~seen
+        wanted = unseen & (self._misses < MAX_MISSES)
+        num_wanted, num_allowed = int(np.count_nonzero(wanted)), self._num_allowed
+        if not self._has_drifted:
+            num_allowed -= int(np.count_nonzero(unseen)) - num_wanted
+        if num_wanted <= num_allowed:
+            self.stops = []
+            return True
+        known = self._sample(wanted)
+        # Samples stand for all that is wanted, and as large a share of them may be left out.
+        num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.places.cells), *self.stops], dtype=np.int64)
         tour, enough = search_tour(
-            self._cover(*ways), pack_bits(known), len(known) - num_allowed, tour, num_rounds, self._rng
+            self._cover(*ways), pack_bits(known), len(known) - num_left, tour, num_rounds, self._rng
         )
         self.stops = tour[1:].tolist()
-        return bool(enough)
+        if enough and num_allowed >= 0:
+            return True
+        if self._has_drifted or self._misses.max() < MAX_MISSES:
+            return False
+        self._has_drifted = True
+        return self.plan(x, y, seen, num_rounds)
 
-    def _sample(self, seen: np.ndarray) -> np.ndarray:
-        """Return which samples are known, shape (s,), bool; draws new ones when few of them are not."""
-        if self._num_fresh:
-            known: np.ndarray = seen[tuple(self._samples.T)]
-            if np.count_nonzero(~known) > self._num_fresh // 2 or self._num_fresh < MAX_SAMPLES:
-                return known
-        unseen = np.argwhere(self.area.explorable & ~seen & (self._misses < MAX_MISSES))
-        self._num_fresh = min(len(unseen), MAX_SAMPLES)
-        self._samples = unseen[np.sort(self._rng.choice(len(unseen), self._num_fresh, replace=False))]
-        free = self.area.walls.data == 0
-        self._sees = views_from(free, self.places.cells, self._reach, self._samples)
+    def next_places(self, x: float, y: float, distance: float) -> list[int]:
+        """Return where to drive next: the stops within a distance along the tour, and the place on the way there.
+
+        The ways between the stops that the tour counts on may not be the shortest by a hair; whoever heads for a place
+        that is near enough takes them nevertheless.
+
+        Args:
+            x: position of the robot, world frame [m].
+            y: position of the robot, world frame [m].
+            distance: how far to look ahead [m].
+        """
+        places: list[int] = []
+        here, points, travelled = np.array([x, y]), self.places.points, 0.0
+        origin, before = len(points), self._before
+        for stop in self.stops:
+            way = [stop]
+            while before[way[-1]] != origin:
+                way.append(int(before[way[-1]]))
+            for place in reversed(way):
+                travelled += math.hypot(*(points[place] - here))
+                here = points[place]
+                if travelled >= distance:
+                    return [*places, place]
+            places.append(stop)
+            origin, before = stop, self.places.before[stop]
+        return places
+
+    def _sample(self, wanted: np.ndarray) -> np.ndarray:
+        """Return which samples need not be seen, shape (s,), bool; draws new ones when few of them are left.
+
+        Args:
+            wanted: shape of the explorable area, bool: what is to be seen.
+        """
+        known: np.ndarray = ~wanted[tuple(self._samples.T)]
+        num_left = np.count_nonzero(~known)
+        if num_left > len(known) // 2 or (0 < len(known) < MAX_SAMPLES and num_left > 0):
+            return known
+        cells = np.argwhere(wanted)
+        num_samples = min(len(cells), MAX_SAMPLES)
+        self._samples = cells[np.sort(self._rng.choice(len(cells), num_samples, replace=False))]
+        self._sees = views_from(self.area.walls.data == 0, self.places.cells, self._reach, self._samples)
         self._sees[self._used] = 0
-        return np.zeros(self._num_fresh, dtype=bool)
+        return np.zeros(num_samples, dtype=bool)
 
     def _cover(self, ways: np.ndarray, before: np.ndarray) -> Cover:
         """Return the places with the robot as the last one of them."""

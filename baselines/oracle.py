@@ -26,9 +26,9 @@ FIRST_ROUNDS = 300
 ROUNDS = 4
 """How long a shorter one is looked for with each decision."""
 LOOKAHEAD = 3.0
-"""A planned path leads past stops until it is this long... [m]"""
+"""How far ahead along the tour paths are planned [m]; they end before if..."""
 SHARP_TURN = 0.8
-"""...or would turn more sharply than this at one [rad]."""
+"""...they would turn more sharply than this at a stop [rad]."""
 ARRIVED = 0.15
 """A stop this near has been reached [m]."""
 REACH_MARGIN = 0.1
@@ -140,24 +140,22 @@ class OracleExplorer:
         return first
 
     def _set_out(self, planner: CoverPlanner, surveys: list[Survey]) -> bool:
-        """Drive to the next stops; False if there is no way to the first one."""
-        points = [
-            (float(x), float(y)) for x, y in self._start.inverse().transform(planner.places.points[planner.stops])
-        ]
+        """Drive on along the tour; False if there is no way."""
+        pose = self._start.compose(surveys[0].pose)
+        places = planner.next_places(pose.x, pose.y, LOOKAHEAD)
+        points = [(float(x), float(y)) for x, y in self._start.inverse().transform(planner.places.points[places])]
         for tightness, survey in enumerate(surveys):
             path = plan_path(survey.costmap, survey.pose[:2], points[0], tolerance=GOAL_TOLERANCE)
             if path is None:
                 continue
-            goal = planner.stops[0]
-            for stop, point in zip(planner.stops[1:], points[1:]):
-                if len(path) * survey.grid.resolution > LOOKAHEAD:
-                    break
+            goal = places[0]
+            for place, point in zip(places[1:], points[1:]):
                 corner = float(path[-1, 0]), float(path[-1, 1])
                 more = plan_path(survey.costmap, corner, point, tolerance=GOAL_TOLERANCE)
                 if more is None or _turn(path, more) > SHARP_TURN:
                     break
                 path = np.concatenate([path, more[1:]])
-                goal = stop
+                goal = place
             if goal == self._goal and self._navigator.status is Status.DRIVING:
                 # The clocks that tell when the robot is stuck go on.
                 self._navigator.follow(path)

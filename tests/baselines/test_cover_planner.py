@@ -166,14 +166,26 @@ def test_a_place_that_is_used_up_is_no_stop_again():
     planner = planner_for(world)
     seen = seen_from(planner, (8.0, 1.0))
     used = set()
-    enough = True
-    while enough:
-        enough = planner.plan(8.0, 1.0, seen, 2)
+    planner.plan(8.0, 1.0, seen, 2)
+    while planner.stops:
         assert not used & set(planner.stops)
-        if planner.stops:
-            used.add(planner.stops[0])
-            planner.use_up(planner.stops[0], seen)
-    assert used
+        used.add(planner.stops[0])
+        planner.use_up(planner.stops[0], seen)
+        planner.plan(8.0, 1.0, seen, 2)
+    # Nothing new has been seen anywhere; both ends had their chance twice.
+    assert 4 <= len(used) <= 20
+
+
+def test_what_had_its_chance_is_not_gone_back_for_and_the_rest_of_the_tour_stays():
+    planner = planner_for(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0)))
+    seen = seen_from(planner, (8.0, 1.0))
+    assert planner.plan(8.0, 1.0, seen, 20)
+    # The map shows nothing of the left end.
+    while planner.places.points[planner.stops[0], 0] < 8.0:
+        planner.use_up(planner.stops[0], seen)
+        assert planner.plan(4.0, 1.0, seen, 20)
+    assert planner.places.points[planner.stops, 0].min() > 8.0
+    assert planner.places.points[planner.stops, 0].max() > 16.0
 
 
 def test_a_robot_that_is_walled_in_has_no_tour():
