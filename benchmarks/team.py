@@ -116,7 +116,7 @@ def speed_up(rows: list[Row], worlds: tuple[str, ...], num_robots: int) -> Estim
 
 def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> Table:
     """Show worlds and numbers of robots side by side."""
-    shown = Table("world", "robots", "time to 95 % [s]", "T(1) / T(n)", "reached", "path of all [m]", "contacts")
+    shown = Table("world", "robots", "time to 95 %, s", "T(1) / T(n)", "reached", "path of all, m", "contacts")
     for places in [*((world,) for world in worlds), *([worlds] if len(worlds) > 1 else [])]:
         for num in robots:
             times = [values(rows, "time_to_95", world, num) for world in places]
@@ -180,7 +180,7 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
 def main(
     worlds: tuple[str, ...] = WORLDS,
     robots: tuple[int, ...] = tuple(range(1, MAX_ROBOTS + 1)),
-    episodes: int = 6,
+    episodes: int = 4,
     jobs: int = 2,
     seed: int = 0,
     physics: str = "kinematic",

@@ -174,10 +174,10 @@ class ExploreTeamEnv(DrivenEnv):
         readings = self.simulator.step(
             [Twist(float(v) * self.robot.max_v, float(w) * self.robot.max_w) for v, w in action]
         )
-        motions = [
-            member.drive(row, reading, state, self.control_period)[self.slam_is_told_the_truth]
-            for member, row, reading, state in zip(self.members, action, readings, self.simulator.states, strict=True)
-        ]
+        motions = []
+        for member, row, reading, state in zip(self.members, action, readings, self.simulator.states, strict=True):
+            by_odometry, in_truth = member.drive(row, reading, state, self.control_period)
+            motions.append(in_truth if self.slam_is_told_the_truth else by_odometry)
         gained = self._update_beliefs(motions)
         touching = sum(reading.bumper for reading in readings)
         terminated = self.coverage.explored_fraction >= self.target_coverage
