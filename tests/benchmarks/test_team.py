@@ -1,0 +1,47 @@
+"""The comparison of teams of different sizes."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from benchmarks import team
+from envs.explore_team import ExploreTeamEnv
+
+TASKS = [("rooms", num, seed, "kinematic", "tinyslam") for num in (1, 2) for seed in (1, 0)]
+
+
+def rows_of(times):
+    names = ("world", "num_robots", "seed", "physics", "slam")
+    return [dict(zip(names, task, strict=True)) | {"time_to_95": time} for task, time in zip(TASKS, times, strict=True)]
+
+
+def test_speed_ups_are_taken_pair_by_pair():
+    rows = rows_of([100.0, 300.0, 80.0, 100.0])
+    np.testing.assert_array_equal(team.values(rows, "time_to_95", "rooms", 1), [300.0, 100.0])
+    # 300 / 100 and 100 / 80, not the ratio of the means.
+    assert team.speed_up(rows, ("rooms",), 2).iqm == pytest.approx((3.0 + 1.25) / 2)
+    assert team.speed_up(rows, ("rooms",), 1).iqm == 1.0
+
+
+def test_episodes_that_are_in_the_file_are_not_run_again(tmp_path, monkeypatch):
+    path = tmp_path / "episodes.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows_of([0.0] * 4)[0]])
+        writer.writeheader()
+        writer.writerows(rows_of([100.0, 300.0, 80.0, 100.0]))
+    monkeypatch.setattr(team, "measure", lambda task: pytest.fail(f"{task} was run again"))
+    rows = team.run(TASKS[:2], 1, path)
+    assert [(row["num_robots"], row["seed"]) for row in rows] == [(1, 1), (1, 0)]
+    assert team.values(rows, "time_to_95", "rooms", 1).tolist() == [300.0, 100.0]
+
+
+def test_the_picture_has_a_trail_per_robot():
+    env = ExploreTeamEnv(world="turtlebot3_world", num_robots=3, physics="kinematic")
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.full((3, 2), 0.5, dtype=np.float32))
+    figure = team.draw(env, env.time)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [label.split(",")[0] for label in labels] == ["robot 0", "robot 1", "robot 2"]
+    assert len({line.get_color() for line in figure.axes[0].lines if line.get_label() in labels}) == 3
