@@ -81,8 +81,8 @@ class RrtExplorer(GoalExplorer):
         """Return where the robot may go; places that it failed to get to only if there is nothing else.
 
         Returns:
-            Shape (n, 2), int64, places (row, column), and shape (n, 2), float64, the frontiers to see from there (x, y),
-            map frame [m].
+            Shape (n, 2), int64, places (row, column), and shape (n, 2), float64, the frontiers to see from there
+            (x, y), map frame [m].
         """
         if survey.field is None:
             return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
