@@ -8,9 +8,9 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.explore_frontiers import candidates_space, make_choice
-from envs.explore_vector import ExploreVectorEnv
 from envs.frontier_choice import OUTCOMES, RESET
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.lane_vector import LaneVectorEnv
 from envs.lanes.decisions import ROOM, STEPPED, Pilots, Tallies, drive_on
 from envs.observation import fill_motion
 from envs.slam import TinySlam
@@ -25,7 +25,7 @@ class FrontierViews(NamedTuple):
     motion: np.ndarray
 
 
-class ExploreFrontiersVectorEnv(ExploreVectorEnv):
+class ExploreFrontiersVectorEnv(LaneVectorEnv):
     """`ExploreFrontiersEnv` in many lanes, with kinematic physics.
 
     Lane i does exactly, to the last bit, what a single environment with `physics="kinematic"` does that is seeded with
@@ -109,14 +109,7 @@ class ExploreFrontiersVectorEnv(ExploreVectorEnv):
         touching = tallies.touches / np.maximum(tallies.steps, 1)
         terms = self.envs[0].weights.terms(gained, touching, covered, tallies.steps * self._numbers.period)
         rewards = {name: np.where(active, term, 0.0) for name, term in terms.items()}
-        total = np.asarray(sum(rewards.values()))
-        self._returns += total
-        self._ended = terminated | truncated
-        self._views = views
-        info = self._info(rewards)
-        if self._ended.any():
-            info = self._end(info, rewards, terminated, views)
-        return views._asdict(), total, terminated, truncated, info
+        return self._finish(rewards, terminated, truncated, views)
 
     def action_masks(self) -> np.ndarray:
         """Return which actions have a candidate in each lane, shape (num_envs, max_candidates), bool."""
