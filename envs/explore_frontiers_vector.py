@@ -94,12 +94,7 @@ class ExploreFrontiersVectorEnv(LaneVectorEnv):
         for row in (tallies.steps, tallies.touches):
             row[:] = 0
         lanes = iter(np.flatnonzero(active).tolist())
-        if len(self._shares) == 1:
-            self._decide(0, lanes, actions, views)
-        else:
-            work = [self._workers.submit(self._decide, share[0], lanes, actions, views) for share in self._shares]
-            for done in work:
-                done.result()
+        self._in_threads(self._decide, [(share[0], lanes, actions, views) for share in self._shares])
 
         self._decisions[active] += 1
         covered, late = active & tallies.covered, active & tallies.late

@@ -46,12 +46,7 @@ class ExploreVectorEnv(LaneVectorEnv):
 
     def _step_all(self, actions: np.ndarray, active: np.ndarray, views: Views) -> None:
         """Step active lanes, a share of them on each core."""
-        if len(self._shares) == 1:
-            self._step_share(*self._shares[0], actions, active, views)
-        else:
-            work = [self._workers.submit(self._step_share, *share, actions, active, views) for share in self._shares]
-            for done in work:
-                done.result()
+        self._in_threads(self._step_share, [(*share, actions, active, views) for share in self._shares])
         if self._waiting.any():
             for i in np.flatnonzero(self._waiting).tolist():
                 self._make_room(i)

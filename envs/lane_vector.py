@@ -4,8 +4,8 @@ import itertools
 import math
 import os
 from abc import ABC
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, cast
 
 import gymnasium
@@ -187,6 +187,22 @@ class LaneVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray
         if self._ended.any():
             info = self._end(info, rewards, terminated, views)
         return views._asdict(), total, terminated, truncated, info
+
+    def _in_threads(self, work: Callable[..., None], tasks: Sequence[tuple[Any, ...]]) -> None:
+        """Call `work` with each tuple of arguments, side by side, and return once the last call is over.
+
+        Raises:
+            Exception: the first call's that failed; also then nothing runs any more that reaches lanes by address.
+        """
+        if len(tasks) == 1:
+            work(*tasks[0])
+            return
+        calls = [self._workers.submit(work, *task) for task in tasks]
+        try:
+            for call in calls:
+                call.result()
+        finally:
+            wait(calls)
 
     def _new_views(self) -> Any:
         return self._view_type(*(np.empty(space.shape, space.dtype) for space in self._view_spaces))

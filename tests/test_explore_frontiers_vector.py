@@ -1,3 +1,5 @@
+import time
+
 import gymnasium
 import numpy as np
 import pytest
@@ -115,3 +117,21 @@ def test_bad_actions_are_refused(actions):
 def test_bad_arguments_are_named(arguments, culprit):
     with pytest.raises(ValueError, match=culprit):
         ExploreFrontiersVectorEnv(**{"num_envs": 1, **QUICK, **arguments})
+
+
+def test_a_step_that_fails_leaves_no_thread_at_work(monkeypatch):
+    env = ExploreFrontiersVectorEnv(2, num_threads=2, **QUICK)
+    env.reset(seed=0)
+    over = []
+
+    def decide(thread, *arguments):
+        if thread == 0:
+            raise RuntimeError("lane 0 breaks")
+        time.sleep(0.2)
+        over.append(thread)
+
+    monkeypatch.setattr(env, "_decide", decide)
+    with pytest.raises(RuntimeError, match="lane 0 breaks"):
+        env.step(np.zeros(2, dtype=np.int64))
+    assert over == [1]
+    env.close()

@@ -1,3 +1,5 @@
+import time
+
 import gymnasium
 import numpy as np
 import pytest
@@ -146,4 +148,22 @@ def test_state_stays_under_a_mebibyte_per_lane():
     env.reset(seed=0)
     assert env.envs[0].slam.map.words.shape == (400, 400)
     assert env.state_bytes / 4 < 2**20
+    env.close()
+
+
+def test_a_step_that_fails_leaves_no_thread_at_work(monkeypatch):
+    env = ExploreVectorEnv(2, num_threads=2, **QUICK)
+    env.reset(seed=0)
+    over = []
+
+    def step_share(thread, *arguments):
+        if thread == 0:
+            raise RuntimeError("lane 0 breaks")
+        time.sleep(0.2)
+        over.append(thread)
+
+    monkeypatch.setattr(env, "_step_share", step_share)
+    with pytest.raises(RuntimeError, match="lane 0 breaks"):
+        env.step(np.zeros((2, 2), dtype=np.float32))
+    assert over == [1]
     env.close()
