@@ -9,7 +9,7 @@ import yaml
 from benchmarks.arena.axis import COMPARED as AXIS_COMPARED
 from benchmarks.arena.axis import SHOWN as AXIS_SHOWN
 from benchmarks.arena.axis import compare_axis
-from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.measures import BY_NAME, MEASURES
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, reference_of, values_of
 from benchmarks.arena.ranking import GAPS, PRIMARY, SHOWN, Entry, gaps, rank
@@ -42,7 +42,10 @@ def ranking_section(rows: Sequence[Row]) -> Section:
         f"with Wilson's. Relative times and distances are shares of what {short(reference)} needed from the same start."
     )
     if any(entry.rank is None for entry in entries):
-        text += f" The {BOUND} is told the true map: it bounds what can be reached, and is not ranked."
+        text += (
+            f" The {BOUND} is told the true map, and always where it is: it shows what can be reached, and is not "
+            "ranked."
+        )
     return Section("Leaderboard", (text, _ranking_table(entries)))
 
 
@@ -83,6 +86,25 @@ def gap_section(rows: Sequence[Row]) -> Section | None:
         cells = [DASH if np.isnan(value.iqm) else Cell.of(value, PERCENT) for value in estimates.values()]
         lines.append((Cell(short(policy)), *cells))
     return Section("Gap closed", (text, Table(("%", *(m.label for m in GAPS)), tuple(lines))))
+
+
+def measures_section(rows: Sequence[Row]) -> Section:
+    """Return all that the ranking leaves out.
+
+    Args:
+        rows: related episodes from starts that all competitors share.
+    """
+    others = [measure for measure in MEASURES if measure not in SHOWN]
+    lines = []
+    for policy in policies_of(rows):
+        cells = [Cell.of(pool(values_of(rows, policy, measure), measure), measure) for measure in others]
+        lines.append((Cell(short(policy)), *cells))
+    text = (
+        "Interquartile means over the same starts as above. Seconds and metres in small and large places are not of a "
+        "kind: compare explorers, and not the numbers as such."
+    )
+    head = ("", *(f"{m.label} {m.unit}".strip() for m in others))
+    return Section("All other measures", (text, Table(head, tuple(lines))))
 
 
 def pairs_section(rows: Sequence[Row]) -> Section | None:

@@ -22,8 +22,6 @@ class Measure:
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
     """Whether it is 0 or 1, so that its mean is a share."""
-    comparable: bool = False
-    """Whether the number means the same in every world, so that worlds may be pooled."""
 
     @property
     def column(self) -> str:
@@ -38,26 +36,26 @@ class Measure:
 _DEGREE = 180.0 / math.pi
 
 MEASURES = (
-    Measure("explored_fraction", "explored", "%", True, 1, 100.0, comparable=True),
+    Measure("explored_fraction", "explored", "%", True, 1, 100.0),
     Measure("time_to_90", "time to 90 %", "s", False, 0),
     Measure("time_to_95", "time to 95 %", "s", False, 0),
     Measure("time_to_99", "time to 99 %", "s", False, 0),
     Measure("distance_to_95", "distance to 95 %", "m", False),
-    Measure("area_under_curve", "area under curve", "%", True, 1, 100.0, comparable=True),
+    Measure("area_under_curve", "area under curve", "%", True, 1, 100.0),
     Measure("path_length", "path", "m", None),
     Measure("collisions", "collisions", "", False),
-    Measure("position_rmse", "position error", "cm", False, 1, 100.0, comparable=True),
-    Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE, comparable=True),
-    Measure("map_iou", "map IoU", "%", True, 1, 100.0, comparable=True),
+    Measure("position_rmse", "position error", "cm", False, 1, 100.0),
+    Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE),
+    Measure("map_iou", "map IoU", "%", True, 1, 100.0),
     Measure("decision_ms", "decision", "ms", False, 2),
-    Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True, comparable=True),
+    Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True),
 )
 RELATIVE = (
-    Measure("relative_time", "time to 95 %, relative", "", False, 2, comparable=True),
-    Measure("relative_distance", "distance to 95 %, relative", "", False, 2, comparable=True),
+    Measure("relative_time", "time to 95 %, relative", "", False, 2),
+    Measure("relative_distance", "distance to 95 %, relative", "", False, 2),
 )
 """Measures as shares of what the reference needed from the same start (`benchmarks.arena.pairs`): seconds and metres in
 a maze and in a warehouse are not of a kind, these are."""
-REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True, comparable=True)
+REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True)
 """Share of the episodes in which that mark was reached."""
 BY_NAME = {measure.name: measure for measure in (*MEASURES, *RELATIVE, REACHED)}

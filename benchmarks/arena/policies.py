@@ -40,6 +40,11 @@ def parse_policy(name: str) -> Policy:
     """
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, path = what.partition(":")
+    if label != name and (label in EXPLORERS or kind != "ppo"):
+        raise ValueError(
+            f"policy {name!r}: only a learned policy can have a name of its own, as LABEL=ppo:PATH, and not that of a "
+            f"classic explorer ({', '.join(EXPLORERS)})"
+        )
     if kind == "ppo" and path:
         from agents.checkpoint import POLICY_FILE
         from agents.run_folder import find_checkpoint

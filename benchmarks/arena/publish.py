@@ -12,6 +12,7 @@ from agents.files import write_file
 from benchmarks.arena.leaderboard import (
     axis_sections,
     gap_section,
+    measures_section,
     missing_section,
     origin_section,
     pairs_section,
@@ -37,10 +38,11 @@ TITLE = "The arena"
 """Heading of the leaderboard's page."""
 TEXT = (
     "Explorers meet the same places, from the same starts, with the same noise, and are measured by the truth, which "
-    "no competitor is told. [Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds "
-    "the raw numbers."
+    "no competitor is told. "
 )
 """Stands at the head of that page."""
+DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
+"""Follows it in the documentation."""
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> list[Failure]:
@@ -94,12 +96,13 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
         write_file(folder / f"growth_{slug(case)}.png", drawn.growth.light)
         for policy, picture in drawn.maps.items():
             write_file(folder / f"map_{slug(case)}_{slug(policy)}.png", picture.light)
-    sections = _leaderboard(evaluation, rows, command) if len(cases) > 1 or docs else []
+    has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
+    sections = _leaderboard(evaluation, rows, command) if has_more else []
     write_file(folder / "report.html", build_report(rows, settings, pictures, sections, **report))
     if sections:
         write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
-        write_markdown(TITLE, TEXT, sections, docs / "arena.md", docs / "arena")
+        write_markdown(TITLE, TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
         write_rows(docs / "arena" / "episodes.csv", _all_rows(evaluation))
     return summary
 
@@ -110,7 +113,8 @@ def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], command: str) -> l
         ranking_section(fair) if fair else None,
         curves_section(evaluation.folder, fair) if fair else None,
         gap_section(fair),
-        pairs_section(fair),
+        pairs_section(fair) if fair else None,
+        measures_section(fair) if fair else None,
         *axis_sections(_all_rows(evaluation)),
         places_section(rows),
         unfinished_section(rows),

@@ -174,7 +174,7 @@ def _read_all(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
     """Yield the rows of all parts of a table. The last line of another machine's part may be under way: it is left."""
     for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
         content = path.read_bytes().decode()
-        header, *records = csv.reader(io.StringIO(content[: content.rfind("\n") + 1])) or [[]]
+        header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
         if header and header != list(columns):
             raise ValueError(f"{path} has other columns than this version writes; choose another --out")
         for record in records:

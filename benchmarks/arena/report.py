@@ -78,9 +78,11 @@ def _facts(rows: Sequence[Row], settings: Settings) -> str:
 def _case(case: str, rows: Sequence[Row], estimates: Estimates, pictures: WorldPictures) -> str:
     """Return the section of a case, from its rows."""
     seed = rows[0]["seed"]
-    first_rows = {row["policy"]: row for row in rows if row["seed"] == seed}
+    first_rows: dict[str, Row] = {}
+    for row in rows:
+        first_rows.setdefault(row["policy"], row)
     maps = "".join(
-        themed(picture, f"{policy}: {_story(first_rows[policy])}") for policy, picture in pictures.maps.items()
+        themed(picture, f"{policy}: {_story(first_rows[policy], seed)}") for policy, picture in pictures.maps.items()
     )
     return f"""<h2>{html.escape(case)}</h2>
 {_cards(estimates, rows)}
@@ -102,10 +104,11 @@ def _case(case: str, rows: Sequence[Row], estimates: Estimates, pictures: WorldP
 """
 
 
-def _story(row: Row) -> str:
-    """Say in a line how an episode went."""
+def _story(row: Row, usual_seed: int) -> str:
+    """Say in a line how an episode went, and from where if not from the usual start."""
     left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
-    return (
+    other = "" if row["seed"] == usual_seed else f"seed {row['seed']}: "
+    return other + (
         f"{100 * row['explored_fraction']:.1f} % in {row['duration']:.0f} s and {row['path_length']:.0f} m"
         f" ({row['end_reason'].replace('_', ' ')}{left}), map IoU {100 * row['map_iou']:.0f} %"
     )

@@ -92,6 +92,13 @@ class Settings(Section):
     slam_axis: SlamAxis = SlamAxis()
     """What mapping error costs."""
 
+    @field_validator("policies")
+    @classmethod
+    def _check_policies(cls, policies: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(policies)) < len(policies):
+            raise ValueError("must name none twice")
+        return policies
+
     @field_validator("worlds")
     @classmethod
     def _expand(cls, worlds: tuple[str, ...]) -> tuple[str, ...]:

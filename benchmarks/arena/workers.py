@@ -69,9 +69,9 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(tasks)), context, _start_worker) as pool:
-        futures = [pool.submit(run_in_worker, task) for task in tasks]
         try:
-            for future in as_completed(futures):
+            # No list of futures: each would keep its trace until the end.
+            for future in as_completed([pool.submit(run_in_worker, task) for task in tasks]):
                 yield future.result()
         except BrokenProcessPool as error:
             raise RuntimeError(

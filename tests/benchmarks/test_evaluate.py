@@ -85,7 +85,8 @@ class Balanced(HTMLParser):
     [
         (["--policies", "rrandom"], ["'rrandom'", "random, nearest, frontier", "ppo:PATH"]),
         (["--policies", "ppo:no/such/run"], ["no/such/run"]),
-        (["--policies", "random", "random=nearest"], ["twice"]),
+        (["--policies", "random", "random"], ["twice"]),
+        (["--policies", "random=nearest"], ["LABEL=ppo:PATH"]),
         (["--worlds", "maze", "atlantis"], ["'atlantis'", "turtlebot3_world", "rooms"]),
         (["--worlds", "maze", "families"], ["worlds", "twice"]),
         (["--robot", "r2d2"], ["'r2d2'", "turtlebot3_burger"]),

@@ -8,6 +8,7 @@ import pytest
 import baselines
 from agents.config_files import ConfigError, load_config, parse_config
 from baselines import RandomExplorer
+from benchmarks.arena.publish import publish
 from benchmarks.arena.runner import NOT_RUN, Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from envs.worlds import FAMILIES, WORLD_NAMES
@@ -178,3 +179,38 @@ def test_the_arena_of_the_project_covers_everything():
 def test_mistakes_in_the_file_are_named(data, message):
     with pytest.raises(ConfigError, match=message):
         parse_config({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
+
+
+def test_a_part_that_nobody_has_written_to_yet_is_no_obstacle(tmp_path):
+    settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
+    Evaluation(settings, tmp_path)
+    (tmp_path / "episodes-2of2.csv").touch()
+    (tmp_path / "failures-2of2.csv").write_text("policy,wor")
+    assert Evaluation(settings, tmp_path).done == 0
+
+
+def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, no_overview):
+    shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
+    header, *lines = (tmp_path / "episodes.csv").read_text().splitlines()
+    kept = [line for line in lines if line.startswith("nearest") == (",0," in line[:60])]
+    assert 2 <= len(kept) < len(lines)
+    (tmp_path / "episodes.csv").write_text("\n".join([header, *kept]) + "\n")
+    publish(Evaluation(SETTINGS, tmp_path))
+    assert "seed 1: " in (tmp_path / "report.html").read_text()
+    assert "0 of 4 episodes" in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_the_bound_is_told_where_it_is_whatever_it_bounds(tmp_path):
+    settings = Settings(
+        policies=("oracle", "nearest"),
+        worlds=("pimouse_arena",),
+        episodes=1,
+        physics=("kinematic",),
+        slam=("odometry",),
+        time_limit=3.0,
+    )
+    evaluation = Evaluation(settings, tmp_path)
+    assert evaluation.run() == []
+    errors = {row["policy"]: row["position_rmse"] for row in evaluation.rows()}
+    assert errors["oracle"] < 1e-9 < errors["nearest"]
+    assert {row["slam"] for row in evaluation.rows()} == {"odometry"}
