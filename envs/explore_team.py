@@ -58,8 +58,9 @@ class ExploreTeamEnv(DrivenEnv):
 
     ## Starting State
     The robots stand still with an unknown map, whose frame begins where robot 0 starts. `start` says where that is, as in
-    `ExploreEnv`; the others stand within 2 m of it and in its sight, if there is room, with any heading. One pose per
-    robot, `((x, y, theta), ...)`, is taken as it is.
+    `ExploreEnv`; the others stand within 2 m of it, in its sight and 0.5 m apart, with any heading, or, where there is no
+    room for that, further away, closer together, or out of its sight. One pose per robot, `((x, y, theta), ...)`, is
+    taken as it is.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.

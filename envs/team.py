@@ -1,6 +1,7 @@
 """What robots that explore together need beyond what one of them does."""
 
 import math
+from itertools import product
 
 import numpy as np
 from numba import njit
@@ -16,9 +17,10 @@ from envs.slam import GivenPoseSlam, TinySlam
 from envs.worlds import World
 
 START_DISTANCE = 2.0
-"""Robots start this near to the first one, if there is room [m]."""
-START_GAP = 0.5
-"""Least gap between the footprints of two robots at the start, where there is room [m]."""
+"""Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
+START_GAPS = (0.5, 0.25, 0.1, 0.01)
+"""Least gaps between the footprints of two robots at the start [m]: each is tried where there is no room for the ones
+before."""
 MATE_MARGIN = 0.15
 """Beams that end this near to a mate's footprint are taken to have hit it [m]: both poses are off by centimetres."""
 MATES_RANGE = 16.0
@@ -156,6 +158,9 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw where the robots start: near the first one, in sight of it, apart from each other.
 
+    Where there is no room for that, they start further from the first one, then nearer to each other, then out of
+    its sight.
+
     Args:
         area: where robots can stand.
         world: for what stands there at the start.
@@ -165,19 +170,21 @@ def draw_starts(
         rng: draws places and headings.
 
     Raises:
-        ValueError: there is no room for all of them within eight times `START_DISTANCE`.
+        ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close they stand.
     """
-    starts, gap = [first], 2.0 * robot.radius + START_GAP
-    circles = world.circles_at(0.0)
-    for reach in START_DISTANCE * np.array([1.0, 2.0, 4.0, 8.0]):
-        cells = np.argwhere(area.roomy)
-        places = area.walls.centers(cells)
-        places = places[np.hypot(*(places - first[:2]).T) <= reach]
-        for x, y in rng.permutation(places) if len(starts) < num_robots else ():
+    starts, circles = [first], world.circles_at(0.0)
+    roomy = area.walls.centers(np.argwhere(area.roomy))
+    away = np.hypot(*(roomy - first[:2]).T)
+    for must_see, gap, factor in product((True, False), START_GAPS, (1.0, 2.0, 4.0, 8.0)):
+        if len(starts) == num_robots:
+            break
+        for x, y in rng.permutation(roomy[away <= factor * START_DISTANCE]):
             if len(starts) == num_robots:
                 break
-            is_apart = all(math.hypot(x - pose.x, y - pose.y) >= gap for pose in starts)
-            if is_apart and clearance(x, y, world.segments, circles) > robot.radius and _in_sight(area, first, x, y):
+            is_apart = all(math.hypot(x - pose.x, y - pose.y) >= 2.0 * robot.radius + gap for pose in starts)
+            if not is_apart or clearance(x, y, world.segments, circles) <= robot.radius:
+                continue
+            if not must_see or _in_sight(area, first, x, y):
                 starts.append(Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi))))
     if len(starts) < num_robots:
         raise ValueError(

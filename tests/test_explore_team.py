@@ -14,8 +14,9 @@ from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
+from envs.simulation.team import check_starts
 from envs.team import MATES_RANGE, draw_starts, observe_mates, without_mates
-from envs.worlds import Mover, World
+from envs.worlds import Mover, World, world_sampler
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 BURGER = load_robot("turtlebot3_burger")
@@ -158,9 +159,40 @@ def test_starts_can_be_chosen_but_not_in_each_other():
 
 
 def test_more_robots_than_fit_are_refused():
-    env = ExploreTeamEnv(world=hall(0.8, 0.8), physics="kinematic", num_robots=4, start=(0.4, 0.4, 0.0))
+    closet = replace(hall(0.5, 0.5), spawns=(Pose2D(0.25, 0.25, 0.0),))
+    env = ExploreTeamEnv(world=closet, physics="kinematic", num_robots=4, start="spawn")
     with pytest.raises(ValueError, match="num_robots = 4"):
         env.reset(seed=0)
+
+
+def test_there_is_room_to_start_in_every_maze():
+    sample = world_sampler("maze", size=(6.0, 6.0))
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        world = sample(rng)
+        area = explorable_area(world, BURGER, 0.05)
+        starts = draw_starts(area, world, BURGER, area.draw_pose(rng), 4, rng)
+        check_starts(starts, BURGER.radius)
+        assert all(area.can_stand(pose) for pose in starts)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room(seed):
+    # A way around a corner, in which robots stand behind each other.
+    way = hall(4.0, 0.7, [[0.4, 0.0, 0.4, 0.3], [0.4, 0.3, 4.0, 0.3]])
+    way = replace(way, spawns=(Pose2D(0.225, 0.175, 0.0),))
+    area, first = explorable_area(way, BURGER, 0.05), way.spawns[0]
+
+    def starts(num_robots):
+        return draw_starts(area, way, BURGER, first, num_robots, np.random.default_rng(seed))
+
+    def hidden(poses):
+        # Past the corner, and beyond what can be seen by it.
+        return sum(pose.x > 0.7 for pose in poses)
+
+    assert hidden(starts(2)) == 0
+    assert hidden(starts(4)) > 0
+    check_starts(starts(4), BURGER.radius)
 
 
 def test_starts_are_not_behind_walls():
