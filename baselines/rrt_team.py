@@ -110,11 +110,13 @@ class RrtTeam:
                 member.revive()
             if member.is_held_up:
                 self._clear_the_way(member)
-        actions = np.empty((len(self._members), 2), dtype=np.float32)
-        for member in self._members:
-            view = self._tell_mates(member, observation)
-            actions[member.index] = member.act(view, beliefs[member.index])
-        return actions
+        # All sense before any decides, since who decides may ask the others.
+        views = [self._tell_mates(member, observation) for member in self._members]
+        for member, view in zip(self._members, views, strict=True):
+            member.sense(view)
+        return np.stack(
+            [member.act(view, belief) for member, view, belief in zip(self._members, views, beliefs, strict=True)]
+        )
 
     def assign(self, member: TeamMember, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
         """Return which of its open goals a robot gets when all robots without a point share out what there is.

@@ -53,6 +53,7 @@ class TeamMember(RrtExplorer):
         self.makes_way_for: TeamMember | None = None
         self.standing, self.passing = NO_POINTS, NO_POINTS
         """Outlines of the mates that plans lead around, and of those that they lead through; base frame [m]."""
+        self._surveys: dict[int, Survey] = {}
 
     @property
     def navigator(self) -> Navigator:
@@ -75,8 +76,13 @@ class TeamMember(RrtExplorer):
         """Whether it is on its way and does not get anywhere."""
         return self._held_time > HOLD_TIME and not self.navigator.is_busy and self.navigator.plan is not None
 
+    def sense(self, observation: dict[str, np.ndarray]) -> None:
+        """Take in the obstacles of an observation; to be called with each, before any robot of the team acts."""
+        self.navigator.sense(observation, self.standing, self.passing)
+        self._surveys.clear()
+
     def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`."""
+        """Return the action; see `Explorer`. The observation has been sensed already."""
         self._held_time = self._held.update(belief.pose) * self._period
         self._idle_steps += 1
         self._pause -= 1
@@ -113,7 +119,13 @@ class TeamMember(RrtExplorer):
         self._idle_steps = 0
 
     def _sense(self, navigator: Navigator, observation: dict[str, np.ndarray]) -> None:
-        navigator.sense(observation, self.standing, self.passing)
+        """See `sense`."""
+
+    def _survey(self, navigator: Navigator, belief: Belief, tightness: int) -> Survey:
+        # Once in a step: each mate without a point may ask.
+        if tightness not in self._surveys:
+            self._surveys[tightness] = super()._survey(navigator, belief, tightness)
+        return self._surveys[tightness]
 
     def _consider(self, navigator: Navigator, belief: Belief) -> None:
         if self.makes_way_for is not None:

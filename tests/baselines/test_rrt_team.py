@@ -7,6 +7,7 @@ import pytest
 
 from baselines import RrtExplorer, RrtParams
 from baselines.goal_explorer import Goal
+from baselines.navigator import Navigator
 from baselines.right_of_way import find_refuge, is_beside, outline
 from baselines.rrt_assigner import assign
 from baselines.rrt_team import RrtTeam
@@ -127,6 +128,28 @@ def test_two_robots_explore_a_small_world_without_touching():
     both = np.array([targets for targets in apart if None not in targets])
     assert len(both) > 50
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
+
+
+def test_no_robot_looks_at_the_map_twice_in_a_step_however_many_ask(monkeypatch):
+    looks = []
+    survey = Navigator.survey
+
+    def count(navigator, belief, tightness=0):
+        looks.append((id(navigator), tightness))
+        return survey(navigator, belief, tightness)
+
+    monkeypatch.setattr(Navigator, "survey", count)
+    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", num_robots=4, slam="truth")
+    busiest = 0
+
+    def watch(*_):
+        nonlocal busiest
+        busiest = max(busiest, len(looks))
+        assert len(looks) == len(set(looks))
+        looks.clear()
+
+    run(env, 0, 15.0, watch)
+    assert busiest >= 4
 
 
 def test_what_a_mate_is_on_its_way_to_is_no_gain_any_more():
