@@ -7,10 +7,11 @@ import numpy as np
 
 from envs.frontier_choice.candidates import find_candidates
 from envs.frontier_choice.features import FEATURES, describe
+from envs.frontier_choice.nearby import frontier_in_sight, frontier_near
 from envs.frontier_choice.params import PilotParams, SurveyParams
 from envs.frontier_choice.pilot import look_around, sense, set_out
 from envs.frontier_choice.records import ARRIVED, FAILED, GONE, LOOKED, PILOT, REPLAN, TIME_UP, PilotNumbers
-from envs.frontier_choice.survey import frontier_near, plan_again, write_path
+from envs.frontier_choice.survey import plan_again, write_path
 from envs.frontier_choice.tables import tables_of
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
@@ -207,10 +208,7 @@ class FrontierChoice:
         if code == FAILED:
             self._fail(grid)
         elif code == ARRIVED:
-            x, y, _ = body.pose
-            goal = self.pilot[0]
-            gap = math.hypot(goal["frontier_x"] - x, goal["frontier_y"] - y)
-            self._give_up(grid, (x, y), gap + self._look_radius)
+            self._give_up_in_sight(grid, body.pose)
         return code
 
     def _set_out(self, action: int, grid: OccupancyGrid) -> None:
@@ -240,9 +238,27 @@ class FrontierChoice:
         self._failures = np.vstack([self._failures, (x, y)])
         near = np.hypot(*(self._failures - (x, y)).T) <= self._pilot_params.retry_radius
         if np.count_nonzero(near) >= self._pilot_params.max_failures:
-            self._give_up(grid, (x, y), self._look_radius)
+            self._give_up(self._frontier_near(grid, self._look_radius))
 
-    def _give_up(self, grid: OccupancyGrid, place: tuple[float, float], radius: float) -> None:
-        """Leave the frontier cells within `radius` [m] of a place, map frame [m], out from now on."""
+    def _give_up_in_sight(self, grid: OccupancyGrid, pose: Pose2D) -> None:
+        """Give up what has not come to light though the robot stands where it wanted to see it from."""
+        if len(self._frontier_near(grid, self._pilot_params.frontier_radius)) == 0:
+            return
+        goal, numbers = self.pilot[0], self.numbers
+        frontier = goal["frontier_x"], goal["frontier_y"]
+        radius = math.dist(frontier, pose[:2]) + self._look_radius
+        view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov
         frame = (grid.data, *grid.origin, grid.resolution, self.block)
-        self.given_up = np.vstack([self.given_up, frontier_near(*frame, *place, radius, self.given_up)])
+        in_sight = frontier_in_sight(*frame, pose.x, pose.y, *view, radius, self.given_up)
+        # The one that it came for goes in any case: no visit is for nothing.
+        self._give_up(np.vstack([in_sight, frontier]))
+
+    def _frontier_near(self, grid: OccupancyGrid, radius: float) -> np.ndarray:
+        """Return the frontier cells within `radius` [m] of the chosen one, shape (k, 2), map frame [m]."""
+        frame = (grid.data, *grid.origin, grid.resolution, self.block)
+        place = self.pilot["frontier_x"][0], self.pilot["frontier_y"][0]
+        return frontier_near(*frame, *place, radius, self.given_up)
+
+    def _give_up(self, cells: np.ndarray) -> None:
+        """Leave frontier cells, shape (k, 2), map frame [m], out from now on."""
+        self.given_up = np.vstack([self.given_up, cells])

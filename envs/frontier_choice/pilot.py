@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.frontier_choice.nearby import frontier_near
 from envs.frontier_choice.records import ARRIVED, DRIVING, FAILED, GONE, LOOKED, REPLAN, TIME_UP
-from envs.frontier_choice.survey import frontier_near
 from envs.geometry.pose import wrap_angle
 from envs.navigation.obstacles import add_bump, free_distance, remember, scan_points
 from envs.navigation.pursuit import follow, turn_rate

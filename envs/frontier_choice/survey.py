@@ -1,4 +1,4 @@
-"""What a map says about travel and frontiers, on planning cells. Kernels."""
+"""What a map says about travel, on planning cells. Kernels."""
 
 import math
 
@@ -8,7 +8,6 @@ from numba import njit
 from envs.frontier_choice.tables import OCCUPIED_FROM
 from envs.navigation.astar import UNREACHED, search
 from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, inflate, known_window
-from envs.navigation.frontiers import mark_frontier
 from envs.navigation.obstacles import mark_missing, points_within
 from envs.navigation.paths import nearest_cell, shorten, walk_back
 
@@ -186,52 +185,3 @@ def plan_again(
         return 0
     x0, y0 = origin_x + left * side, origin_y + top * side
     return write_path(costs, travel, came_by, goal[0], goal[1], tables.weights, reach, x0, y0, side, path)
-
-
-@njit(cache=True, error_model="numpy")
-def frontier_near(data, left, low, resolution, block, x, y, radius, given_up):
-    """Find the frontier around a place.
-
-    Args:
-        data: shape (rows, cols), int8, occupancy.
-        left: where its first column begins, map frame [m].
-        low: where its first row begins [m].
-        resolution: side of its cells [m].
-        block: side of a planning cell [map cells].
-        x: the place, map frame [m].
-        y: the same [m].
-        radius: how far around [m].
-        given_up: shape (m, 2), float64: cells here and their neighbours do not count, map frame [m].
-
-    Returns:
-        Shape (k, 2), float64: centres of frontier cells [m].
-    """
-    side = block * resolution
-    row, col = math.floor((y - low) / side), math.floor((x - left) / side)
-    reach = math.ceil(radius / side - 1e-9)
-    size = 2 * reach + 3
-    rows, cols = data.shape
-    first_row, first_col = row - reach - 1, col - reach - 1
-    joined = np.full((size, size), -1, dtype=np.int8)
-    for i in range(size):
-        for r in range(max((first_row + i) * block, 0), min((first_row + i + 1) * block, rows)):
-            for j in range(size):
-                for c in range(max((first_col + j) * block, 0), min((first_col + j + 1) * block, cols)):
-                    joined[i, j] = max(joined[i, j], data[r, c])
-    mask = mark_frontier(joined)
-    # The rim is only there to be looked at from within.
-    mask[0], mask[-1], mask[:, 0], mask[:, -1] = False, False, False, False
-    for k in range(given_up.shape[0]):
-        i = math.floor((given_up[k, 1] - low) / side) - first_row
-        j = math.floor((given_up[k, 0] - left) / side) - first_col
-        if -1 <= i <= size and -1 <= j <= size:
-            mask[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = False
-    cells = np.empty((size * size, 2))
-    count = 0
-    for i in range(size):
-        for j in range(size):
-            if mask[i, j] and (i - reach - 1) ** 2 + (j - reach - 1) ** 2 <= reach * reach:
-                cells[count, 0] = left + (first_col + j + 0.5) * side
-                cells[count, 1] = low + (first_row + i + 0.5) * side
-                count += 1
-    return cells[:count]

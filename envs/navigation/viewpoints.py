@@ -1,4 +1,4 @@
-"""Where to stand to look at a frontier."""
+"""Where to stand to look at a frontier, and what is in sight."""
 
 import numpy as np
 from numba import njit
@@ -8,8 +8,8 @@ OCCUPIED_FROM = 50
 
 
 @njit(cache=True, error_model="numpy")
-def _is_visible(data, row0, col0, row1, col1):
-    """Tell whether no occupied cell lies between two cells."""
+def is_visible(data, row0, col0, row1, col1):
+    """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0))
     for k in range(1, steps):
         row = row0 + int(np.floor((row1 - row0) * k / steps + 0.5))
@@ -40,6 +40,6 @@ def cheapest_view(data, travel, cells, reach):
             for c in range(max(col - reach, 0), min(col + reach + 1, width)):
                 if travel[r + 1, c + 1] >= best or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
                     continue
-                if _is_visible(data, r, c, row, col):
+                if is_visible(data, r, c, row, col):
                     best, best_row, best_col, seen = travel[r + 1, c + 1], r, c, k
     return best_row, best_col, seen

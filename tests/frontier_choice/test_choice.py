@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from envs.frontier_choice import OUTCOMES, OVER, FrontierChoice, act, judge
+from envs.frontier_choice.nearby import frontier_near
 from envs.frontier_choice.params import PilotParams
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import load_robot
@@ -67,6 +68,22 @@ def test_a_robot_arrives_and_what_it_cannot_see_there_is_given_up():
     # The map has not changed: looking at this frontier is of no use, and there is no other.
     assert len(choice.given_up)
     assert choice.mask.sum() == 0
+
+
+def test_what_lies_behind_a_wall_is_not_given_up():
+    choice = make_choice()
+    robot = Robot(choice)
+    # Right of where the robot looks out of the door, a wall, and a nook with a frontier of its own.
+    robot.grid.data[38:46, 66:74] = 100
+    robot.grid.data[40:46, 68:74] = 0
+    choice.survey(robot)
+    frontier = choice.places[0, 2:]
+    assert decide(choice, robot) == "arrived"
+    radius = math.dist(robot.pose[:2], frontier) + 3.0 * BURGER.radius
+    nook = frontier_near(robot.grid.data, 0.0, 0.0, 0.05, choice.block, *robot.pose[:2], radius, np.empty((0, 2)))
+    assert nook[:, 0].max() > 3.4
+    assert len(choice.given_up)
+    assert choice.given_up[:, 0].max() < 3.4
 
 
 def test_a_robot_that_is_held_fails_backs_off_and_is_rid_of_what_it_fails_to_reach():

@@ -15,8 +15,9 @@ from envs.frontier_choice.candidates import (
     find_candidates,
 )
 from envs.frontier_choice.features import FEATURES, describe
+from envs.frontier_choice.nearby import frontier_in_sight, frontier_near
 from envs.frontier_choice.params import SurveyParams
-from envs.frontier_choice.survey import frontier_near, join_cells, write_path
+from envs.frontier_choice.survey import join_cells, write_path
 from envs.frontier_choice.tables import tables_of
 from envs.geometry import OccupancyGrid
 from envs.navigation import CostmapParams, frontier_mask, make_costmap, travel_field
@@ -98,6 +99,23 @@ def test_the_frontier_near_a_place_is_that_of_the_whole_map(block):
         # On the edge of the map the slow way knows of no unknown cells beyond it.
         edge = {cell for cell in cells if cell[0] in (0, 60 // block - 1) or cell[1] in (0, 80 // block - 1)}
         assert cells - edge == expected - edge
+
+
+@pytest.mark.parametrize("block", [1, 2])
+def test_in_sight_is_what_lies_in_view_and_before_any_wall(block):
+    data = room(doors=((0.5, 3.5),))
+    data[38:48, 30:32] = 100
+    frame = (data, 0.0, 0.0, 0.05, block, 2.3, 1.85)
+    around = frontier_near(*frame, 1.5, NOTHING)
+    assert around[:, 0].min() < 1.3
+    in_sight = frontier_in_sight(*frame, 0.3, math.pi, 1.5, NOTHING)
+    # The wall hides what is left of it, and nothing else.
+    np.testing.assert_array_equal(in_sight, around[around[:, 0] > 1.6])
+    bearings = np.arctan2(in_sight[:, 1] - 1.85, in_sight[:, 0] - 2.3)
+    in_view = frontier_in_sight(*frame, 0.3, 0.8, 1.5, NOTHING)
+    np.testing.assert_array_equal(in_view, in_sight[np.abs(bearings - 0.3) <= 0.8])
+    assert 0 < len(in_view) < len(in_sight)
+    assert len(frontier_in_sight(*frame, -2.0, 0.8, 1.5, NOTHING)) == 0
 
 
 def test_long_frontiers_are_split_and_short_ones_wait():
