@@ -52,7 +52,7 @@ def drive(i, command, lanes, numbers):
     w = command[1] * numbers.drive.max_w
     normals = lanes.normals[i]
     touching = lanes.bumper[i]
-    lanes.bumper[i] = advance(
+    lanes.bumper[i], _ = advance(
         state,
         v,
         w,

@@ -60,7 +60,7 @@ def select_near(x, y, reach, segments, near):
 
 
 @njit(cache=True, error_model="numpy")
-def push_out(x, y, radius, segments, near, num_near, circles):
+def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of what it overlaps, the deepest overlap first.
 
     Args:
@@ -71,13 +71,14 @@ def push_out(x, y, radius, segments, near, num_near, circles):
         near: shape (>= num_near,), int64: the segments to consider.
         num_near: how many of them.
         circles: shape (m, 3), float64 [m].
+        hits: shape (m,), bool: those of circles that push are set to True, the others stay as they are.
 
     Returns:
         The centre (x, y), whether anything was touched, and whether the circle is free now.
     """
     touched = False
     for _ in range(_MAX_PUSHES):
-        deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0
+        deepest, push_x, push_y, hit = _TOLERANCE, 0.0, 0.0, -1
         for j in range(num_near):
             dx, dy = _segment_offset(x, y, segments, near[j])
             distance = math.sqrt(dx * dx + dy * dy)
@@ -88,9 +89,12 @@ def push_out(x, y, radius, segments, near, num_near, circles):
             distance = math.sqrt(dx * dx + dy * dy)
             if radius + circles[i, 2] - distance > deepest and distance > 0.0:
                 deepest, push_x, push_y = radius + circles[i, 2] - distance, dx / distance, dy / distance
+                hit = i
         if deepest == _TOLERANCE:
             return x, y, touched, True
         touched = True
+        if hit >= 0:
+            hits[hit] = True
         x, y = x + deepest * push_x, y + deepest * push_y
     return x, y, touched, False
 

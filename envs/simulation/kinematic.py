@@ -46,13 +46,13 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
         after: shape (m, 3), float64, the same circles at its end; movers move evenly in between [m].
 
     Returns:
-        Whether the footprint touched anything.
+        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
     dt = period / substeps
     fastest = drive.max_v * drive.wheel_radius / drive.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * period), segments, near)
-    circles = before.copy()
+    circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
     state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(
         state[COMMANDED_V],
@@ -80,7 +80,7 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
             circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
-            x + chord * c, y + chord * s, drive.radius, segments, near, num_near, circles
+            x + chord * c, y + chord * s, drive.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
         if not free:
@@ -89,7 +89,7 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
         state[LEFT_ANGLE] += rates[step, 0] * dt
         state[RIGHT_ANGLE] += rates[step, 1] * dt
         state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
-    return touched
+    return touched, hits
 
 
 class KinematicSimulator:
@@ -130,7 +130,7 @@ class KinematicSimulator:
             ValueError: the command holds NaN or infinity.
             RuntimeError: there was no reset.
         """
-        return self.read(self.move(command))
+        return self.read(self.move(command)[0])
 
     def place(self, world: World, pose: Pose2D, rng: np.random.Generator) -> None:
         """Put the robot at rest at `pose` (world frame); the first part of `reset`.
@@ -145,7 +145,7 @@ class KinematicSimulator:
         self.row[X], self.row[Y], self.row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
         self._noise = self._sensors.draw(rng)
 
-    def move(self, command: Twist, mates: np.ndarray = ALONE) -> bool:
+    def move(self, command: Twist, mates: np.ndarray = ALONE) -> tuple[bool, np.ndarray]:
         """Drive with the commanded twist for one control period; the first part of `step`.
 
         Args:
@@ -153,7 +153,7 @@ class KinematicSimulator:
             mates: shape (m, 3), float64, other robots, which stand still meanwhile, as circles (x, y, radius) [m].
 
         Returns:
-            Whether the robot touched anything.
+            Whether the robot touched anything, and which mates it touched: shape (m,), bool.
 
         Raises:
             ValueError: the command holds NaN or infinity.
@@ -167,21 +167,20 @@ class KinematicSimulator:
         before = self.circles
         if self._world.movers:
             self.circles = self._world.circles_at(self._steps * self._period)
-        return bool(
-            advance(
-                self.row,
-                v,
-                w,
-                self._noise[0][0],
-                self._noise[0][1],
-                self._period,
-                self.substeps,
-                self.drive,
-                self._world.segments,
-                _joined(before, mates),
-                _joined(self.circles, mates),
-            )
+        touched, hits = advance(
+            self.row,
+            v,
+            w,
+            self._noise[0][0],
+            self._noise[0][1],
+            self._period,
+            self.substeps,
+            self.drive,
+            self._world.segments,
+            _joined(before, mates),
+            _joined(self.circles, mates),
         )
+        return bool(touched), hits[len(before) :]
 
     def read(self, bumper: bool, mates: np.ndarray = ALONE) -> Reading:
         """Return what the sensors say; the second part of `reset` and `step`.

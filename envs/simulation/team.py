@@ -91,14 +91,12 @@ class KinematicTeam:
             ValueError: a command holds NaN or infinity.
             RuntimeError: there was no reset.
         """
-        bumped = [
-            member.move(command, self._mates(k))
-            for k, (member, command) in enumerate(zip(self._members, commands, strict=True))
-        ]
-        for a, b in touching_pairs([state.pose for state in self.states], self._radius):
+        bumped = np.zeros(len(self._members), dtype=np.bool_)
+        for k, (member, command) in enumerate(zip(self._members, commands, strict=True)):
+            touched, hits = member.move(command, self._mates(k))
             # Who is run into feels it as well.
-            bumped[a] = bumped[b] = bumped[a] or bumped[b]
-        return [member.read(bumped[k], self._mates(k)) for k, member in enumerate(self._members)]
+            bumped |= np.insert(hits, k, touched)
+        return [member.read(bool(bumped[k]), self._mates(k)) for k, member in enumerate(self._members)]
 
     def close(self) -> None:
         """Release what the simulator holds: nothing."""
