@@ -246,12 +246,14 @@ class FrontierChoice:
             return
         goal, numbers = self.pilot[0], self.numbers
         frontier = goal["frontier_x"], goal["frontier_y"]
-        radius = math.dist(frontier, pose[:2]) + self._look_radius
+        gap = math.dist(frontier, pose[:2])
         view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov
         frame = (grid.data, *grid.origin, grid.resolution, self.block)
-        in_sight = frontier_in_sight(*frame, pose.x, pose.y, *view, radius, self.given_up)
-        # The one that it came for goes in any case: no visit is for nothing.
-        self._give_up(np.vstack([in_sight, frontier]))
+        in_sight = frontier_in_sight(*frame, pose.x, pose.y, *view, gap + self._look_radius, self.given_up)
+        # What the visit was for goes in any case, or the robot would come back for ever.
+        radius = self._pilot_params.frontier_radius
+        beside = frontier_in_sight(*frame, *frontier, 0.0, math.pi, radius, self.given_up)
+        self._give_up(np.vstack([in_sight, frontier, beside]))
 
     def _frontier_near(self, grid: OccupancyGrid, radius: float) -> np.ndarray:
         """Return the frontier cells within `radius` [m] of the chosen one, shape (k, 2), map frame [m]."""
