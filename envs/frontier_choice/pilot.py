@@ -67,6 +67,7 @@ def look_around(pilot, numbers):
     """Begin a full turn on the spot instead of a drive."""
     pilot.has_goal = 0
     pilot.steps = 0
+    pilot.recoveries = 0
     pilot.back_steps = 0
     pilot.turn_w = numbers.spin_rate
     pilot.turn_steps = math.ceil(2.0 * math.pi / numbers.spin_rate / numbers.period)
@@ -186,8 +187,8 @@ def judge(pilot, obstacles, x, y, theta, bumper, data, resolution, left, low, bl
     pilot.steps += 1
     if bumper and pilot.back_steps == 0 and pilot.turn_steps == 0:
         _recover(pilot, around, pilot.forward == 1, numbers)
-    if pilot.recoveries > numbers.max_recoveries and pilot.has_goal:
-        return FAILED
+    if pilot.recoveries > numbers.max_recoveries:
+        return FAILED if pilot.has_goal else LOOKED
     if pilot.back_steps > 0 or pilot.turn_steps > 0:
         return DRIVING
     if not pilot.has_goal:

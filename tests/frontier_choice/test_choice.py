@@ -114,6 +114,16 @@ def test_bumping_again_and_again_fails():
     assert robot.time < 20.0
 
 
+def test_a_look_around_ends_though_the_robot_is_bumped_again_and_again():
+    choice = make_choice()
+    robot = Robot(choice, held=True, bumping=True, seconds=200.0)
+    robot.grid.data[robot.grid.data < 0] = 100
+    choice.survey(robot)
+    assert not choice.mask.any()
+    assert decide(choice, robot) == "looked_around"
+    assert robot.time < 20.0
+
+
 def test_a_drive_ends_when_its_time_is_up_and_when_the_episode_does():
     choice = make_choice(max_time=2.0)
     robot = Robot(choice)
