@@ -16,6 +16,8 @@ class TeamEpisode:
 
     explored_fraction: float
     """Truly known share of the explorable area at the end."""
+    area_left: float
+    """Explorable area that was still unknown at the end [m2]."""
     time_to_90: float
     """Time until 90 % was explored [s]."""
     time_to_95: float
@@ -71,6 +73,7 @@ def run_team_episode(
 
     return TeamEpisode(
         explored_fraction=float(fractions[-1]),
+        area_left=env.coverage.area.area - info["explored_area"],
         time_to_90=time_to(0.90),
         time_to_95=time_to(0.95),
         time_to_99=time_to(0.99),

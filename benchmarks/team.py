@@ -36,6 +36,12 @@ MARK = 0.95
 Task = tuple[str, int, int, str, str]
 """World, number of robots, seed, physics, SLAM."""
 Row = dict[str, str | int | float]
+COLUMNS = (
+    *("world", "num_robots", "seed", "physics", "slam"),
+    *("time_to_95", "time_to_90", "explored_fraction", "area_left"),
+    *("path_length", "longest_path", "collisions", "position_rmse", "end_reason", "time_limit"),
+)
+"""Of the CSV file; the first five are those of the task."""
 
 
 def make_env(world: str, num_robots: int, physics: str, slam: str, target_coverage: float = MARK) -> ExploreTeamEnv:
@@ -67,6 +73,7 @@ def measure(task: Task) -> Row:
         "time_to_95": episode.time_to_95,
         "time_to_90": episode.time_to_90,
         "explored_fraction": episode.explored_fraction,
+        "area_left": episode.area_left,
         "path_length": float(episode.path_length.sum()),
         "longest_path": float(episode.path_length.max()),
         "collisions": int(episode.collisions.sum()),
@@ -77,11 +84,18 @@ def measure(task: Task) -> Row:
 
 
 def run(tasks: list[Task], jobs: int, path: Path) -> list[Row]:
-    """Run episodes in processes and append them to a CSV file as they end; those that are in it are not run again."""
+    """Run episodes in processes and append them to a CSV file as they end; those that are in it are not run again.
+
+    Raises:
+        ValueError: the file has other columns.
+    """
     rows: list[Row] = []
     if path.exists():
         with path.open(newline="") as file:
-            rows += [{**row, **{key: int(row[key]) for key in ("num_robots", "seed")}} for row in csv.DictReader(file)]
+            reader = csv.DictReader(file)
+            if tuple(reader.fieldnames or ()) != COLUMNS:
+                raise ValueError(f"{path} has other columns than this version writes; choose another --out")
+            rows += [{**row, **{key: int(row[key]) for key in ("num_robots", "seed")}} for row in reader]
     done = {_task(row) for row in rows}
     missing = [task for task in tasks if task not in done]
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
@@ -90,7 +104,7 @@ def run(tasks: list[Task], jobs: int, path: Path) -> list[Row]:
             rows.append(future.result())
             is_new = not path.exists()
             with path.open("a", newline="") as file:
-                writer = csv.DictWriter(file, rows[-1].keys())
+                writer = csv.DictWriter(file, COLUMNS)
                 if is_new:
                     writer.writeheader()
                 writer.writerow(rows[-1])
@@ -98,7 +112,7 @@ def run(tasks: list[Task], jobs: int, path: Path) -> list[Row]:
 
 
 def _task(row: Row) -> tuple[str | int | float, ...]:
-    return tuple(row[key] for key in ("world", "num_robots", "seed", "physics", "slam"))
+    return tuple(row[key] for key in COLUMNS[:5])
 
 
 def values(rows: list[Row], name: str, world: str, num_robots: int) -> np.ndarray:

@@ -199,6 +199,7 @@ def test_an_episode_of_a_team_is_measured():
     episode = run_team_episode(env, RrtTeam(), 0, infos.append)
     assert 0 < episode.time_to_90 <= episode.time_to_95 <= episode.time_to_99 <= 20.0
     assert episode.explored_fraction >= infos[-1]["explored_fraction"] > 0.9
+    assert episode.area_left == pytest.approx((1.0 - episode.explored_fraction) * env.coverage.area.area)
     assert episode.path_length.shape == episode.collisions.shape == episode.position_rmse.shape == (2,)
     assert episode.position_rmse.max() < 0.1
     assert episode.end_reason in ("covered", "time_limit")

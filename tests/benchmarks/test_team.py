@@ -1,10 +1,12 @@
 """The comparison of teams of different sizes."""
 
 import csv
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from baselines.team_episode import TeamEpisode
 from benchmarks import team
 from envs.explore_team import ExploreTeamEnv
 
@@ -27,13 +29,33 @@ def test_speed_ups_are_taken_pair_by_pair():
 def test_episodes_that_are_in_the_file_are_not_run_again(tmp_path, monkeypatch):
     path = tmp_path / "episodes.csv"
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [*rows_of([0.0] * 4)[0]])
+        writer = csv.DictWriter(file, team.COLUMNS)
         writer.writeheader()
         writer.writerows(rows_of([100.0, 300.0, 80.0, 100.0]))
     monkeypatch.setattr(team, "measure", lambda task: pytest.fail(f"{task} was run again"))
     rows = team.run(TASKS[:2], 1, path)
     assert [(row["num_robots"], row["seed"]) for row in rows] == [(1, 1), (1, 0)]
     assert team.values(rows, "time_to_95", "rooms", 1).tolist() == [300.0, 100.0]
+
+
+def test_a_file_with_other_columns_is_refused(tmp_path):
+    path = tmp_path / "episodes.csv"
+    path.write_text(",".join(name for name in team.COLUMNS if name != "area_left") + "\n")
+    with pytest.raises(ValueError, match="other columns"):
+        team.run(TASKS[:1], 1, path)
+
+
+def test_an_episode_is_laid_out_as_a_row(monkeypatch):
+    parts = {field.name: float(k) for k, field in enumerate(fields(TeamEpisode), start=1)}
+    arrays = {"path_length": [3.0, 4.0], "collisions": [1, 0], "position_rmse": [0.1, 0.7]}
+    episode = TeamEpisode(**parts | {name: np.array(values) for name, values in arrays.items()})
+    monkeypatch.setattr(team, "run_team_episode", lambda *_: episode)
+    row = team.measure(TASKS[2])
+    assert tuple(row) == team.COLUMNS
+    assert tuple(row.values())[:5] == TASKS[2]
+    assert row["area_left"] == episode.area_left
+    assert (row["path_length"], row["longest_path"], row["collisions"]) == (7.0, 4.0, 1)
+    assert row["position_rmse"] == pytest.approx(0.5)
 
 
 def test_the_picture_has_a_trail_per_robot():
