@@ -308,8 +308,15 @@ def _read_starts(start: Any, num_robots: int) -> str | Pose2D | list[Pose2D]:
     Raises:
         ValueError: if it is none of them.
     """
-    if isinstance(start, str) or len(start) == 0 or not isinstance(start[0], Sequence):
+    if isinstance(start, str) or is_pose(start):
         return read_start(start)
-    if len(start) != num_robots or not all(is_pose(pose) for pose in start):
-        raise ValueError(f"start must be one pose (x, y, theta), or one for each of {num_robots} robots, got {start!r}")
-    return [Pose2D(*(float(value) for value in pose)) for pose in start]
+    try:
+        poses = list(start)
+    except TypeError:
+        poses = []
+    if len(poses) != num_robots or not all(is_pose(pose) for pose in poses):
+        raise ValueError(
+            f"start must be 'random', 'spawn', one pose (x, y, theta), or one for each of {num_robots} robots, "
+            f"got {start!r}"
+        )
+    return [Pose2D(*(float(value) for value in pose)) for pose in poses]

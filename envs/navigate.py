@@ -141,7 +141,7 @@ class NavigateEnv(RobotEnv):
         check_positive(goal_tolerance=goal_tolerance)
         if not 0 < heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {heading_tolerance!r}")
-        if not (is_pose(goal) or goal == "random"):
+        if not (is_pose(goal) or (isinstance(goal, str) and goal == "random")):
             raise ValueError(f"goal must be 'random' or (x, y, theta), got {goal!r}")
         if not is_pose(map_pose):
             raise ValueError(f"map_pose must be (x, y, theta), got {map_pose!r}")

@@ -213,7 +213,11 @@ def choose_start(
 
 def is_pose(pose: Any) -> bool:
     """Tell whether something is (x, y, theta), all finite."""
-    return not isinstance(pose, str) and len(pose) == 3 and all(math.isfinite(value) for value in pose)
+    try:
+        return len(pose) == 3 and all(math.isfinite(value) for value in pose)
+    except TypeError:
+        # No sequence, or one of something else than numbers.
+        return False
 
 
 def check_positive(**values: float) -> None:

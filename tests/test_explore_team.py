@@ -117,6 +117,10 @@ def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
         ({"physics": "mujoco"}, "mujoco"),
         ({"slam": "cartographer"}, "cartographer"),
         ({"start": "home"}, "start"),
+        ({"start": 5}, "start must be"),
+        ({"start": None}, "start must be"),
+        ({"start": np.zeros((3, 3))}, "start must be"),
+        ({"start": ((1.0, 1.0, 0.0), 5)}, "start must be"),
         ({"start": ((1.0, 1.0, 0.0),)}, "start"),
         ({"start": ((1.0, 1.0, 0.0), (1.0, math.nan, 0.0))}, "start"),
     ],
@@ -153,6 +157,9 @@ def test_starts_can_be_chosen_but_not_in_each_other():
     env = ExploreTeamEnv(world=hall(), physics="kinematic", start=poses)
     env.reset(seed=0)
     assert tuple(tuple(member.state.pose) for member in env.members) == poses
+    same = ExploreTeamEnv(world=hall(), physics="kinematic", start=np.array(poses))
+    same.reset(seed=0)
+    assert tuple(tuple(member.state.pose) for member in same.members) == poses
     close = ExploreTeamEnv(world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
     with pytest.raises(ValueError, match="robots 0 and 1"):
         close.reset(seed=0)
