@@ -98,7 +98,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
-    2. Termination: no frontier is left that the robot could get to, after it has looked around once more.
+    2. Termination: no frontier is left that the robot could get to, after it has looked around once more. The robot is
+       stuck if it can stand nowhere on its map, or has not come ten centimetres far for half a minute.
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
@@ -110,7 +111,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     was none and the robot looked around), `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`,
     `"looked_around"`, `"episode_end"`; `"reset"` after one), `decision_time` [s], `decision_length` [m],
     `decision_steps` (control steps), `area_left` (explorable and unknown) [m2]. `end_reason` may also be
-    `"no_reachable_frontier"`.
+    `"no_reachable_frontier"` or `"stuck"`.
 
     ## Arguments
     Those of `ExploreEnv`, and
@@ -182,7 +183,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if not (terminated or truncated or len(choice.places)):
             terminated = True
             info["map_iou"] = map_iou(explore.belief.grid, explore.coverage.area, explore.start)
-            info["end_reason"] = "no_reachable_frontier"
+            info["end_reason"] = choice.end_reason
         return self._observe(), sum(info["rewards"].values()), terminated, truncated, info
 
     def action_masks(self) -> np.ndarray:

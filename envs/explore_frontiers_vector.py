@@ -195,7 +195,7 @@ class ExploreFrontiersVectorEnv(LaneVectorEnv):
     def _reason(self, i: int, terminated: bool) -> str:
         """Return why lane `i`'s episode has ended."""
         reason = super()._reason(i, terminated)
-        return "no_reachable_frontier" if terminated and not self._tallies.covered[i] else reason
+        return self._choices[i].end_reason if terminated and not self._tallies.covered[i] else reason
 
     def _info(self, rewards: dict[str, np.ndarray]) -> dict[str, Any]:
         everyone, tallies = np.ones(self.num_envs, dtype=np.bool_), self._tallies

@@ -7,6 +7,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.explore_frontiers_vector import ExploreFrontiersVectorEnv
+from envs.frontier_choice import SurveyParams
+from envs.frontier_choice.tables import SurveyTables
+from envs.navigation import COST_LETHAL
 from tests.test_explore_vector import assert_same
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "time_limit": 14.0}
@@ -47,6 +50,22 @@ def test_lanes_equal_single_environments_bit_for_bit(place, mode):
         reasons |= set(last.get("end_reason", [])) - {None}
     assert ("no_reachable_frontier" if place == "to the end" else "time_limit") in reasons
     ours.close()
+
+
+def test_robots_that_can_stand_nowhere_end_stuck(monkeypatch):
+    tables = SurveyTables.of(SurveyParams(inflation=5.0), 0.1, 2, 0.05)
+    nowhere = tables._replace(costs=np.full_like(tables.costs, COST_LETHAL))
+    monkeypatch.setattr("envs.frontier_choice.choice.tables_of", lambda *_: (nowhere,))
+    single, lanes = ExploreFrontiersEnv(physics="kinematic", **QUICK), ExploreFrontiersVectorEnv(2, **QUICK)
+    observation, _ = single.reset(seed=1)
+    lanes.reset(seed=1)
+    assert not observation["action_mask"].any()
+    *_, terminated, truncated, info = single.step(np.int64(0))
+    assert (terminated, truncated, info["end_reason"]) == (True, False, "stuck")
+    *_, lane_terminated, _, lane_info = lanes.step(np.zeros(2, dtype=np.int64))
+    assert lane_terminated.all()
+    assert lane_info["end_reason"].tolist() == ["stuck", "stuck"]
+    lanes.close()
 
 
 def test_make_vec_gives_lanes_and_episode_statistics():

@@ -14,6 +14,7 @@ from envs.frontier_choice.records import ARRIVED, FAILED, GONE, LOOKED, PILOT, R
 from envs.frontier_choice.survey import plan_again, write_path
 from envs.frontier_choice.tables import tables_of
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation.astar import UNREACHED
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
 from envs.navigation.paths import SHORTCUT
 from envs.robots import RobotParams
@@ -123,6 +124,15 @@ class FrontierChoice:
         self._failures = np.empty((0, 2))
         self._chosen = (math.inf, math.inf)
         self._planning = self._tables[0]
+        self._still = (math.inf, math.inf, 0.0)
+        self._now = 0.0
+
+    @property
+    def end_reason(self) -> str:
+        """Why nothing is left to choose: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
+        cannot_stand = bool((self._field[1] == UNREACHED).all())
+        is_still = self._now - self._still[2] > self._pilot_params.still_time
+        return "stuck" if cannot_stand or is_still else "no_reachable_frontier"
 
     @property
     def mask(self) -> np.ndarray:
@@ -148,6 +158,9 @@ class FrontierChoice:
     def survey(self, body: Body) -> None:
         """Find the candidates; the next tables, and shorter frontiers, only count where nothing else can be reached."""
         grid, pose = body.grid, body.pose
+        self._now = body.time
+        if math.dist(pose[:2], self._still[:2]) >= self._pilot_params.still_distance:
+            self._still = (pose.x, pose.y, self._now)
         around = self.obstacles[: self.pilot["num_obstacles"][0]]
         where = (grid.data, grid.resolution, *grid.origin, *pose, around, self.given_up)
         side = self.block * grid.resolution
@@ -166,7 +179,7 @@ class FrontierChoice:
             *grid.origin,
             side,
             tuple(pose),
-            body.time,
+            self._now,
             self._seen,
             self._failures,
             self._chosen,

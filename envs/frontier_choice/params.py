@@ -56,6 +56,10 @@ class PilotParams:
     """A robot that stays within this distance... [m]."""
     stuck_time: float = 10.0
     """...for this long has failed [s]."""
+    still_distance: float = 0.1
+    """A robot that runs out of frontiers when it has not come farther than this... [m]"""
+    still_time: float = 30.0
+    """...for this long could not move: it is stuck [s]."""
     spin_rate: float = 1.0
     """Yaw rate of turns that are made to look around or to get free, where the robot can turn that fast [rad/s]."""
     look_radius: float = 3.0

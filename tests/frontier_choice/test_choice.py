@@ -68,6 +68,7 @@ def test_a_robot_arrives_and_what_it_cannot_see_there_is_given_up():
     # The map has not changed: looking at this frontier is of no use, and there is no other.
     assert len(choice.given_up)
     assert choice.mask.sum() == 0
+    assert choice.end_reason == "no_reachable_frontier"
 
 
 def test_what_lies_behind_a_wall_is_not_given_up():
@@ -104,6 +105,17 @@ def test_a_robot_that_is_held_fails_backs_off_and_is_rid_of_what_it_fails_to_rea
     # The frontier is longer than what is given up at once, but not by much.
     assert 3 <= failures < 8
     assert not choice.mask.any()
+    assert choice.end_reason == "stuck"
+
+
+def test_a_robot_that_can_stand_nowhere_on_its_map_is_stuck():
+    choice = make_choice()
+    robot = Robot(choice)
+    robot.grid.data[10:30, 10:30] = 100
+    choice.survey(robot)
+    assert not choice.mask.any()
+    assert decide(choice, robot) == "looked_around"
+    assert choice.end_reason == "stuck"
 
 
 def test_bumping_again_and_again_fails():
