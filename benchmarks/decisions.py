@@ -2,7 +2,7 @@
 
 Each explorer explores one place from the same start, kinematic physics, TinySLAM in the loop. What is timed is each
 `act`, by the processor time of its thread: what else the machine does hardly adds to that. A robot steered at 10 Hz
-misses a beat where one takes 100 ms or more.
+misses a beat where one takes 100 ms or more. With `--robots 4` a team explores, and its `act` decides for all of it.
 """
 
 import time
@@ -14,8 +14,12 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines import EXPLORERS, make_explorer
+from baselines.rrt_team import RrtTeam
 from envs.explore import ExploreEnv
+from envs.explore_team import ExploreTeamEnv
 
+TEAM = "rrt_team"
+"""What explores with several robots."""
 WARM_UP = 2
 """Decisions that are not counted: kernels are loaded, or compiled, in them."""
 
@@ -38,23 +42,26 @@ class Decisions:
     """Truly known share of the explorable area at the end."""
 
 
-def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf) -> Decisions:
+def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf, num_robots: int = 1) -> Decisions:
     """Let an explorer explore, and time its decisions.
 
     Args:
         world: as the environment takes it; explored with its usual robot.
-        name: of the explorer.
+        name: of the explorer, or `TEAM`.
         seed: of the episode.
         max_time: when to stop even if there is more to explore [s].
+        num_robots: of a team.
     """
-    env = ExploreEnv(world=world, physics="kinematic", split="test")
+    is_team, settings = name == TEAM, {"world": world, "physics": "kinematic", "split": "test"}
+    env = ExploreTeamEnv(num_robots=num_robots, **settings) if is_team else ExploreEnv(**settings)
     observation, info = env.reset(seed=seed)
-    explorer = make_explorer(name)
-    explorer.reset(env.robot, env.control_period, np.random.default_rng([seed, 1]))
+    explorer = RrtTeam() if is_team else make_explorer(name)
+    size = (num_robots,) if is_team else ()
+    explorer.reset(env.robot, env.control_period, *size, np.random.default_rng([seed, 1]))
     spent = []
     while explorer.end_reason is None and "end_reason" not in info and info["time"] < max_time:
         began = time.thread_time()
-        action = explorer.act(observation, env.belief)
+        action = explorer.act(observation, env.beliefs if is_team else env.belief)
         spent.append(time.thread_time() - began)
         observation, _, _, _, info = env.step(action)
     env.close()
@@ -74,6 +81,7 @@ def main(
     explorers: tuple[str, ...] = tuple(name for name in EXPLORERS if name != "oracle"),
     seed: int = 0,
     max_time: float = np.inf,
+    robots: int = 1,
 ) -> None:
     """Print how long explorers take to decide.
 
@@ -82,10 +90,11 @@ def main(
         explorers: Explorers by name.
         seed: Seed of the episode: the same start for all of them.
         max_time: When to stop even if there is more to explore [s].
+        robots: If more than one, a team of so many explores instead of the explorers.
     """
     table = Table("explorer", "decisions", "mean [ms]", "p99 [ms]", "max [ms]", "missed", "explored", title=world)
-    for name in explorers:
-        found = time_decisions(world, name, seed, max_time)
+    for name in explorers if robots == 1 else (TEAM,):
+        found = time_decisions(world, name, seed, max_time, robots)
         times = [f"{value:.2f}" for value in (found.mean, found.p99, found.longest)]
         table.add_row(name, str(found.count), *times, str(found.missed), f"{100 * found.explored:.1f} %")
     Console().print(table)
