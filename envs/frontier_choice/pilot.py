@@ -200,7 +200,8 @@ def judge(pilot, obstacles, x, y, theta, bumper, data, resolution, left, low, bl
     if _at_goal(pilot, x, y, numbers) and _bearing(pilot, x, y, theta, numbers) == 0.0:
         return ARRIVED
     _count_still(pilot, x, y, theta, numbers)
-    if pilot.stuck_steps > numbers.stuck_steps:
+    # The robot may have been stuck before it set out: what is chosen anew gets a decision's time all the same.
+    if pilot.stuck_steps > numbers.stuck_steps and pilot.steps >= min(numbers.stuck_steps, numbers.max_steps):
         pilot.stuck_steps = -1
         return FAILED
     if pilot.stall_steps > numbers.stall_steps:

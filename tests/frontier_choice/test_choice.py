@@ -118,6 +118,21 @@ def test_a_robot_that_can_stand_nowhere_on_its_map_is_stuck():
     assert choice.end_reason == "stuck"
 
 
+def test_a_frontier_that_is_chosen_late_does_not_fail_at_once():
+    choice = make_choice(max_time=4.0)
+    robot = Robot(choice, held=True)
+    choice.survey(robot)
+    outcomes, times = [], []
+    for _ in range(4):
+        before = robot.time
+        outcomes.append(decide(choice, robot))
+        times.append(robot.time - before)
+    # Stuck after ten seconds, in the midst of the third drive or the manoeuvre before.
+    assert outcomes[:2] == ["time_up", "time_up"]
+    assert "failed" in outcomes
+    assert min(times) > 4.0 - PERIOD
+
+
 def test_bumping_again_and_again_fails():
     choice = make_choice()
     robot = Robot(choice, held=True, bumping=True)
