@@ -82,10 +82,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | 2 `turn` | from the robot's heading to the beginning of the way, counter-clockwise, over pi |
     | 3 `size` | length of the frontier; h = 2 m |
     | 4 `clearance` | distance from obstacles at the end of the way, over that from which they cost nothing |
-    | 5 `age` | time for which there has been a frontier here; h = 60 s |
+    | 5 `age` | time for which there has been a candidate within 0.5 m, also while it moved on; h = 60 s |
     | 6 `ahead`, 7 `left` | where the frontier lies, in the robot's frame, over 16 m |
     | 8 `failures` | attempts to get here that failed, over the three after which it is no longer offered |
-    | 9 `chosen` | 1 for the frontier that the last decision was for |
+    | 9 `chosen` | 1 for the one nearest to the frontier that the last decision was for, and within 0.5 m of it |
 
     Frontiers longer than 2 m are split. If there are more than `max_candidates`, the cheapest to get to are offered.
     Frontiers that the robot has looked at from as near as it gets, and which are there still, are not offered again.

@@ -21,6 +21,7 @@ from envs.navigation.astar import SCALE, STRAIGHT
 
 FEATURES = ("gain", "cost", "turn", "size", "clearance", "age", "ahead", "left", "failures", "chosen")
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
+CHOSEN = FEATURES.index("chosen")
 HALF_COST = 5.0
 """Travel cost that counts as one half [m]."""
 HALF_SIZE = 2.0
@@ -38,6 +39,17 @@ def _count_near(points, x, y, radius):
     for k in range(len(points)):
         count += math.hypot(points[k, 0] - x, points[k, 1] - y) <= radius
     return count
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest(points, point, radius):
+    """Return which of points (columns 0 and 1) is nearest to `point` (x, y), -1 if none is within `radius`."""
+    nearest, best = -1, radius
+    for k in range(len(points)):
+        gap = math.hypot(points[k, 0] - point[0], points[k, 1] - point[1])
+        if gap <= best and (nearest < 0 or gap < best):
+            nearest, best = k, gap
+    return nearest
 
 
 @njit(cache=True, error_model="numpy")
@@ -102,5 +114,7 @@ def describe(
         features[k, 6] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
         features[k, 7] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
         features[k, 8] = min(_count_near(failures, there_x, there_y, retry_radius) / scales[2], 1.0)
-        features[k, 9] = math.hypot(there_x - chosen[0], there_y - chosen[1]) <= retry_radius
+    k = _nearest(seen, chosen, retry_radius)
+    if k >= 0:
+        features[k, CHOSEN] = 1.0
     return places, seen
