@@ -55,7 +55,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ## Description
     The place, the robot, its sensors and its SLAM are those of `ExploreEnv`. The policy does not steer: each step it
     picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A pilot plans the
-    way, follows it, keeps clear of what the lidar sees, plans anew every four seconds, and backs off when it is caught.
+    way with each decision (and every four seconds of a longer one), follows it, keeps clear of what the lidar sees, and
+    backs off when it is caught.
     A step ends as soon as a new decision is due, after some control steps.
 
     ## Action Space
@@ -103,8 +104,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
-    has not come half a metre far for ten seconds or there is no way any more, or when the decision has taken
-    `max_decision_time`. To go on to the same frontier, choose it again: `chosen` marks it.
+    has not come half a metre far for ten seconds or there is no way any more, or when the drive has taken
+    `max_decision_time`. A manoeuvre to get free is finished first, and looking around, where no frontier is left, comes
+    on top: `decision_time` counts both. To go on to the same frontier, choose it again: `chosen` marks it.
 
     ## Information
     What `ExploreEnv` gives, and each step: `action_mask` (int8), `action` (the candidate that was taken; -1 where there
@@ -119,7 +121,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | argument | default | meaning |
     |---|---|---|
     | `max_candidates` | `24` | frontiers that are offered at most |
-    | `max_decision_time` | `4.0` | longest decision [s] |
+    | `max_decision_time` | `4.0` | longest drive, but for manoeuvres to get free and looking around [s] |
     | `control_hz` | `5.0` | control steps per second |
 
     ## Version History

@@ -163,10 +163,12 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
     step = ExploreEnv.step
 
     def spy(explore, action):
-        taken.append(step(explore, action))
+        # Straight on, whatever the pilot says, the robot runs into a wall.
+        taken.append(step(explore, np.array([1.0, 0.0], dtype=np.float32)))
         return taken[-1]
 
     monkeypatch.setattr(ExploreEnv, "step", spy)
+    collision = 0.0
     for _ in range(8):
         taken.clear()
         before = info
@@ -175,12 +177,14 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
         assert reward == pytest.approx(sum(each[1] for each in taken))
         for name in RewardWeights.names():
             assert info["rewards"][name] == pytest.approx(sum(each[4]["rewards"][name] for each in taken))
+        collision += info["rewards"]["collision"]
         assert info["decision_steps"] == len(taken) <= MOST_STEPS
         assert info["decision_time"] == pytest.approx(info["time"] - before["time"]) == pytest.approx(0.2 * len(taken))
         assert info["decision_length"] == pytest.approx(info["path_length"] - before["path_length"])
         assert info["area_left"] == pytest.approx(
             info["explored_area"] / info["explored_fraction"] - info["explored_area"]
         )
+    assert collision < 0.0
 
 
 def test_reaching_the_target_terminates():

@@ -1,4 +1,5 @@
 import time
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -10,13 +11,16 @@ from envs.explore_frontiers_vector import ExploreFrontiersVectorEnv
 from envs.frontier_choice import SurveyParams
 from envs.frontier_choice.tables import SurveyTables
 from envs.navigation import COST_LETHAL
+from envs.robots import load_robot
 from tests.test_explore_vector import assert_same
 
+BURGER = load_robot("turtlebot3_burger")
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "time_limit": 14.0}
 PLACES = {
     "rooms": {},
     "to the end": {"time_limit": None, "target_coverage": 1.0, "max_candidates": 4},
     "movers": {"world": "turtlebot3_stage_4", "world_size": None, "slam": "truth"},
+    "lost beams": {"robot": replace(BURGER, lidar=replace(BURGER.lidar, dropout=0.1))},
     "growing map": {"world": "tugbot_warehouse", "world_size": None, "robot": "tugbot", "slam": "odometry"},
 }
 

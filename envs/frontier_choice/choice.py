@@ -85,7 +85,7 @@ class FrontierChoice:
             resolution: side of a map cell [m].
             directions: shape (2, num_beams), float64: cosine and sine of the beams in the base frame.
             max_candidates: how many frontiers are offered at most.
-            max_time: longest drive [s].
+            max_time: longest drive, but for a manoeuvre to get free, which is finished [s].
             survey: what is offered.
             pilot: how the drives go.
         """

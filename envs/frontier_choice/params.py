@@ -41,7 +41,7 @@ class PilotParams:
     min_time: float = 1.0
     """A frontier that vanishes sooner does not end the drive [s]."""
     replan_time: float = 4.0
-    """Time between two plans of the way within one drive [s]."""
+    """Time between two plans of the way within one drive [s]; drives that are no longer keep to their first plan."""
     goal_tolerance: float = 1.6
     """Distance at which the goal counts as reached, in radii of the robot and at most 0.2 m."""
     frontier_radius: float = 0.4
