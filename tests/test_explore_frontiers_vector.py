@@ -12,7 +12,7 @@ from envs.frontier_choice import SurveyParams
 from envs.frontier_choice.tables import SurveyTables
 from envs.navigation import COST_LETHAL
 from envs.robots import load_robot
-from tests.test_explore_vector import assert_same
+from tests.lanes import assert_same, step_both
 
 BURGER = load_robot("turtlebot3_burger")
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "time_limit": 14.0}
@@ -37,19 +37,9 @@ def test_lanes_equal_single_environments_bit_for_bit(place, mode):
     arguments = {**QUICK, **PLACES[place]}
     ours = ExploreFrontiersVectorEnv(3, autoreset_mode=mode, num_threads=2, **arguments)
     theirs = SyncVectorEnv([lambda: ExploreFrontiersEnv(physics="kinematic", **arguments)] * 3, autoreset_mode=mode)
-    for ours_out, theirs_out in zip(ours.reset(seed=5), theirs.reset(seed=5), strict=True):
-        assert_same(ours_out, theirs_out)
     reasons = set()
-    for action in actions_of(3, 200 if place == "to the end" else 25, ours.single_action_space.n):
-        (observation, *outcome, info), (expected, *expected_outcome, expected_info) = (
-            ours.step(action),
-            theirs.step(action),
-        )
-        assert_same(observation, expected)
-        assert_same(info, expected_info)
-        for value, wanted in zip(outcome, expected_outcome, strict=True):
-            np.testing.assert_array_equal(value, wanted)
-            assert value.dtype == wanted.dtype
+    actions = actions_of(3, 200 if place == "to the end" else 25, ours.single_action_space.n)
+    for _, info in step_both(ours, theirs, actions):
         last = info.get("final_info", info)
         reasons |= set(last.get("end_reason", [])) - {None}
     assert ("no_reachable_frontier" if place == "to the end" else "time_limit") in reasons
