@@ -10,34 +10,18 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
+from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.frontier_choice import FEATURES
 from envs.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
-GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
-HALF_COST = 5.0
 INFO_KEYS = {
     *("explored_fraction", "explored_area", "pose_error", "path_length", "collisions", "time", "rewards", "is_success"),
     *("action_mask", "action", "outcome", "decision_time", "decision_length", "decision_steps", "area_left"),
 }
 MOST_STEPS = 20 + 4 * 12
 """Control steps of a decision of 4 s at 5 Hz, and those of as many manoeuvres as a robot makes before it gives up."""
-
-
-def nearest(observation):
-    """Take the candidate with the cheapest way; those that failed come last."""
-    features, mask = observation["candidates"], observation["action_mask"] == 1
-    return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
-
-
-def worthiest(observation):
-    """Take the candidate with the greatest gain over cost; those that failed come last."""
-    features, mask = observation["candidates"], observation["action_mask"] == 1
-    cost = HALF_COST * features[:, COST] / (1.0 - features[:, COST])
-    utility = (features[:, GAIN] + 0.1) / (cost + 2.0) - 10.0 * (features[:, FAILURES] > 0)
-    return np.int64(np.where(mask, utility, -np.inf).argmax())
 
 
 def rollout(env, seed, steps, rule=nearest):
@@ -217,7 +201,7 @@ def test_nothing_left_to_reach_terminates():
     assert "map_iou" in info
 
 
-@pytest.mark.parametrize("rule", [nearest, worthiest])
+@pytest.mark.parametrize("rule", [nearest, gain_over_cost])
 @pytest.mark.parametrize(
     ("world", "size", "seed"),
     [("rooms", (10.0, 10.0), 0), ("rooms", (10.0, 10.0), 1), ("turtlebot3_house", None, 0)],

@@ -1,0 +1,83 @@
+"""How fast simple rules explore in `lidarnaut/ExploreFrontiers-v0`: `python -m benchmarks.decision_rules`.
+
+Kinematic physics, TinySLAM, several settings of the environment, beside the `nearest` explorer that steers by itself.
+"""
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from baselines import make_explorer
+from baselines.episode import run_episode
+from envs.explore import ExploreEnv
+from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.frontier_choice import FEATURES
+from envs.frontier_choice.features import HALF_COST
+
+GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
+PLACES = {
+    "rooms 10 m x 10 m": ({"world": "rooms", "world_size": (10.0, 10.0), "split": "test"}, 8),
+    "turtlebot3_house": ({"world": "turtlebot3_house"}, 6),
+}
+"""Arguments and number of starts of each place."""
+SETTINGS = ((5.0, 4.0), (10.0, 4.0), (4.0, 4.0), (5.0, 15.0))
+"""Control steps per second, and the longest decision [s]."""
+MARK = 0.95
+"""Explored fraction that is waited for."""
+
+
+def nearest(observation: dict[str, np.ndarray]) -> np.int64:
+    """Take the candidate with the cheapest way; those that failed come last."""
+    features, mask = observation["candidates"], observation["action_mask"] == 1
+    return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
+
+
+def gain_over_cost(observation: dict[str, np.ndarray]) -> np.int64:
+    """Take the candidate with the greatest gain over cost; those that failed come last."""
+    features, mask = observation["candidates"], observation["action_mask"] == 1
+    cost = HALF_COST * features[:, COST] / (1.0 - features[:, COST])
+    utility = (features[:, GAIN] + 0.1) / (cost + 2.0) - 10.0 * (features[:, FAILURES] > 0)
+    return np.int64(np.where(mask, utility, -np.inf).argmax())
+
+
+RULES = {"nearest": nearest, "gain over cost": gain_over_cost}
+"""Rules by name."""
+
+
+def time_rule(rule: str, place: str, control_hz: float, max_decision_time: float, seed: int) -> float:
+    """Return the time to `MARK` [s]; the time limit if it was not reached."""
+    arguments = {**PLACES[place][0], "physics": "kinematic", "target_coverage": MARK}
+    env = ExploreFrontiersEnv(control_hz=control_hz, max_decision_time=max_decision_time, **arguments)
+    observation, info = env.reset(seed=seed)
+    done = info["is_success"]
+    while not done:
+        observation, _, terminated, truncated, info = env.step(RULES[rule](observation))
+        done = terminated or truncated
+    return float(info["time"] if info["is_success"] else env.explore.time_limit)
+
+
+def time_explorer(place: str, seed: int) -> float:
+    """Return the same for the `nearest` explorer."""
+    env = ExploreEnv(physics="kinematic", target_coverage=MARK, **PLACES[place][0])
+    return run_episode(env, make_explorer("nearest"), seed).time_to_95
+
+
+def main() -> None:
+    """Print mean times to 95 %."""
+    columns = [(rule, place) for rule in RULES for place in PLACES]
+    table = Table("mean time to 95 %, s", *(f"{rule}, {place}" for rule, place in columns))
+    for setting in track(SETTINGS, "settings"):
+        means = [
+            np.mean([time_rule(rule, place, *setting, seed) for seed in range(PLACES[place][1])])
+            for rule, place in columns
+        ]
+        table.add_row("{:g} Hz, {:g} s".format(*setting), *(f"{mean:.0f}" for mean in means))
+    own = [np.mean([time_explorer(place, seed) for seed in range(PLACES[place][1])]) for place in PLACES]
+    table.add_row("nearest explorer, 10 Hz", *(f"{mean:.0f}" for mean in own))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)
