@@ -29,6 +29,8 @@ class ExplorableArea:
     """Shape of `walls`, bool: cells where the robot's base can be, connected to the world's first spawn."""
     roomy: np.ndarray
     """Shape of `walls`, bool: standable cells with a cell's width to spare, where a robot may be put down."""
+    near_movers: np.ndarray
+    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a mover at time 0."""
 
     @property
     def area(self) -> float:
@@ -48,8 +50,19 @@ class ExplorableArea:
         return bool(self.walls.contains(np.array([row, col])) and self.standable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
-        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings."""
-        cell = np.argwhere(self.roomy)[rng.integers(np.count_nonzero(self.roomy))]
+        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
+
+        A pose on a mover's position at time 0 is drawn again.
+
+        Raises:
+            ValueError: if movers leave no room anywhere.
+        """
+        if not (self.roomy & ~self.near_movers).any():
+            raise ValueError("there is no free pose for the robot: movers cover all that it can reach at time 0")
+        cells = np.argwhere(self.roomy)
+        cell = cells[rng.integers(len(cells))]
+        while self.near_movers[tuple(cell)]:
+            cell = cells[rng.integers(len(cells))]
         x, y = self.walls.centers(cell)
         return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
@@ -128,7 +141,19 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     pieces, _ = ndimage.label(free, np.ones((3, 3), dtype=bool))
     candidates = free & np.isin(pieces, np.unique(pieces[standable]))
     explorable = _visible_from(free, standable, candidates, robot.lidar.range_max / resolution)
-    return ExplorableArea(walls, explorable, standable, roomy)
+    return ExplorableArea(walls, explorable, standable, roomy, _near_movers(world, walls, robot.radius))
+
+
+def _near_movers(world: World, walls: OccupancyGrid, radius: float) -> np.ndarray:
+    """Return the cells (shape of `walls`, bool) in whose centre a footprint of `radius` [m] overlaps a mover at time 0."""
+    height, width = walls.data.shape
+    x, y = walls.origin
+    xs, ys = x + walls.resolution * (np.arange(width) + 0.5), y + walls.resolution * (np.arange(height) + 0.5)
+    near = np.zeros((height, width), dtype=bool)
+    for mover in world.movers:
+        mover_x, mover_y = mover.position(0.0)
+        near |= np.hypot(xs - mover_x, ys[:, None] - mover_y) <= radius + mover.radius
+    return near
 
 
 @njit(cache=True, error_model="numpy")

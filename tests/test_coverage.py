@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from envs.coverage import Coverage, explorable_area, map_iou
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import load_robot
 from envs.slam import Belief
-from envs.worlds import World
+from envs.worlds import Mover, World
 
 
 def room(width: float, height: float, *extra: tuple[float, float, float, float]) -> World:
@@ -59,6 +60,32 @@ def test_drawn_poses_are_standable_and_vary(burger):
     assert all(area.can_stand(pose) for pose in poses)
     assert len(set(poses)) == 50
     assert all(burger.radius < pose.x < 2.02 - burger.radius for pose in poses)
+
+
+def with_mover(width: float, height: float, x: float, y: float, radius: float) -> World:
+    mover = Mover(radius=radius, waypoints=np.array([[x, y], [x + 0.1, y]]), speed=0.1)
+    return replace(room(width, height), movers=(mover,))
+
+
+def test_drawn_poses_are_clear_of_movers_and_equal_those_without_movers_elsewhere(burger):
+    area = explorable_area(with_mover(2.02, 3.02, 1.0, 1.5, radius=0.2), burger, 0.05)
+    empty = explorable_area(room(2.02, 3.02), burger, 0.05)
+    clear = [math.hypot(x - 1.0, y - 1.5) > 0.2 + burger.radius for x, y, _ in map(first_pose(empty), range(100))]
+    assert 0 < sum(clear) < 100
+    for seed in range(100):
+        pose = first_pose(area)(seed)
+        assert math.hypot(pose.x - 1.0, pose.y - 1.5) > 0.2 + burger.radius
+        assert not clear[seed] or pose == first_pose(empty)(seed)
+
+
+def first_pose(area):
+    return lambda seed: area.draw_pose(np.random.default_rng(seed))
+
+
+def test_movers_that_cover_everything_are_an_error(burger):
+    area = explorable_area(with_mover(2.02, 3.02, 1.0, 1.5, radius=5.0), burger, 0.05)
+    with pytest.raises(ValueError, match="movers"):
+        area.draw_pose(np.random.default_rng(0))
 
 
 def belief_of(data: np.ndarray, origin: tuple[float, float]) -> Belief:

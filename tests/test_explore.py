@@ -38,6 +38,17 @@ def test_every_id_passes_gymnasiums_checker_without_a_warning(id):
     env.close()
 
 
+# Draws that fell on a mover, which `reset` refused.
+@pytest.mark.parametrize(
+    ("world", "seed"),
+    [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)],
+)
+def test_reset_keeps_clear_of_movers(world, seed):
+    env = ExploreEnv(world=world, physics="kinematic", slam="truth")
+    _, info = env.reset(seed=seed)
+    assert not env.step(np.zeros(2, dtype=np.float32))[4]["collisions"]
+
+
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_stable_baselines3_checker_has_no_warning(physics):
     from stable_baselines3.common.env_checker import check_env as check_sb3
