@@ -13,11 +13,10 @@ from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.logs import Log, RelationError, follow_odometry, load_log, load_relations, relation_error, save_trajectory
 from envs.worlds import save_map
 
 from . import GivenPoseSlam, Slam, TinySlam, TinySlamParams, load_params
-from .logs import Log, load_log
-from .relations import RelationError, follow_odometry, load_relations, relation_error
 
 
 @dataclass(frozen=True)
@@ -105,20 +104,6 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: in
         points[:, 1] = bottom - top - points[:, 1]
         ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
     return image
-
-
-def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
-    """Write a trajectory in the TUM format: time, position, orientation as a quaternion.
-
-    Args:
-        path: where to.
-        times: shape (n,) [s].
-        poses: shape (n, 3), x, y, heading [m, rad].
-    """
-    zero = np.zeros(len(times))
-    x, y, theta = poses.T
-    rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)
-    np.savetxt(path, rows, fmt="%.6f", header="time x y z qx qy qz qw")
 
 
 def main(options: Options) -> list[Run]:

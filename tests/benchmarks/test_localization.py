@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.localization import main
-from benchmarks.localization_parts.drives import Drive, load_place, record, symmetries
-from benchmarks.localization_parts.runs import errors
+from benchmarks.localization.__main__ import main
+from benchmarks.localization.drives import Drive, load_place, record, symmetries
+from benchmarks.localization.runs import errors
 from envs.geometry import OccupancyGrid
 
 

@@ -9,8 +9,8 @@ import pytest
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset
+from envs.logs import load_log
 from envs.robots import LidarParams
-from envs.slam.logs import load_log
 from envs.worlds import World, rasterize
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
@@ -299,7 +299,7 @@ def test_presets():
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
 def test_the_beginning_of_the_intel_log():
-    from benchmarks.localization_parts.intel import localise, reference_map
+    from benchmarks.localization.intel import localise, reference_map
 
     log = load_log(DATA / "scans_2725.npz")
     with np.load(DATA / "scans_2725.npz") as arrays:

@@ -17,11 +17,11 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from benchmarks.localization_parts import intel
-from benchmarks.localization_parts.drives import load_place, symmetries
-from benchmarks.localization_parts.pictures import draw
-from benchmarks.localization_parts.runs import Run, run
-from benchmarks.localization_parts.timing import cost_by_size, update_times
+from benchmarks.localization import intel
+from benchmarks.localization.drives import load_place, symmetries
+from benchmarks.localization.pictures import draw
+from benchmarks.localization.runs import Run, run
+from benchmarks.localization.timing import cost_by_size, update_times
 from envs.localization import load_preset
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")

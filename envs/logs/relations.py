@@ -10,6 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.geometry import wrap_angle
+
+from .trajectory import between_poses
+
 MAX_TIME_GAP = 0.3
 """A relation counts where the trajectory has poses this near to both of its times [s]."""
 
@@ -57,21 +61,6 @@ def load_relations(path: str | Path) -> np.ndarray:
     return table[:, [0, 1, 2, 3, 7]]
 
 
-def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
-
-    Args:
-        odometry: shape (n, 3), poses by odometry [m, rad].
-        scan_rows: shape (m,), rows of `odometry` at which the scans were taken, ascending.
-        scan_poses: shape (m, 3), estimated poses of the base at the scans [m, rad].
-
-    Returns:
-        Shape (n, 3), estimated poses [m, rad]. Those before the first scan lead back from it.
-    """
-    scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
-    return _compose(scan_poses[scan], _between(odometry[scan_rows[scan]], odometry))
-
-
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:
     """Hold a trajectory against relations.
 
@@ -88,9 +77,9 @@ def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) 
     if not known.any():
         raise ValueError("no relation lies within the time of the trajectory; are they of another log?")
     given = relations[known, 2:]
-    estimated = _between(poses[rows[known, 0]], poses[rows[known, 1]])
+    estimated = between_poses(poses[rows[known, 0]], poses[rows[known, 1]])
     translation = np.hypot(*(estimated - given)[:, :2].T)
-    rotation = np.degrees(np.abs(_wrap(estimated[:, 2] - given[:, 2])))
+    rotation = np.degrees(np.abs(wrap_angle(estimated[:, 2] - given[:, 2])))
     return RelationError(
         float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std()), len(given)
     )
@@ -101,20 +90,3 @@ def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     times = times[order]
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     return order[np.where(wanted - times[after - 1] <= times[after] - wanted, after - 1, after)]
-
-
-def _wrap(theta: np.ndarray) -> np.ndarray:
-    return (theta + np.pi) % (2 * np.pi) - np.pi
-
-
-def _compose(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
-    x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
-    y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
-    return np.stack([x, y, _wrap(parent[:, 2] + child[:, 2])], axis=1)
-
-
-def _between(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
-    dx, dy = (child - parent)[:, :2].T
-    return np.stack([c * dx + s * dy, -s * dx + c * dy, _wrap(child[:, 2] - parent[:, 2])], axis=1)

@@ -9,8 +9,8 @@ import numpy as np
 
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
+from envs.logs import Log, load_log
 from envs.slam import GivenPoseSlam, TinySlamParams
-from envs.slam.logs import Log, load_log
 
 SHARE_OF_HITS = 16
 """A cell is occupied from this share of hits among all that beams say of it [percent]: what log odds make of 0.9 for a

@@ -1,1 +1,0 @@
-"""What `python -m benchmarks.localization` is made of."""

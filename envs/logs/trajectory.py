@@ -1,0 +1,51 @@
+"""Trajectories: arrays of poses, shape (n, 3), x, y, heading [m, rad]."""
+
+from pathlib import Path
+
+import numpy as np
+
+from envs.geometry import wrap_angle
+
+
+def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
+    """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
+
+    Args:
+        odometry: shape (n, 3), poses by odometry [m, rad].
+        scan_rows: shape (m,), rows of `odometry` at which the scans were taken, ascending.
+        scan_poses: shape (m, 3), estimated poses of the base at the scans [m, rad].
+
+    Returns:
+        Shape (n, 3), estimated poses [m, rad]. Those before the first scan lead back from it.
+    """
+    scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
+    return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
+
+
+def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
+    """Write a trajectory in the TUM format: time, position, orientation as a quaternion.
+
+    Args:
+        path: where to.
+        times: shape (n,) [s].
+        poses: shape (n, 3), x, y, heading [m, rad].
+    """
+    zero = np.zeros(len(times))
+    x, y, theta = poses.T
+    rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)
+    np.savetxt(path, rows, fmt="%.6f", header="time x y z qx qy qz qw")
+
+
+def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    """Return poses given in the frames of others, both of shape (n, 3), in the parent frame of those."""
+    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
+    x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
+    y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
+    return np.stack([x, y, wrap_angle(parent[:, 2] + child[:, 2])], axis=1)
+
+
+def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    """Return poses as seen from others in the same frame, both of shape (n, 3)."""
+    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
+    dx, dy = (child - parent)[:, :2].T
+    return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)

@@ -1,0 +1,47 @@
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.logs import follow_odometry, load_log, load_relations, relation_error
+
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+
+
+def test_relation_error_by_hand(tmp_path):
+    # Straight along y at 1 m/s, heading y; the third second was driven 0.3 m too far and turned by 2 degrees.
+    times = np.array([5.0, 6.0, 8.0, 7.0])  # the clock jumps
+    poses = np.array([[0, 0, np.pi / 2], [0, 1, np.pi / 2], [0, 3.3, np.pi / 2 + math.radians(2)], [0, 2, np.pi / 2]])
+    file = tmp_path / "relations"
+    file.write_text("5.1 5.9 1 0 0 0 0 0\n7 8 1 0 0 0 0 0\n5 9 4 0 0 0 0 0\n")
+    error = relation_error(times, poses, load_relations(file))
+    assert error.count == 2  # nothing within 0.3 s of second 9
+    assert (error.translation, error.translation_std) == pytest.approx((0.15, 0.15))
+    assert (error.rotation, error.rotation_std) == pytest.approx((1.0, 1.0))
+    with pytest.raises(ValueError, match="another log"):
+        relation_error(times + 100, poses, load_relations(file))
+    file.write_text("1 2 3\n")
+    with pytest.raises(ValueError, match="8 numbers"):
+        load_relations(file)
+
+
+def test_between_scans_the_trajectory_follows_odometry():
+    odometry = np.array([[0, 0, 0], [1, 0, 0], [2, 0, np.pi / 2], [2, 1, np.pi / 2], [2, 2, np.pi / 2]], dtype=float)
+    scan_poses = np.array([[10, 0, np.pi / 2], [20, 0, 0]], dtype=float)
+    expected = [[10, -1, np.pi / 2], [10, 0, np.pi / 2], [10, 1, np.pi], [20, 0, 0], [21, 0, 0]]
+    result = follow_odometry(odometry, np.array([1, 3]), scan_poses)
+    np.testing.assert_allclose(result[:, :2], np.array(expected)[:, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(result[:, 2]), np.cos(np.array(expected)[:, 2]), atol=1e-12)
+
+
+@needs_data
+def test_intel_raw_odometry_has_its_known_error():
+    log, relations = load_log(DATA / "scans_2725.npz"), load_relations(DATA / "intel.relations")
+    error = relation_error(log.times, log.odometry, relations)
+    assert error.count == 2984
+    assert error.translation == pytest.approx(7.38, abs=0.01)
+    unambiguous = relation_error(log.times, log.odometry, relations[np.load(DATA / "unambiguous_relations.npy")])
+    assert unambiguous.translation == pytest.approx(6.66, abs=0.01)
