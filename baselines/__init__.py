@@ -8,9 +8,10 @@ from .nearest import NearestExplorer, NearestParams
 from .next_best_view import NextBestViewExplorer, NextBestViewParams
 from .oracle import OracleExplorer
 from .random import RandomExplorer
-from .rrt import RrtExplorer, RrtParams
+from .rrt.detector import RrtParams
+from .rrt.explorer import RrtExplorer
 from .tour import TourExplorer, TourParams
-from .wall_follower import WallFollower
+from .wall_following import WallFollower
 
 EXPLORERS: dict[str, type[Explorer]] = {
     "random": RandomExplorer,

@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines.navigator import Navigator, Status
 from baselines.recovery import Dwell
-from baselines.rrt_trees import BLOCKED, grid_check
+from baselines.rrt.trees import BLOCKED, grid_check
 from baselines.survey import Survey
 from envs.navigation import clear_around, frontier_clusters
 from envs.robots import RobotParams

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines import EXPLORERS, make_explorer
-from baselines.rrt_team import RrtTeam
+from baselines.rrt.team import RrtTeam
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 

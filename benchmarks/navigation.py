@@ -1,8 +1,8 @@
 """How surely and how fast the classic navigator gets to random goals on known maps.
 
-Each goal is an episode of `lidarnaut/Navigate-v0`: a random start, a random goal, AMCL that was told the start with an
-error, and `baselines.map_navigator.MapNavigator`. A goal counts as reached without collision only if the robot's true
-position came within 0.3 m of it and nothing was touched on the way. Run `python -m benchmarks.navigation --help`.
+Each goal is an episode of `lidarnaut/Navigate-v0`: a random start, a random goal, AMCL with an initial pose that is a
+little wrong, and `baselines.navigation.MapNavigator`. A goal counts as reached without collision only if the robot's
+true position came within 0.3 m of it and nothing was touched on the way. Run `python -m benchmarks.navigation --help`.
 """
 
 import json as json_format
@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from baselines.map_navigator import MapNavigatorParams
-from baselines.navigation_episode import Drive, drive
+from baselines.navigation.episode import Drive, drive
+from baselines.navigation.map_navigator import MapNavigatorParams
 from envs.coverage import explorable_area
 from envs.navigate import NavigateEnv
 from envs.navigate_setup import known_map

@@ -1,6 +1,6 @@
 """How much faster several robots explore than one, and a picture of a team's map.
 
-Robots of a team start near each other, share one map, and are sent out by `baselines.rrt_team`. The same seed is the
+Robots of a team start near each other, share one map, and are sent out by `baselines.rrt.team`. The same seed is the
 same place and the same start for every number of robots, so times are compared pair by pair. Run
 `python -m benchmarks.team --help`.
 """
@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from baselines.rrt_team import RrtTeam
-from baselines.team_episode import run_team_episode
+from baselines.rrt.team import RrtTeam
+from baselines.rrt.team_episode import run_team_episode
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from baselines.path_tracker import PathTracker
+from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
 from envs.rewards import TrackRewards
@@ -39,7 +39,7 @@ HALL = {"physics": "kinematic", "path": np.array([[4.1, 3.2], [10.1, 3.2]]), "ma
 def follow(env, seed=0, max_steps=2000):
     """Drive with the classic tracker; return everything that comes out."""
     out = [env.reset(seed=seed)]
-    tracker = PathTracker()
+    tracker = RouteFollower()
     tracker.reset(env.robot, env.control_period, env.route)
     for _ in range(max_steps):
         out.append(env.step(tracker.act(out[-1][0], env.estimate.pose)))

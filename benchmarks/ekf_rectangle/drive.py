@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.ekf import Ekf
-from baselines.path_tracker import PathTracker
+from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D
-from envs.localization.ekf import Estimate
+from envs.localization.ekf import Ekf, Estimate
 from envs.localization.fusion import FUSIONS, make_filter, start_covariance
 from envs.track import TrackEnv
 
@@ -70,7 +69,7 @@ def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
     """
     env = make_env(physics, map_seed=seed)
     observation, info = env.reset(seed=seed)
-    tracker = PathTracker()
+    tracker = RouteFollower()
     tracker.reset(env.robot, env.control_period, env.route)
     listeners = {name: _listener(env) for name, kinds in FUSIONS.items() if kinds and name != DRIVER}
     rows: list[tuple[float, float, Pose2D]] = []

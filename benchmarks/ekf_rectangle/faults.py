@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import tyro
 
-from baselines.ekf import Ekf, Measurement
-from baselines.path_tracker import PathTracker
+from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D, wrap_angle
+from envs.localization.ekf import Ekf, Measurement
 from envs.localization.fusion import make_filter, start_covariance
 
 from .drive import make_env
@@ -91,7 +91,7 @@ def run_faults(physics: str, seed: int) -> dict[str, FaultyLine]:
     """Drive once; every filter hears of the same drive what its line lets pass."""
     env = make_env(physics, map_seed=seed)
     observation, _ = env.reset(seed=seed)
-    tracker = PathTracker()
+    tracker = RouteFollower()
     tracker.reset(env.robot, env.control_period, env.route)
     lines = {
         name: FaultyLine(make_filter(env.robot), fault, np.random.default_rng([seed, k]))

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from baselines.ekf import Ekf, Measurement
 from benchmarks.ekf_rectangle import __main__ as experiment
 from benchmarks.ekf_rectangle.drive import Drive, run_drive
 from benchmarks.ekf_rectangle.faults import FAULTS, FaultyLine
 from benchmarks.ekf_rectangle.measures import PAPER, measure, nees_bounds
 from envs.geometry import Pose2D
+from envs.localization.ekf import Ekf, Measurement
 from envs.localization.fusion import FUSIONS
 
 STEPS = 60

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from baselines.navigation_episode import Drive
+from baselines.navigation.episode import Drive
 from benchmarks.navigation import main, summary
 
 GOOD = Drive(

@@ -6,7 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from baselines.team_episode import TeamEpisode
+from baselines.rrt.team_episode import TeamEpisode
 from benchmarks import team
 from envs.explore_team import ExploreTeamEnv
 

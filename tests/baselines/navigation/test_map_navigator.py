@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from baselines.local_planners import LOCAL_PLANNERS, make_local_planner
-from baselines.map_navigator import MapNavigator, MapNavigatorParams, Progress
-from baselines.navigation_episode import drive
+from baselines.navigation.episode import drive
+from baselines.navigation.map_navigator import MapNavigator, MapNavigatorParams, Progress
+from baselines.navigation.reactive_driving import ReactiveDriver
 from baselines.obstacles import ObstacleMemory
-from baselines.wander import Wanderer
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
 from envs.robots import load_robot
@@ -211,14 +211,14 @@ def test_unknown_local_planners_are_named():
         make_local_planner("teb", BURGER, 0.1)
 
 
-def test_wandering_gets_about_and_touches_nothing():
+def test_reactive_driving_covers_ground_without_contact():
     env = NavigateEnv(world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
     for seed in range(2):
         observation, _ = env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
-        memory, wanderer = ObstacleMemory(env.robot, 0.1), Wanderer(env.robot, 0.1, np.random.default_rng(seed))
+        memory, driver = ObstacleMemory(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
         positions = []
         for _ in range(300):
-            twist = wanderer.command(memory.update(observation["scan"], observation["motion"]))
+            twist = driver.command(memory.update(observation["scan"], observation["motion"]))
             action = np.array([twist.v / env.robot.max_v, twist.w / env.robot.max_w], dtype=np.float32)
             observation, _, _, _, info = env.step(action)
             positions.append(env.belief.pose[:2])

@@ -21,10 +21,10 @@ import numpy as np
 
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.navigator import Navigator
-from baselines.rrt_assigner import NOBODY, assign
-from baselines.rrt_detector import RrtDetector, RrtParams
-from baselines.rrt_goals import goals_of
-from baselines.rrt_trees import Tree
+from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.goals import goals_of
+from baselines.rrt.trees import Tree
 from baselines.survey import Survey
 from envs.robots import RobotParams
 from envs.slam import Belief

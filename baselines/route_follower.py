@@ -18,7 +18,7 @@ ROTATE_FROM = 1.6
 """Angle from which the robot stops and turns on the spot [rad]: a rounded corner of 90 degrees is driven through."""
 
 
-class PathTracker:
+class RouteFollower:
     """Drives a route with the path follower. Sees the scan, the filter's speeds and the fused pose; never the truth."""
 
     def reset(self, robot: RobotParams, control_period: float, route: Route) -> None:

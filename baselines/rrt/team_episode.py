@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.rrt_team import RrtTeam
+from baselines.rrt.team import RrtTeam
 from envs.explore_team import ExploreTeamEnv
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from baselines.frontier_filter import information_gain, mean_shift
-from baselines.rrt_trees import Tree
+from baselines.rrt.filter import information_gain, mean_shift
+from baselines.rrt.trees import Tree
 from envs.geometry import OccupancyGrid
 from envs.navigation import crop_to_known
 

@@ -22,7 +22,7 @@ WHIM_TIME = (6.0, 15.0)
 """How long the robot favours a side, at least and at most [s]."""
 
 
-class Wanderer:
+class ReactiveDriver:
     """Drives where there is room, and favours a side for a while so that it does not go in circles."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:

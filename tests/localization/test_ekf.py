@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from baselines.ekf import KINDS, Ekf, EkfParams, Measurement
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import MEASURED
+from envs.localization.ekf import KINDS, MEASURED, Ekf, EkfParams, Measurement
 from envs.localization.ekf_kernels import predict
 
 NOISE = {

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from baselines.frontier_filter import information_gain
+from baselines.rrt.filter import information_gain
 from envs.geometry import OccupancyGrid
 
 NOBODY = -1

@@ -8,11 +8,11 @@ import pytest
 from baselines import RrtExplorer, RrtParams
 from baselines.goal_explorer import Goal
 from baselines.navigator import Navigator
-from baselines.right_of_way import find_refuge, is_beside, outline
-from baselines.rrt_assigner import assign
-from baselines.rrt_team import RrtTeam
+from baselines.rrt.assigner import assign
+from baselines.rrt.right_of_way import find_refuge, is_beside, outline
+from baselines.rrt.team import RrtTeam
+from baselines.rrt.team_episode import run_team_episode
 from baselines.survey import Survey
-from baselines.team_episode import run_team_episode
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import OccupancyGrid, Pose2D

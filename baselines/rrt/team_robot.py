@@ -7,9 +7,9 @@ import numpy as np
 from baselines.goal_explorer import GoalExplorer
 from baselines.navigator import NO_POINTS, Navigator, Status
 from baselines.recovery import Dwell
-from baselines.right_of_way import find_refuge, is_beside
-from baselines.rrt import RrtExplorer
-from baselines.rrt_detector import RrtDetector, RrtParams
+from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.explorer import RrtExplorer
+from baselines.rrt.right_of_way import find_refuge, is_beside
 from baselines.survey import Survey
 from envs.robots import RobotParams
 from envs.slam import Belief
@@ -21,11 +21,11 @@ PASSED_GAP = 0.5
 MAX_WAIT = 15.0
 """Longest time to stand aside [s]."""
 
-Assign = Callable[["TeamMember", Survey, np.ndarray, np.ndarray], int]
+Assign = Callable[["TeamRobot", Survey, np.ndarray, np.ndarray], int]
 """Returns the index of the open goal that a robot gets, or `NOBODY`; see `RrtExplorer`."""
 
 
-class TeamMember(RrtExplorer):
+class TeamRobot(RrtExplorer):
     """One robot of the team. What it decides for itself is how to get to the point that the team assigns to it."""
 
     def __init__(self, params: RrtParams, index: int, assign: Assign, is_exploring: Callable[[], bool]) -> None:
@@ -50,7 +50,7 @@ class TeamMember(RrtExplorer):
         self._held_time = 0.0
         self._pause = 0
         self._wait_time = 0.0
-        self.makes_way_for: TeamMember | None = None
+        self.makes_way_for: TeamRobot | None = None
         self.standing, self.passing = NO_POINTS, NO_POINTS
         """Outlines of the mates that plans lead around, and of those that they lead through; base frame [m]."""
         self._surveys: dict[int, Survey] = {}
@@ -93,7 +93,7 @@ class TeamMember(RrtExplorer):
         survey = self._survey(self.navigator, belief, self.navigator.tightness)
         return survey, *self._open_goals(survey)
 
-    def make_way(self, belief: Belief, other: "TeamMember") -> bool:
+    def make_way(self, belief: Belief, other: "TeamRobot") -> bool:
         """Drive off the path of another robot, and give the own point up; False if there is nowhere to go."""
         path = other.navigator.plan
         survey = self.navigator.survey(belief)
@@ -141,7 +141,7 @@ class TeamMember(RrtExplorer):
             navigator.wait()
             self._end_reason, self._has_looked_around, self._pause = None, False, self._decision_steps
 
-    def _has_passed(self, other: "TeamMember", belief: Belief) -> bool:
+    def _has_passed(self, other: "TeamRobot", belief: Belief) -> bool:
         path = other.navigator.plan
         if path is None:
             return True

@@ -17,11 +17,11 @@ import numpy as np
 
 from baselines.goal_explorer import GOAL_RADIUS
 from baselines.navigator import NO_POINTS, Status
-from baselines.right_of_way import is_beside, outline
-from baselines.rrt_assigner import NOBODY, assign
-from baselines.rrt_detector import RrtDetector, RrtParams
+from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.right_of_way import is_beside, outline
+from baselines.rrt.team_robot import TeamRobot
 from baselines.survey import Survey
-from baselines.team_member import TeamMember
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
@@ -43,7 +43,7 @@ class RrtTeam:
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         """Make a team with the given parameters."""
         self._params = params
-        self._members: list[TeamMember] = []
+        self._members: list[TeamRobot] = []
 
     def reset(self, robot: RobotParams, control_period: float, num_robots: int, rng: np.random.Generator) -> None:
         """Prepare for a new episode.
@@ -56,9 +56,7 @@ class RrtTeam:
         """
         self._robot = robot
         self._detector = RrtDetector(self._params, rng)
-        self._members = [
-            TeamMember(self._params, k, self.assign, self._is_anyone_on_the_way) for k in range(num_robots)
-        ]
+        self._members = [TeamRobot(self._params, k, self.assign, self._is_anyone_on_the_way) for k in range(num_robots)]
         for member in self._members:
             member.join(robot, control_period, rng, self._detector)
         self._without_mates = MateFilter(robot)
@@ -118,7 +116,7 @@ class RrtTeam:
             [member.act(view, belief) for member, view, belief in zip(self._members, views, beliefs, strict=True)]
         )
 
-    def assign(self, member: TeamMember, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
+    def assign(self, member: TeamRobot, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
         """Return which of its open goals a robot gets when all robots without a point share out what there is.
 
         Args:
@@ -161,7 +159,7 @@ class RrtTeam:
             return NOBODY
         return int(np.flatnonzero((frontiers == points[chosen]).all(axis=1))[0])
 
-    def _tell_mates(self, member: TeamMember, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _tell_mates(self, member: TeamRobot, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Tell a robot where its mates are, and return what it observes without them."""
         robot, k = self._robot, member.index
         view = {key: observation[key][k] for key in ("scan", "motion")}
@@ -185,7 +183,7 @@ class RrtTeam:
         is_hit = np.isnan(self._without_mates(ranges, poses[k], [poses[mate.index] for mate in mates]))
         return {**view, "scan": np.where(is_hit, np.float32(0.0), view["scan"])}
 
-    def _clear_the_way(self, member: TeamMember) -> None:
+    def _clear_the_way(self, member: TeamRobot) -> None:
         """Find out which mate holds a robot up, and settle who lets whom pass."""
         gap = 2.0 * self._robot.radius + 0.1
         for mate in self._members:

@@ -1,4 +1,4 @@
-"""Seed 2's story from end to end, on a small world."""
+"""Mapping, global localization and navigation, on a small world."""
 
 import sys
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baselines.wake_up import main, wake_up
+from baselines.global_localization import main, map_and_navigate
 from envs.worlds import load_map
 
 
-def test_a_robot_maps_a_place_and_wakes_up_on_its_map(tmp_path):
-    result = wake_up("turtlebot3_world", tmp_path / "story", seed=0, goals=1, physics="kinematic")
+def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path):
+    result = map_and_navigate("turtlebot3_world", tmp_path / "run", seed=0, goals=1, physics="kinematic")
     assert result.explored_fraction > 0.98
     grid = load_map(result.map_path)
     assert result.map_path.with_suffix(".pgm").exists()
@@ -20,16 +20,16 @@ def test_a_robot_maps_a_place_and_wakes_up_on_its_map(tmp_path):
     assert result.collisions == 0
     assert 0.0 < result.time_to_localize < 60.0
     assert result.error_when_localized < 0.3
-    with Image.open(result.gif_path) as film:
-        assert film.n_frames > 10
-        first, last = (np.asarray(_frame(film, k)) for k in (0, film.n_frames - 1))
-    # The cloud covers the map in the beginning, and a spot in the end.
+    with Image.open(result.gif_path) as animation:
+        assert animation.n_frames > 10
+        first, last = (np.asarray(_frame(animation, k)) for k in (0, animation.n_frames - 1))
+    # The particles cover the map at first, and a spot in the end.
     assert _spread(first) > 5.0 * _spread(last)
 
 
-def _frame(film, k):
-    film.seek(k)
-    return film.convert("RGB")
+def _frame(animation, k):
+    animation.seek(k)
+    return animation.convert("RGB")
 
 
 def _spread(picture):
@@ -41,7 +41,7 @@ def _spread(picture):
 
 
 def test_a_world_that_does_not_exist_is_named(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["wake_up"])
+    monkeypatch.setattr(sys, "argv", ["global_localization"])
     with pytest.raises(SystemExit) as stop:
         main(world="atlantis", out=tmp_path)
     assert stop.value.code == 2

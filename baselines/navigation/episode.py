@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.map_navigator import DEFAULTS, MapNavigator, MapNavigatorParams
+from baselines.navigation.map_navigator import DEFAULTS, MapNavigator, MapNavigatorParams
 from envs.navigate import NavigateEnv
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from baselines.local_planners import make_local_planner
+from baselines.navigation.reactive_driving import ReactiveDriver
 from baselines.obstacles import ObstacleMemory
 from baselines.recovery import Dwell, Maneuvers
-from baselines.wander import Wanderer
 from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.navigation import (
     Costmap,
@@ -119,7 +119,7 @@ class MapNavigator:
         self._memory = ObstacleMemory(robot, control_period)
         self._planner = make_local_planner(params.local_planner, robot, control_period)
         self._maneuvers = Maneuvers(robot, control_period, rng)
-        self._wanderer = Wanderer(robot, control_period, rng)
+        self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self._elapsed = 0.0
         self._steps = 0
         self._lost_steps = self._blind_steps = 0
@@ -189,7 +189,7 @@ class MapNavigator:
         if self._maneuvers:
             return self._action(self._maneuvers.next(obstacles))
         if self._is_lost(bool(observation["doubt"][2] > 0.5)):
-            return self._action(self._wanderer.command(obstacles))
+            return self._action(self._reactive_driver.command(obstacles))
         if self.progress is not Progress.DRIVING:
             return self._action(Twist(0.0, 0.0))
         self._take_scan(pose, scan)

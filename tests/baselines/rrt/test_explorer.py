@@ -8,10 +8,10 @@ import pytest
 from sklearn.cluster import MeanShift
 
 from baselines import RrtExplorer, RrtParams, make_explorer
-from baselines.frontier_filter import information_gain, mean_shift
-from baselines.rrt_assigner import NOBODY, assign
-from baselines.rrt_goals import goals_of
-from baselines.rrt_trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
+from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.filter import information_gain, mean_shift
+from baselines.rrt.goals import goals_of
+from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
 from baselines.survey import Survey
 from baselines.viewpoints import find_viewpoint
 from envs.explore import ExploreEnv

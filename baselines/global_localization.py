@@ -1,0 +1,214 @@
+"""Mapping, global localization and navigation: `python -m baselines.global_localization --world turtlebot3_world`.
+
+The whole experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), in one command. A robot explores an
+unknown world and saves the map as PGM and YAML. Then it starts at an unknown pose on that map. It drives by the scan
+alone until the particle filter has converged, and then from goal to goal. A GIF shows the particles converging and the
+path driven.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pygame
+import tyro
+from PIL import Image
+from rich.console import Console
+
+from baselines import make_explorer
+from baselines.episode import Episode, run_episode
+from baselines.navigation.episode import make_navigator, step
+from baselines.navigation.map_navigator import MapNavigatorParams
+from envs.explore import ExploreEnv
+from envs.geometry import Pose2D
+from envs.localization import load_preset
+from envs.navigate import NavigateEnv
+from envs.navigate_setup import draw_goal
+from envs.navigation import crop_to_known
+from envs.rendering.navigation import NavigationPicture
+from envs.worlds import save_map
+
+AMCL = replace(load_preset("default"), lost_fit=0.7)
+"""AMCL for a map that a SLAM made: such maps are off by centimetres, and explain a little less of a scan."""
+PICTURE_SIZE = (900, 620)
+"""Width and height of the GIF [px]."""
+FRAME_TIMES = {True: 0.1, False: 1.0}
+"""Simulated time between two frames while the robot is lost, and while it is localized [s]."""
+FRAME_MS = {True: 400, False: 80}
+"""How long a frame of either kind is shown [ms]."""
+TIME_PER_GOAL = 600.0
+"""Simulated time for a goal at most, on average; half of it to localize [s]."""
+MAX_FRAMES = 240
+"""Frames of the GIF at most; of a longer drive every second or third one is left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Measures of mapping, localization and navigation."""
+
+    explored_fraction: float
+    """Share of the explorable area that the map covers."""
+    map_path: Path
+    """YAML file of the map."""
+    time_to_localize: float
+    """Time from the start on the map until the localizer no longer reported that it is lost [s]; inf if never."""
+    error_when_localized: float
+    """Distance between estimated and true position at that time [m]; NaN if never."""
+    goals: tuple[str, ...]
+    """How the drive to each goal ended: "reached", or why not."""
+    collisions: int
+    """Contacts while navigating."""
+    gif_path: Path
+    """Animation of the drive."""
+
+
+class Animation:
+    """Collects pictures of a drive."""
+
+    def __init__(self) -> None:
+        self._picture = NavigationPicture(PICTURE_SIZE)
+        self._frames: list[Image.Image] = []
+        self._durations: list[int] = []
+        self._next = 0.0
+
+    def take(self, env: NavigateEnv) -> None:
+        """Take a picture if it is time for one."""
+        scene = env.scene()
+        if scene.time < self._next:
+            return
+        self._next = scene.time + FRAME_TIMES[scene.is_lost] - 1e-6
+        pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
+        self._frames.append(Image.frombytes("RGB", PICTURE_SIZE, pixels))
+        self._durations.append(FRAME_MS[scene.is_lost])
+
+    def save(self, path: Path) -> Path:
+        """Write the GIF, with its last picture shown for two seconds, and three of its pictures side by side as PNG.
+
+        These are the first one, the first one after the robot was localized, and the last one.
+        """
+        kept = slice(None, None, -(-len(self._frames) // MAX_FRAMES))
+        small = [frame.quantize(64, dither=Image.Dither.NONE) for frame in self._frames[kept]]
+        durations = [*self._durations[kept][:-1], 2000]
+        small[0].save(path, save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=True)
+        found = self._durations.index(FRAME_MS[False]) if FRAME_MS[False] in self._durations else -1
+        width, height = PICTURE_SIZE
+        strip = Image.new("RGB", (3 * width, height))
+        for k, index in enumerate((0, found, -1)):
+            strip.paste(self._frames[index], (k * width, 0))
+        strip.resize((3 * width // 2, height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
+        return path
+
+
+def explore(world: str, robot: str | None, physics: str, seed: int, out: Path) -> tuple[Episode, Path, Pose2D]:
+    """Map a world by exploring it.
+
+    Args:
+        world: library world, procedural family or path.
+        robot: library robot; None for the world's usual one.
+        physics: bullet or kinematic.
+        seed: of everything.
+        out: folder for the map.
+
+    Returns:
+        The episode, the map's YAML file, and the pose of the map's frame in the world.
+    """
+    env = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
+    episode = run_episode(env, make_explorer("nearest"), seed)
+    path = save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
+    env.close()
+    return episode, path, env.start
+
+
+def map_and_navigate(
+    world: str, out: Path, *, seed: int = 0, goals: int = 3, robot: str | None = None, physics: str = "bullet"
+) -> Outcome:
+    """Explore, start at an unknown pose on the map, localize, and drive to goals.
+
+    Args:
+        world: library world or path.
+        out: folder for the map and the animation; made if missing.
+        seed: of everything.
+        goals: how many goals to drive to.
+        robot: library robot; None for the world's usual one.
+        physics: bullet or kinematic.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    episode, map_path, map_pose = explore(world, robot, physics, seed, out)
+    env = NavigateEnv(
+        world=world,
+        robot=robot,
+        physics=physics,
+        map=map_path,
+        map_pose=map_pose,
+        initial_pose="unknown",
+        amcl=AMCL,
+        time_limit=TIME_PER_GOAL * max(goals, 1),
+    )
+    observation, info = env.reset(seed=seed + 1)
+    navigator = make_navigator(env, seed, MapNavigatorParams(lost_time=0.5 * TIME_PER_GOAL))
+    rng = np.random.default_rng([seed, 2])
+    animation, outcomes, found = Animation(), list[str](), (np.inf, np.nan)
+    animation.take(env)
+    for k in range(goals):
+        if k:
+            here = env.map_pose.compose(env.belief.pose)
+            env.set_goal(env.map_pose.between(draw_goal(env.area, here, rng)))
+        try:
+            navigator.set_goal(env.goal[:2])
+        except ValueError as error:
+            outcomes.append(f"refused: {error}")
+            continue
+        outcome = ""
+        while not outcome:
+            observation, info, outcome = step(env, navigator, observation, [])
+            animation.take(env)
+            if not info["is_lost"] and np.isinf(found[0]):
+                found = info["time"], float(info["pose_error"][0])
+        outcomes.append(outcome)
+        if outcome == "lost":
+            break
+    gif = animation.save(out / "global_localization.gif")
+    env.close()
+    return Outcome(episode.explored_fraction, map_path, *found, tuple(outcomes), int(info["collisions"]), gif)
+
+
+def main(
+    world: str = "turtlebot3_world",
+    out: Path = Path("runs/global_localization"),
+    seed: int = 0,
+    goals: int = 3,
+    robot: str | None = None,
+    physics: str = "bullet",
+) -> None:
+    """Explore a world, save its map, start at an unknown pose on it, localize, and drive to goals.
+
+    Args:
+        world: Library world, or path of a world file.
+        out: Folder for map.yaml, map.pgm, global_localization.gif and three of its frames, global_localization.png.
+        seed: Of everything random.
+        goals: Goals to drive to.
+        robot: Library robot; by default the world's usual one.
+        physics: bullet or kinematic.
+    """
+    messages = Console(stderr=True)
+    try:
+        result = map_and_navigate(world, out, seed=seed, goals=goals, robot=robot, physics=physics)
+    except (ValueError, OSError, ImportError) as error:
+        messages.print(f"global_localization: {error}", style="red", markup=False, highlight=False)
+        sys.exit(2)
+    console = Console(highlight=False, markup=False)
+    console.print(f"explored    {100 * result.explored_fraction:.1f} % of {world}; map in {result.map_path}")
+    if np.isinf(result.time_to_localize):
+        console.print("localized   never")
+    else:
+        error_cm = 100 * result.error_when_localized
+        console.print(f"localized   after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the truth")
+    for k, outcome in enumerate(result.goals, 1):
+        console.print(f"goal {k}      {outcome}")
+    console.print(f"collisions  {result.collisions}")
+    console.print(f"animation   {result.gif_path}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
