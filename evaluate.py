@@ -17,11 +17,11 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from agents.config_files import load_config
 from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
+from envs.files import read_record
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     first.add_argument("--config", type=Path)
     file = first.parse_known_args(arguments)[0].config
     try:
-        settings: Any = load_config(file, Settings) if file else tyro.MISSING
+        settings: Any = read_record(file, Settings) if file else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
         command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
         evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))

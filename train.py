@@ -13,8 +13,8 @@ import gymnasium
 import tyro
 
 from agents.config import TrainingConfig
-from agents.config_files import ConfigError, load_config
 from agents.run_folder import CheckpointError, find_checkpoint
+from envs.files import read_record
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -27,9 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         start: TrainingConfig | Any = tyro.MISSING
         if given.resume:
-            start = load_config(find_checkpoint(given.resume).parent.parent / "config.yaml")
+            start = read_record(find_checkpoint(given.resume).parent.parent / "config.yaml", TrainingConfig)
         elif given.config:
-            start = load_config(given.config)
+            start = read_record(given.config, TrainingConfig)
         else:
             overrides = ["--help"]
         config = tyro.cli(TrainingConfig, default=start, args=overrides, prog="train.py", description=__doc__)
@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
         return 130
-    except (ConfigError, CheckpointError, ValueError, OSError, gymnasium.error.Error) as error:
+    except (CheckpointError, ValueError, OSError, gymnasium.error.Error) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     print(f"results are in {run}")

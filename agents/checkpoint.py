@@ -16,9 +16,9 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from agents.config import TrainingConfig
-from agents.config_files import explain
 from agents.files import write_folder
 from agents.run_folder import CheckpointError, list_checkpoints
+from envs.files import explain_errors
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""
@@ -125,7 +125,7 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
     except ValidationError as error:
-        raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain(error)[:3])}") from error
+        raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain_errors(error, Record)[:3])}") from error
     except ValueError as error:
         raise damaged(folder, f"{RECORD_FILE}: {error}") from error
 

@@ -1,7 +1,6 @@
 """What an experiment is made of."""
 
 import dataclasses
-import difflib
 import math
 from typing import Any, Literal
 
@@ -15,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from envs.files import explain_unknown
 from envs.rewards import RewardWeights
 
 
@@ -63,7 +63,7 @@ class EnvironmentConfig(Section):
         terms = dataclasses.asdict(RewardWeights())
         for name in reward:
             if name not in terms:
-                raise ValueError(f"unknown term {explain_name(name, list(terms))}")
+                raise ValueError(f"unknown term {explain_unknown(name, terms)}")
         return terms | reward
 
 
@@ -177,10 +177,3 @@ class TrainingConfig(Section):
     def num_updates(self) -> int:
         """Updates that `total_steps` take."""
         return math.ceil(self.total_steps / self.rollout_steps)
-
-
-def explain_name(shown: str, allowed: list[str], name: str | None = None) -> str:
-    """Say that `shown` is not among `allowed`, and which of them was perhaps meant."""
-    close = difflib.get_close_matches(name or shown, allowed, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"{shown!r}; {hint}allowed are {', '.join(allowed)}"

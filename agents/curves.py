@@ -5,7 +5,8 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from agents.config_files import load_config
+from agents.config import TrainingConfig
+from envs.files import read_record
 
 Row = Mapping[str, int | float | str]
 """A line of `evaluations.csv`."""
@@ -67,7 +68,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     parser.add_argument("--title", default="", help="stands above")
     arguments = parser.parse_args()
-    rows = {f"PPO, seed {load_config(run / 'config.yaml').seed}": read_evaluations(run) for run in arguments.runs}
+    rows = {
+        f"PPO, seed {read_record(run / 'config.yaml', TrainingConfig).seed}": read_evaluations(run)
+        for run in arguments.runs
+    }
     draw_learning_curve(rows, arguments.title, arguments.out)
 
 

@@ -13,9 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agents.config import TrainingConfig
-from agents.config_files import ConfigError, dump_config
 from agents.curves import draw_learning_curve
 from agents.files import write_file
+from envs.files import dump_record
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
@@ -53,11 +53,11 @@ def new_run(config: TrainingConfig, run: Path | None) -> Path:
         run: the folder; None makes `runs/<experiment>__<seed>__<time>`.
 
     Raises:
-        ConfigError: if the folder holds a run already.
+        ValueError: if the folder holds a run already.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
     if list_checkpoints(run):
-        raise ConfigError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+        raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
     (run / "checkpoints").mkdir(parents=True, exist_ok=True)
     _record(run, config)
     return run
@@ -90,7 +90,7 @@ def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]], t
 def _record(run: Path, config: TrainingConfig) -> None:
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
-    write_file(run / "config.yaml", dump_config(config))
+    write_file(run / "config.yaml", dump_record(config))
     write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
 
 

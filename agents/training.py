@@ -32,7 +32,7 @@ def train(
         The run folder.
 
     Raises:
-        ConfigError: if the run folder is in use.
+        ValueError: if the run folder is in use.
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
         ValueError: if the environment refuses its arguments.
     """

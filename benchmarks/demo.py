@@ -11,7 +11,6 @@ import numpy as np
 from rich.console import Console
 
 from agents.config import TrainingConfig
-from agents.config_files import load_config
 from baselines.episode import run_episode
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.pairs import by_start, case_of
@@ -26,6 +25,7 @@ from benchmarks.arena.terminal import terminal_table
 from benchmarks.arena.trace import load_curve
 from benchmarks.pictures import Film, save_gif
 from envs.explore import ExploreEnv
+from envs.files import read_record
 
 FOLDER = Path("runs/demo")
 """Where the results go."""
@@ -156,7 +156,7 @@ def _sentence(summary: Summary, folder: Path) -> str:
 def main() -> int:
     """Run the demo; return the exit status."""
     try:
-        print(demo(load_config(CONFIG), FOLDER))
+        print(demo(read_record(CONFIG, TrainingConfig), FOLDER))
     except KeyboardInterrupt:
         print(f"stopped; an earlier demo in {FOLDER} is as it was", file=sys.stderr)
         return 130

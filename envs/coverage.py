@@ -145,7 +145,7 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
 
 
 def _near_movers(world: World, walls: OccupancyGrid, radius: float) -> np.ndarray:
-    """Return the cells (shape of `walls`, bool) in whose centre a footprint of `radius` [m] overlaps a mover at time 0."""
+    """Return in which cells (shape of `walls`, bool) a footprint of `radius` [m] overlaps a mover at time 0."""
     height, width = walls.data.shape
     x, y = walls.origin
     xs, ys = x + walls.resolution * (np.arange(width) + 0.5), y + walls.resolution * (np.arange(height) + 0.5)

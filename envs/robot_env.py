@@ -168,7 +168,7 @@ def checked_action(action: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:
     """Return a robot by name, path or as it is; for None the world's usual one."""
-    name = world if isinstance(world, str) else world.name
+    name = world if isinstance(world, str) else getattr(world, "name", "")
     return load_robot(USUAL_ROBOTS.get(name, USUAL_ROBOT) if robot is None else robot)
 
 

@@ -45,7 +45,7 @@ def test_every_id_passes_gymnasiums_checker_without_a_warning(id):
 )
 def test_reset_keeps_clear_of_movers(world, seed):
     env = ExploreEnv(world=world, physics="kinematic", slam="truth")
-    _, info = env.reset(seed=seed)
+    env.reset(seed=seed)
     assert not env.step(np.zeros(2, dtype=np.float32))[4]["collisions"]
 
 

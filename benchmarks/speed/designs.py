@@ -178,11 +178,12 @@ class TrainingDrive:
     def __init__(self, env: gymnasium.vector.VectorEnv, cores: int) -> None:
         from stable_baselines3.common.logger import Logger
 
-        from agents.config_files import load_config
+        from agents.config import TrainingConfig
         from agents.lane_vec_env import LaneVecEnv
         from agents.ppo import build_model
+        from envs.files import read_record
 
-        config = load_config(TRAINING).model_copy(update={"torch_threads": cores})
+        config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
         self.at_once = config.ppo.num_steps
         self._env = LaneVecEnv(env)
         self._model = build_model(config, self._env)

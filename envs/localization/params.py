@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from envs.files import resolve
+
 SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
 
 
@@ -149,13 +151,9 @@ PRESETS: dict[str, AmclParams] = {
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:
-    """Return params by the name of a preset, or as they are.
+    """Return params by the name of a preset, by `module:attribute`, or as they are.
 
     Raises:
         ValueError: for an unknown name.
     """
-    if isinstance(preset, AmclParams):
-        return preset
-    if preset not in PRESETS:
-        raise ValueError(f"unknown preset {preset!r} of AMCL; choose one of {', '.join(PRESETS)}")
-    return PRESETS[preset]
+    return resolve(preset, PRESETS, "AMCL preset")

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import ConfigDict
 
-PRESETS = Path(__file__).parent / "presets"
-"""Folder of the presets."""
-PRESET_NAMES = tuple(sorted(path.stem for path in PRESETS.glob("*.yaml")))
+from envs.files import parse_record, read_mapping, resolve
+
+PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets").glob("*.yaml"))}
+"""Files of the presets by name."""
+PRESET_NAMES = tuple(PRESETS)
 """Presets that `load_params` knows by name."""
 
 
@@ -87,7 +87,7 @@ class TinySlamParams:
 
 
 def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] | None = None) -> TinySlamParams:
-    """Return params by the name of a preset, by the path of a YAML file, or as they are.
+    """Return params by the name of a preset, by the path of a YAML file, by `module:attribute`, or as they are.
 
     Args:
         preset: where they come from.
@@ -98,33 +98,7 @@ def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] 
             names file and key.
         FileNotFoundError: there is no file at the path.
     """
-    if isinstance(preset, TinySlamParams):
-        return _validate({**asdict(preset), **(changes or {})}, "params")
-    path = PRESETS / f"{preset}.yaml" if str(preset) in PRESET_NAMES else Path(preset)
-    if path.suffix not in (".yaml", ".yml"):
-        raise ValueError(
-            f"unknown preset {str(preset)!r}; choose one of {', '.join(PRESET_NAMES)}, or give a YAML file"
-        )
-    if not path.is_file():
-        raise FileNotFoundError(f"no preset at {path}; there are {', '.join(PRESET_NAMES)}")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a YAML file: {error}") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected a mapping of keys to values, got {type(content).__name__}")
-    return _validate({**content, **(changes or {})}, str(path))
-
-
-def _validate(values: dict[str, Any], source: str) -> TinySlamParams:
-    try:
-        # Takes text that reads as a number for it, such as 3e-4, which is text in YAML 1.1.
-        return TypeAdapter(TinySlamParams).validate_python(values)
-    except ValidationError as error:
-        raise ValueError(f"{source}: " + "; ".join(_complaint(fault) for fault in error.errors())) from error
-
-
-def _complaint(fault: ErrorDetails) -> str:
-    key = ".".join(str(part) for part in fault["loc"])
-    what = "unknown key" if fault["type"] == "unexpected_keyword_argument" else fault["msg"]
-    return f"{key}: {what}" if key else what
+    found = resolve(preset, PRESETS, "preset", files=True)
+    values = read_mapping(found) if isinstance(found, Path) else asdict(found)
+    source = str(found) if isinstance(found, Path) else "params"
+    return parse_record({**values, **(changes or {})}, source, TinySlamParams)

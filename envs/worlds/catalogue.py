@@ -6,11 +6,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from envs.files import read_record
+
 from .library import LIBRARY, WORLD_NAMES, load_world
 from .procedural import FAMILIES
 from .raster import free_area, reachable
 from .world import World
-from .world_file import parse_world_file
+from .world_file import WorldFile
 
 _RADIUS = 0.22
 """Radius of the robot for which the second free area is given [m]."""
@@ -36,7 +38,7 @@ def descriptions() -> str:
     """Return where each world of the library comes from, and what was chosen or closed, as a Markdown list."""
     lines = []
     for name in WORLD_NAMES:
-        file = parse_world_file(LIBRARY / f"{name}.yaml")
+        file = read_record(LIBRARY[name], WorldFile)
         closed = sum(math.dist(row[:2], row[2:]) for row in file.closures)
         added = f" Closed by us: {closed:.1f} m of wall." if file.closures else ""
         notes = f" {file.notes}" if file.notes else ""

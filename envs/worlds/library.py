@@ -1,72 +1,81 @@
 """Finding a world by what users call it."""
 
-import difflib
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+
+from envs.files import parse_record, read_mapping, resolve
 
 from .map_files import load_map, world_from_map
 from .procedural import FAMILIES
 from .raster import check_world
 from .world import World
-from .world_file import load_yaml, read_world_file
+from .world_file import WorldFile, build_world
 
-LIBRARY = Path(__file__).parent / "library"
-"""Folder of the world files that come with the project."""
-WORLD_NAMES = tuple(sorted(path.stem for path in LIBRARY.glob("*.yaml")))
+LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
+"""World files that come with the project, by name."""
+WORLD_NAMES = tuple(LIBRARY)
 """Names of the worlds in the library."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
 
 
-def load_world(name_or_path: str | Path) -> World:
-    """Return a world of the library, or one from a world file or a `map_server` YAML.
+def load_world(world: str | Path | World) -> World:
+    """Return a world of the library, from a world file or a `map_server` YAML, by `module:attribute`, or as it is.
 
     Loaded once: the same name, or path to an unchanged file, gives the same object.
 
     Raises:
         ValueError: for a name that the library does not have or a file that is not a valid world.
         FileNotFoundError: if there is no such file.
+        TypeError: `world` is none of these.
     """
-    if name_or_path in WORLD_NAMES:
-        path = LIBRARY / f"{name_or_path}.yaml"
-    else:
-        path = Path(name_or_path)
-        if path.suffix not in (".yaml", ".yml"):
-            raise ValueError(_unknown(str(name_or_path)))
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no world file {path}")
-    return _load(path.resolve(), path.stat().st_mtime_ns)
+    return _load(resolve(world, LIBRARY, "world", files=True))
+
+
+def _load(world: Any) -> World:
+    if isinstance(world, World):
+        return check_world(world)
+    if not isinstance(world, Path):
+        raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(world).__name__}")
+    if not world.is_file():
+        raise FileNotFoundError(f"there is no world file {world}")
+    return _read(world.resolve(), world.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
-def _load(path: Path, modified: int) -> World:
+def _read(path: Path, modified: int) -> World:
     """Read a world file or a map; `modified` only makes a changed file another key of the cache."""
+    content = read_mapping(path)
+    if "image" in content:
+        return world_from_map(load_map(path), path.stem, source=str(path))
+    file = parse_record(content, str(path), WorldFile)
     try:
-        is_map = "image" in load_yaml(path)
+        return build_world(path.stem, file)
     except ValueError as error:
-        raise ValueError(f"world file {path}: {error}") from error
-    return world_from_map(load_map(path), path.stem, source=str(path)) if is_map else read_world_file(path)
+        raise ValueError(f"{path}: {error}") from error
 
 
 def world_sampler(
-    world: str | Path | World, *, split: Split = "train", size: tuple[float, float] | None = None
+    world: str | Path | World | WorldSampler, *, split: Split = "train", size: tuple[float, float] | None = None
 ) -> WorldSampler:
     """Return a function that gives the world of the next episode.
 
     Args:
-        world: name of a library world or of a procedural family, path of a world file or of a `map_server` YAML, or
-            a world. All but families give the same object each time.
+        world: name of a library world or of a procedural family, path of a world file or of a `map_server` YAML, a
+            world, a function from a random generator to a world, or `module:attribute` of either. Worlds and files
+            give the same object each time.
         split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
         size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
 
     Raises:
         ValueError: for an unknown world, split or size, or a world that leaks; names the allowed values.
         FileNotFoundError: if there is no such file.
+        TypeError: `world` is none of these.
     """
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
@@ -75,7 +84,8 @@ def world_sampler(
         return partial(_draw, world, split == "test", size)
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
-    return partial(_same, check_world(world) if isinstance(world, World) else load_world(world))
+    found = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
+    return found if callable(found) else partial(_same, _load(found))
 
 
 # Functions of the module and not closures, so that environments can be pickled.
@@ -85,12 +95,3 @@ def _draw(family: str, is_test: bool, size: tuple[float, float] | None, rng: np.
 
 def _same(world: World, rng: np.random.Generator) -> World:
     return world
-
-
-def _unknown(name: str) -> str:
-    close = difflib.get_close_matches(name, [*WORLD_NAMES, *FAMILIES], n=1)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return (
-        f"unknown world {name!r}{hint}; allowed are the library's {', '.join(WORLD_NAMES)}, the procedural families "
-        f"{', '.join(FAMILIES)}, and paths of world files or map_server files that end in .yaml"
-    )

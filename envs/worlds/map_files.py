@@ -8,15 +8,15 @@ from typing import IO, Annotated, Any, Literal
 import numpy as np
 import yaml
 from PIL import Image, UnidentifiedImageError
-from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat
 from scipy import ndimage
 
+from envs.files import read_record
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 
 from .outline import outline
 from .raster import check_world
 from .world import World
-from .world_file import load_yaml
 
 OCCUPIED_THRESH = 0.65
 """Occupancy above which a saved cell reads as occupied."""
@@ -103,21 +103,11 @@ def load_map(path: str | Path) -> OccupancyGrid:
         FileNotFoundError: if one of the files is missing.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no map file {path}")
-    try:
-        file = MapFile.model_validate(load_yaml(path))
-    except ValidationError as error:
-        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg'].lower()}" for p in error.errors())
-        raise ValueError(f"map file {path}: {problems}; its keys are {', '.join(MapFile.model_fields)}") from None
-    except ValueError as error:
-        raise ValueError(f"map file {path}: {error}") from error
+    file = read_record(path, MapFile)
     if file.origin[2] != 0:
-        raise ValueError(
-            f"map file {path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image"
-        )
+        raise ValueError(f"{path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image")
     if not file.free_thresh < file.occupied_thresh:
-        raise ValueError(f"map file {path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
+        raise ValueError(f"{path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
     pixels, opaque = _read_image(path.parent / file.image)
     data = _interpret(pixels, opaque, file)
     return OccupancyGrid(np.ascontiguousarray(data[::-1]), file.resolution, (file.origin[0], file.origin[1]))

@@ -1,13 +1,10 @@
 """World files: a place as YAML, one row per body."""
 
-import difflib
 import math
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
 
 from envs.geometry import Pose2D
 
@@ -153,52 +150,3 @@ def build_world(name: str, file: WorldFile) -> World:
         notes=file.notes,
     )
     return check_world(world)
-
-
-def parse_world_file(path: Path) -> WorldFile:
-    """Read a world file without building the world.
-
-    Raises:
-        ValueError: for broken YAML and for keys or values that do not belong there; names the file and the key.
-    """
-    content = load_yaml(path)
-    try:
-        return WorldFile.model_validate(content)
-    except ValidationError as error:
-        raise ValueError("; ".join(_explain(problem) for problem in error.errors())) from None
-
-
-def read_world_file(path: Path) -> World:
-    """Read and check a world file; the world is named after the file."""
-    try:
-        return build_world(path.stem, parse_world_file(path))
-    except ValueError as error:
-        raise ValueError(f"world file {path}: {error}") from error
-
-
-def load_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML file that holds a mapping."""
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), loader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"not readable as YAML: {error}") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"must hold keys and values, got {type(content).__name__}")
-    return content
-
-
-def _explain(problem: Any) -> str:
-    """Put a problem that pydantic found into words that name the key and what is allowed."""
-    where = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        model = MoverFile if len(problem["loc"]) > 1 else WorldFile
-        key = str(problem["loc"][-1])
-        close = difflib.get_close_matches(key, model.model_fields, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        return f"unknown key {where!r}{hint}; allowed are {', '.join(model.model_fields)}"
-    if problem["type"] == "missing":
-        return f"key {where!r} is missing"
-    if problem["type"] == "value_error":
-        return f"{where}: {problem['ctx']['error']}"
-    return f"{where}: {problem['msg'].lower()}, got {problem['input']!r}"

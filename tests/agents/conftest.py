@@ -1,7 +1,8 @@
 import pytest
 
-from agents.config_files import parse_config
+from agents.config import TrainingConfig
 from agents.training import train
+from envs.files import parse_record
 from tests.agents.fake_env import ID
 
 TINY = {
@@ -23,7 +24,7 @@ def tiny_data():
 
 @pytest.fixture(scope="session")
 def tiny_config():
-    return parse_config(TINY, "tiny")
+    return parse_record(TINY, "tiny", TrainingConfig)
 
 
 @pytest.fixture(scope="session")

@@ -97,7 +97,7 @@ DAMAGES = {
     "record gone": (lambda f: (f / "checkpoint.json").unlink(), "No such file.*checkpoint.json"),
     "record cut short": (lambda f: cut(f / "checkpoint.json"), "checkpoint.json: .*line"),
     "record is garbage": (lambda f: (f / "checkpoint.json").write_bytes(b"\xff\x00"), "checkpoint.json"),
-    "record with a wrong key": (lambda f: rename_key(f / "checkpoint.json"), "checkpoint.json: .*updates is missing"),
+    "record with a wrong key": (lambda f: rename_key(f / "checkpoint.json"), "checkpoint.json: .*'updates' is missing"),
     "a tensor missing": (
         lambda f: resign(f, "policy.safetensors", lambda t: t.pop("log_std")),
         "policy.safetensors lacks the tensor 'log_std'",

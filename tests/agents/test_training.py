@@ -11,13 +11,14 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents.checkpoint import load_checkpoint
-from agents.config_files import ConfigError, dump_config, load_config, parse_config
+from agents.config import TrainingConfig
 from agents.evaluation import run_episodes
 from agents.explorer import PPOExplorer
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
 from agents.vector import make_env, make_vector
 from baselines.episode import run_episode
+from envs.files import dump_record, parse_record, read_record
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,7 +28,7 @@ def weights(run):
 
 
 def changed(data, **changes):
-    return parse_config({**copy.deepcopy(data), **changes}, "tiny")
+    return parse_record({**copy.deepcopy(data), **changes}, "tiny", TrainingConfig)
 
 
 def evaluated_steps(run):
@@ -39,7 +40,7 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert {path.name for path in tiny_run.iterdir()} == {
         "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
     }  # fmt: skip
-    assert load_config(tiny_run / "config.yaml") == tiny_config
+    assert read_record(tiny_run / "config.yaml", TrainingConfig) == tiny_config
     assert [path.name for path in list_checkpoints(tiny_run)] == ["step_000000512", "step_000000768"]
     assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
     events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
@@ -47,7 +48,7 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/explored_fraction"} <= set(
         events.Tags()["scalars"]
     )
-    with pytest.raises(ConfigError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
+    with pytest.raises(ValueError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
         train(tiny_config, run=tiny_run, progress=False)
 
 
@@ -64,7 +65,7 @@ def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny
 def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path):
     """SIGKILL in the middle of everything: an environment kills the process at its 220th step, at 880 steps in all."""
     config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "deadly_220"}, total_steps=1280)
-    (tmp_path / "deadly.yaml").write_text(dump_config(config))
+    (tmp_path / "deadly.yaml").write_text(dump_record(config))
     command = [sys.executable, str(ROOT / "train.py")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     killed = subprocess.run(
@@ -181,7 +182,7 @@ def test_a_checkpoint_for_another_lidar_is_refused(tiny_config, tiny_run, monkey
 
 def test_the_whole_way_on_the_real_environment(tmp_path):
     """Lanes train, evaluate and save; the policy then drives a single environment."""
-    config = parse_config(
+    config = parse_record(
         {
             "experiment": "real",
             "total_steps": 64,
@@ -191,6 +192,7 @@ def test_the_whole_way_on_the_real_environment(tmp_path):
             "evaluation": {"episodes": 2, "references": ["random"]},
         },
         "real",
+        TrainingConfig,
     )
     run = train(config, run=tmp_path / "real", progress=False)
     rows = load_checkpoint(find_checkpoint(run)).record.evaluations

@@ -293,7 +293,7 @@ def test_presets():
     assert load_preset("nav2") == AmclParams()
     assert load_preset("seed2").max_beams == 180
     assert load_preset(PARAMS) is PARAMS
-    with pytest.raises(ValueError, match=r"unknown preset 'ros'.*nav2"):
+    with pytest.raises(ValueError, match=r"unknown AMCL preset 'ros'.*nav2"):
         load_preset("ros")
 
 

@@ -196,13 +196,13 @@ def test_bad_params(tmp_path):
         load_params(tmp_path / "missing.yaml")
     file = tmp_path / "mine.yaml"
     for text, complaint in (
-        ("sigma_xi: 0.1", r"mine.yaml: sigma_xi: unknown key"),
+        ("sigma_xi: 0.1", r"mine.yaml: unknown key 'sigma_xi'"),
         ("sigma_xy: -1", "mine.yaml: .*sigma_xy must not be negative, got -1"),
         ("unvisited: 2", "mine.yaml: .*unvisited must lie in"),
         ("cell: mean", "mine.yaml: cell: .*'avg', 'base' or 'report'"),
         ("max_tries: many", "mine.yaml: max_tries: .*integer"),
-        ("[1, 2]", "mine.yaml: expected a mapping"),
-        ("a: [", "mine.yaml: not a YAML file"),
+        ("[1, 2]", "mine.yaml: must hold keys"),
+        ("a: [", "mine.yaml: not readable as YAML"),
     ):
         file.write_text(text)
         with pytest.raises(ValueError, match=complaint):

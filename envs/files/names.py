@@ -1,0 +1,79 @@
+"""Names that users write into objects: entries of a table, or `module:attribute` of their own code."""
+
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+Entry = TypeVar("Entry")
+
+
+def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
+    """Say which name is unknown, which one was perhaps meant, and which are allowed.
+
+    Args:
+        name: the unknown one.
+        allowed: those that are known.
+        shown: how the unknown one appears in the message; itself by default.
+    """
+    allowed = list(allowed)
+    close = difflib.get_close_matches(name, allowed, n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return f"{(shown or name)!r}{hint}; allowed are {', '.join(allowed)}"
+
+
+def load_object(name: str) -> Any:
+    """Import an attribute of a module; modules in the current directory are found too.
+
+    Args:
+        name: `module:attribute`, each of which may hold dots: `my_package.explorers:Mine`.
+
+    Raises:
+        ValueError: the name has another form, or there is no such module or attribute; says which of the two.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
+        raise ValueError(f"{name!r} is not of the form module:attribute, such as my_package.explorers:Mine")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        found: Any = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise
+        raise ValueError(
+            f"{name!r}: there is no module {error.name!r} in {os.getcwd()} or among the installed packages"
+        ) from error
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            public = [key for key in vars(found) if not key.startswith("_")] if hasattr(found, "__dict__") else []
+            raise ValueError(f"{name!r}: {module_name!r} has no attribute {explain_unknown(part, public, attribute)}")
+        found = getattr(found, part)
+    return found
+
+
+def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
+    """Return what an argument stands for that takes a name, `module:attribute` or the object itself.
+
+    Args:
+        value: the argument. What is not text is returned as it is.
+        table: the names that are known, and what they stand for.
+        what: kind of thing that the names denote, for messages.
+        files: whether the path of a YAML file is allowed too, and returned as a `Path`.
+
+    Raises:
+        ValueError: the name is unknown (lists the known ones), or `module:attribute` cannot be loaded.
+    """
+    if not isinstance(value, str):
+        return value
+    if value in table:
+        return table[value]
+    if files and value.endswith((".yaml", ".yml")):
+        return Path(value)
+    if ":" in value:
+        return load_object(value)
+    further = ", paths of YAML files" if files else ""
+    raise ValueError(f"unknown {what} {explain_unknown(value, table)}{further}, and module:attribute of your own code")

@@ -1,0 +1,127 @@
+"""YAML files into pydantic models and dataclasses, with errors that name the file, the key and what is allowed."""
+
+import dataclasses
+import re
+import typing
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from .names import explain_unknown
+
+Record = TypeVar("Record")
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML in which 3e-4 is a number, as in YAML 1.2, and a key cannot stand twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value]
+        if len(set(map(str, names))) < len(names):
+            name = next(name for name in names if names.count(name) > 1)
+            raise yaml.constructor.ConstructorError(None, None, f"key {name!r} stands twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d[\d_]*\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+def read_mapping(path: str | Path) -> dict[str, Any]:
+    """Read a YAML file that holds keys and values.
+
+    Raises:
+        FileNotFoundError: there is no such file; lists the YAML files beside it.
+        ValueError: it is not YAML, or holds something else; names the file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        others = ", ".join(sorted(str(other) for other in path.parent.glob("*.yaml")))
+        raise FileNotFoundError(f"{path}: no such file" + (f"; there are {others}" if others else ""))
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not readable as YAML: {error}") from error
+    return _checked_mapping(content, str(path))
+
+
+def read_record(path: str | Path, kind: type[Record]) -> Record:
+    """Read a YAML file into a pydantic model or dataclass.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not YAML, or keys or values do not fit; names the file and the keys, a line for each.
+    """
+    return parse_record(read_mapping(path), str(path), kind)
+
+
+def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
+    """Turn nested mappings into a pydantic model or dataclass.
+
+    Args:
+        content: the mappings.
+        source: where they come from, for messages.
+        kind: the model or dataclass.
+
+    Raises:
+        ValueError: keys or values do not fit; names `source` and the keys, a line for each.
+    """
+    try:
+        return _adapter(kind).validate_python(_checked_mapping(content, source))
+    except ValidationError as error:
+        raise ValueError("\n".join(f"{source}: {line}" for line in explain_errors(error, kind))) from error
+
+
+def dump_record(record: BaseModel) -> str:
+    """Return the YAML that `read_record` reads back as an equal record."""
+    return yaml.safe_dump(record.model_dump(mode="json"), sort_keys=False)
+
+
+def explain_errors(error: ValidationError, kind: Any) -> list[str]:
+    """Say in a line per mistake which key of a record of some kind is wrong, and what is allowed."""
+    lines = []
+    for fault in error.errors():
+        *parents, name = fault["loc"] or ("",)
+        key = ".".join(map(str, fault["loc"]))
+        if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            lines.append(f"unknown key {explain_unknown(str(name), _keys(kind, parents), key)}")
+        elif fault["type"] in ("missing", "missing_argument"):
+            lines.append(f"key {key!r} is missing")
+        else:
+            what = fault["msg"].removeprefix("Value error, ")
+            what += "" if fault["type"] == "value_error" else f", got {fault['input']!r}"
+            lines.append(f"{key}: {what}" if key else what)
+    return lines
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
+    if not isinstance(content, dict):
+        raise ValueError(f"{source}: must hold keys and values, got {type(content).__name__}")
+    return content
+
+
+def _keys(kind: Any, parents: list[int | str]) -> list[str]:
+    """Return the keys of the record that the keys and indices `parents` lead to from a record of some kind."""
+    for parent in parents:
+        if isinstance(parent, str):
+            kind = typing.get_type_hints(_record_in(kind)).get(parent)
+    record = _record_in(kind)
+    if dataclasses.is_dataclass(record):
+        return [field.name for field in dataclasses.fields(record)]
+    return list(record.model_fields) if record else []
+
+
+def _record_in(kind: Any) -> Any:
+    """Return the model or dataclass that an annotation such as `list[Record] | None` holds; None without one."""
+    if dataclasses.is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, BaseModel)):
+        return kind
+    return next(filter(None, map(_record_in, typing.get_args(kind))), None)

@@ -1,0 +1,72 @@
+from dataclasses import dataclass
+
+import pytest
+from pydantic import BaseModel, ConfigDict, PositiveFloat
+
+from envs.files import dump_record, parse_record, read_mapping, read_record
+
+
+@dataclass(frozen=True)
+class Wheel:
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        if self.radius <= 0:
+            raise ValueError(f"radius must be positive, got {self.radius}")
+
+
+class Cart(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    speed: PositiveFloat
+    wheels: list[Wheel] = []
+    spare: Wheel | None = None
+
+
+def test_a_record_survives_being_written(tmp_path):
+    cart = Cart(speed=3e-4, wheels=[Wheel(radius=0.1)])
+    (tmp_path / "cart.yaml").write_text(dump_record(cart))
+    assert read_record(tmp_path / "cart.yaml", Cart) == cart
+    (tmp_path / "cart.yaml").write_text("{speed: 3e-4, wheels: [{radius: 1E-1}]}")
+    assert read_record(tmp_path / "cart.yaml", Cart) == cart
+    assert read_mapping(tmp_path / "cart.yaml") == {"speed": 3e-4, "wheels": [{"radius": 0.1}]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"sped": 1.0}, r"mem: unknown key 'sped' \(did you mean 'speed'\?\); allowed are speed, wheels, spare"),
+        ({}, "mem: key 'speed' is missing"),
+        ({"speed": -1}, "mem: speed: .*greater than 0, got -1"),
+        ({"speed": 1, "wheels": [{}]}, "mem: key 'wheels.0.radius' is missing"),
+        ({"speed": 1, "wheels": [{"radius": -1}]}, "mem: wheels.0: radius must be positive, got -1.0$"),
+        (
+            {"speed": 1, "spare": {"radios": 1}},
+            r"unknown key 'spare.radios' \(did you mean 'radius'\?\); allowed are radi",
+        ),
+        ([1], "mem: must hold keys and values, got list"),
+    ],
+)
+def test_mistakes_name_source_key_and_what_is_allowed(content, message):
+    with pytest.raises(ValueError, match=message):
+        parse_record(content, "mem", Cart)
+
+
+def test_each_mistake_has_a_line_of_its_own():
+    with pytest.raises(ValueError, match=r"mem: .*'sped'") as caught:
+        parse_record({"sped": 1, "colour": 2}, "mem", Cart)
+    assert [line.split()[0] for line in str(caught.value).splitlines()] == ["mem:"] * 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("a: [1", "not readable as YAML"), ("- 1", "keys and values"), ("a: 1\na: 2", "key 'a' stands twice")],
+)
+def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(ValueError, match=rf"bad\.yaml: (.|\n)*{message}"):
+        read_mapping(tmp_path / "bad.yaml")
+    with pytest.raises(FileNotFoundError, match=r"gone\.yaml: no such file; there are .*bad\.yaml"):
+        read_mapping(tmp_path / "gone.yaml")
