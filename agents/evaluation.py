@@ -13,7 +13,7 @@ from agents.config import TrainingConfig
 from agents.ppo import mean_action
 from agents.vector import Observations, make_env, make_vector
 from baselines.episode import run_episode
-from baselines.explorer import Explorer
+from baselines.explorer import Explorer, ObservationPolicy
 from envs.explore import ExploreEnv
 
 ELAPSED = 5
@@ -112,7 +112,7 @@ def run_episodes(
 _FINAL = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
 
 
-def run_explorer(env: gymnasium.Env, explorer: Explorer, seed: int) -> Episode:
+def run_explorer(env: gymnasium.Env, explorer: Explorer | ObservationPolicy, seed: int) -> Episode:
     """Run one episode with an explorer that sees observations and beliefs."""
     episode = run_episode(env, explorer, seed)
     area = cast(ExploreEnv, env.unwrapped).coverage.area.area

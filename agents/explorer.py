@@ -11,7 +11,6 @@ from agents.checkpoint import Record, load_checkpoint
 from agents.ppo import build_policy, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from envs.robots import RobotParams
-from envs.slam import Belief
 
 
 class PPOExplorer:
@@ -82,7 +81,7 @@ class PPOExplorer:
         self._calls = 0
         self._action = np.zeros(self._record.action.shape, dtype=np.float32)
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         """Return the action, shape (2,), float32.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from envs.coverage import map_iou
 from envs.explore import ExploreEnv
 
-from .explorer import Explorer, Omniscient
+from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ class Episode:
 
 
 def begin_episode(
-    env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, rng: np.random.Generator
+    env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, rng: np.random.Generator
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reset an environment and then the explorer; the truth is told to explorers that ask for it, and to no others.
 
@@ -94,8 +94,20 @@ def begin_episode(
     return observation, info
 
 
+def choose_action(
+    explorer: Explorer | ObservationPolicy, env: ExploreEnv, observation: dict[str, np.ndarray]
+) -> np.ndarray:
+    """Return the action that an explorer or a policy takes now, shape (2,), float32."""
+    if hasattr(explorer, "act"):
+        return to_action(explorer.act(env.reading, env.belief), env.robot)
+    return explorer(observation)
+
+
 def run_episode(
-    env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, on_step: Callable[[dict[str, Any]], None] | None = None
+    env: gymnasium.Env[Any, Any],
+    explorer: Explorer | ObservationPolicy,
+    seed: int,
+    on_step: Callable[[dict[str, Any]], None] | None = None,
 ) -> Episode:
     """Let an explorer explore until the place is covered, the time is up, or the explorer stops.
 
@@ -113,7 +125,7 @@ def run_episode(
         on_step(info)
     while True:
         began = time.perf_counter()
-        action = explorer.act(observation, place.belief)
+        action = choose_action(explorer, place, observation)
         decision_time += time.perf_counter() - began
         decisions += 1
         if explorer.end_reason is not None:

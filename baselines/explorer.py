@@ -7,11 +7,16 @@ import numpy as np
 from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
 from envs.slam import Belief
 
 
 class Explorer(Protocol):
-    """Decides, from what the robot observes and believes, how to drive. Never sees the truth."""
+    """Decides, from what the sensors say and the SLAM believes, how to drive. Metres in, metres per second out.
+
+    Never sees ground truth. `baselines.episode.run_episode` also takes policies: objects with the same `reset`,
+    `end_reason` and `plan` that are called with the environment's observation and return its action.
+    """
 
     @property
     def end_reason(self) -> str | None:
@@ -33,9 +38,41 @@ class Explorer(Protocol):
         """
         ...
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action, shape (2,), float32: forward speed and yaw rate as fractions of the robot's limits."""
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist to command for the next control period; what exceeds the robot's limits is cut off.
+
+        Args:
+            reading: what the sensors say now.
+            belief: pose estimate and map now.
+        """
         ...
+
+
+class ObservationPolicy(Protocol):
+    """Chooses actions from an environment's observations, as learned policies do."""
+
+    @property
+    def end_reason(self) -> str | None:
+        """See `Explorer`."""
+        ...
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """See `Explorer`."""
+        ...
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for a new episode; see `Explorer`."""
+        ...
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the action for an observation."""
+        ...
+
+
+def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
+    """Return the action, shape (2,), float32, that commands a twist: fractions of the robot's limits, clipped."""
+    return np.clip(np.array([twist.v / robot.max_v, twist.w / robot.max_w], dtype=np.float32), -1.0, 1.0)
 
 
 @runtime_checkable

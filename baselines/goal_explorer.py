@@ -9,9 +9,11 @@ import numpy as np
 from baselines.navigator import Navigator, Status
 from baselines.recovery import Dwell
 from baselines.rrt.trees import BLOCKED, grid_check
+from baselines.senses import Senses
 from baselines.survey import Survey
 from envs.navigation import clear_around, frontier_clusters
 from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
 from envs.slam import Belief
 
 DECISION_PERIOD = 1.0
@@ -73,6 +75,7 @@ class GoalExplorer(ABC):
         """Prepare for a new episode; see `Explorer`."""
         self._robot = robot
         self._navigator = Navigator(robot, control_period, rng)
+        self._senses = Senses(robot, control_period)
         self._look_radius = min(LOOK_RADIUS * robot.radius, 0.75)
         self._has_looked_around = False
         self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
@@ -91,8 +94,14 @@ class GoalExplorer(ABC):
         # Goals that the robot has turned away from since the last one that came to an end.
         self._left: list[tuple[float, float]] = []
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`."""
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
+        if self._navigator is None:
+            raise RuntimeError("call reset before act")
+        return self._senses.twist(self._act(self._senses.observe(reading), belief))
+
+    def _act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
+        """Return the action for `scan` and `motion` of an observation."""
         navigator = self._navigator
         if navigator is None:
             raise RuntimeError("call reset before act")

@@ -13,12 +13,14 @@ from baselines.cover_planner import CoverPlanner
 from baselines.goal_explorer import DECISION_PERIOD
 from baselines.navigator import Navigator, Status
 from baselines.nearest import NearestExplorer
+from baselines.senses import Senses
 from baselines.survey import Survey
 from baselines.true_map import TrueMap
 from envs.coverage import Coverage, ExplorableArea
 from envs.geometry import Pose2D
 from envs.navigation import plan_path
 from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
 from envs.slam import Belief
 
 FIRST_ROUNDS = 300
@@ -61,6 +63,7 @@ class OracleExplorer:
         self._robot = robot
         self._rng = rng
         self._navigator = Navigator(robot, control_period, rng)
+        self._senses = Senses(robot, control_period)
         self._rest.reset(robot, control_period, rng)
         self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
         self._countdown = 0
@@ -76,8 +79,8 @@ class OracleExplorer:
         self._coverage = Coverage(area, start)
         self._truth = TrueMap(area.walls, start)
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`.
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`.
 
         Raises:
             RuntimeError: the explorer has not been told the truth.
@@ -85,6 +88,7 @@ class OracleExplorer:
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
         self._coverage.update(belief)
+        observation = self._senses.observe(reading)
         if not self._is_done:
             self._navigator.sense(observation)
             self._countdown -= 1
@@ -92,7 +96,9 @@ class OracleExplorer:
             if not (self._navigator.is_busy or is_on_its_way):
                 self._countdown = self._decision_steps
                 self._is_done = not self._decide(belief, self._coverage)
-        return (self._rest if self._is_done else self._navigator).act(observation, belief)
+        if self._is_done:
+            return self._senses.twist(self._rest._act(observation, belief))
+        return self._senses.twist(self._navigator.act(observation, belief))
 
     def _decide(self, belief: Belief, coverage: Coverage) -> bool:
         """Plan what is left of the tour, and set out for its next stops; False if there are none."""

@@ -3,11 +3,12 @@
 import numpy as np
 
 from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
 from envs.slam import Belief
 
 
 class RandomExplorer:
-    """Draws every action uniformly from the action space."""
+    """Draws forward speed and yaw rate uniformly within the robot's limits."""
 
     end_reason: str | None = None
     """Never stops."""
@@ -16,8 +17,10 @@ class RandomExplorer:
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for a new episode; see `Explorer`."""
+        self._robot = robot
         self._rng = rng
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`."""
-        return self._rng.uniform(-1.0, 1.0, 2).astype(np.float32)
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
+        v, w = self._rng.uniform(-1.0, 1.0, 2).tolist()
+        return Twist(v * self._robot.max_v, w * self._robot.max_w)

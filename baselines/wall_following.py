@@ -9,11 +9,13 @@ import math
 
 import numpy as np
 
+from baselines.explorer import to_action
 from baselines.obstacles import ObstacleMemory
 from baselines.recovery import Maneuvers
+from baselines.senses import Senses
 from envs.navigation import free_distance
 from envs.robots import RobotParams
-from envs.simulation import Twist
+from envs.simulation import Reading, Twist
 from envs.slam import Belief
 
 BENDS = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
@@ -48,20 +50,22 @@ class WallFollower:
         self._period = control_period
         self._rng = rng
         self._bends = np.array(BENDS) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)
+        self._senses = Senses(robot, control_period)
         self._memory = ObstacleMemory(robot, control_period)
         self._maneuvers = Maneuvers(robot, control_period, rng)
         self._is_following = False
         self._turned = 0.0
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action from `observation` alone; see `Explorer`."""
-        robot, motion = self._robot, observation["motion"]
+    def act(self, reading: Reading, belief: Belief | None) -> Twist:
+        """Return the twist from `reading` alone; see `Explorer`."""
+        robot, observation = self._robot, self._senses.observe(reading)
+        motion = observation["motion"]
         obstacles = self._memory.update(observation["scan"], motion)
         if motion[4] > 0.5 and not self._maneuvers:
             self._maneuvers.back_off(obstacles, backwards=motion[2] >= 0.0)
         self._turned += float(motion[1]) * robot.max_w * self._period
         twist = self._maneuvers.next(obstacles) if self._maneuvers else self._command(obstacles)
-        return np.clip(np.array([twist.v / robot.max_v, twist.w / robot.max_w], dtype=np.float32), -1.0, 1.0)
+        return self._senses.twist(to_action(twist, robot))
 
     def _command(self, obstacles: np.ndarray) -> Twist:
         """Return the twist along the wall, or straight on while there is none."""

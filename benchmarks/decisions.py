@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines import EXPLORERS, make_explorer
+from baselines.explorer import to_action
 from baselines.rrt.team import RrtTeam
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
@@ -61,8 +62,9 @@ def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.in
     spent = []
     while explorer.end_reason is None and "end_reason" not in info and info["time"] < max_time:
         began = time.thread_time()
-        action = explorer.act(observation, env.beliefs if is_team else env.belief)
+        action = explorer.act(observation, env.beliefs) if is_team else explorer.act(env.reading, env.belief)
         spent.append(time.thread_time() - began)
+        action = action if is_team else to_action(action, env.robot)
         observation, _, _, _, info = env.step(action)
     env.close()
     taken = np.array(spent[WARM_UP:])

@@ -55,12 +55,11 @@ class RrtExplorer(GoalExplorer):
         """The local and the global tree; none before the first step."""
         return [] if self._detector is None else self._detector.trees
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action; see `Explorer`."""
+    def _act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         if self._detector is not None and self._end_reason is None:
             self._detector.detect(belief.grid, [belief.pose[:2]])
             self._idle_steps += 1
-        return super().act(observation, belief)
+        return super()._act(observation, belief)
 
     def _consider(self, navigator: Navigator, belief: Belief) -> None:
         super()._consider(navigator, belief)

@@ -113,7 +113,7 @@ class RrtTeam:
         for member, view in zip(self._members, views, strict=True):
             member.sense(view)
         return np.stack(
-            [member.act(view, belief) for member, view, belief in zip(self._members, views, beliefs, strict=True)]
+            [member.drive(view, belief) for member, view, belief in zip(self._members, views, beliefs, strict=True)]
         )
 
     def assign(self, member: TeamRobot, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:

@@ -81,12 +81,12 @@ class TeamRobot(RrtExplorer):
         self.navigator.sense(observation, self.standing, self.passing)
         self._surveys.clear()
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
+    def drive(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
         """Return the action; see `Explorer`. The observation has been sensed already."""
         self._held_time = self._held.update(belief.pose) * self._period
         self._idle_steps += 1
         self._pause -= 1
-        return GoalExplorer.act(self, observation, belief)
+        return GoalExplorer._act(self, observation, belief)
 
     def be_asked(self, belief: Belief) -> tuple[Survey, np.ndarray, np.ndarray]:
         """Return what it sees of the map, and what `_open_goals` says of that."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from baselines import EXPLORERS, make_explorer
-from baselines.explorer import Explorer
+from baselines.explorer import Explorer, ObservationPolicy
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Policy:
     fingerprint: str = ""
     """SHA-256 of its weights."""
 
-    def make(self) -> Explorer:
+    def make(self) -> Explorer | ObservationPolicy:
         """Make the explorer."""
         if not self.checkpoint:
             return make_explorer(self.kind)

@@ -19,8 +19,8 @@ import gymnasium
 import numpy as np
 
 from agents.run_folder import CheckpointError
-from baselines.episode import begin_episode, run_episode
-from baselines.explorer import Explorer
+from baselines.episode import begin_episode, choose_action, run_episode
+from baselines.explorer import Explorer, ObservationPolicy
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
@@ -92,7 +92,7 @@ class _Workplace:
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
         self._env_key: tuple[Case, float | None] | None = None
-        self._explorers: dict[Policy, Explorer] = {}
+        self._explorers: dict[Policy, Explorer | ObservationPolicy] = {}
 
     def run(self, task: Task) -> Result:
         """Run an episode."""
@@ -121,12 +121,12 @@ class _Workplace:
         return self._env
 
 
-def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer, seed: int, steps: int = 0) -> None:
+def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, steps: int = 0) -> None:
     """Let an explorer get ready for a place, and drive it for a few steps that are not measured."""
     place = cast(ExploreEnv, env.unwrapped)
     observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
     for _ in range(steps):
-        action = explorer.act(observation, place.belief)
+        action = choose_action(explorer, place, observation)
         if explorer.end_reason is not None:
             break
         observation, _, terminated, truncated, _ = env.step(action)

@@ -27,7 +27,7 @@ def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
     observation, _ = env.reset(seed=1)
     ended = False
     while not ended:
-        action = explorer.act(observation, belief=None)
+        action = explorer(observation)
         assert action.dtype == np.float32
         assert env.action_space.contains(action)
         observation, _, terminated, truncated, _ = env.step(action)
@@ -39,8 +39,7 @@ def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
 def test_run_and_checkpoint_folders_mean_the_same_policy(tiny_run, env):
     observation, _ = env.reset(seed=1)
     actions = [
-        ready(PPOExplorer.load(path), env).act(observation, None)
-        for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
+        ready(PPOExplorer.load(path), env)(observation) for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
     ]
     assert all(np.array_equal(action, actions[0]) for action in actions)
 
@@ -49,7 +48,7 @@ def test_it_acts_as_the_policy_of_stable_baselines_does(tiny_run, env):
     explorer = ready(PPOExplorer.load(tiny_run), env)
     observation, _ = env.reset(seed=2)
     expected, _ = explorer._policy.predict(observation, deterministic=True)
-    assert np.allclose(explorer.act(observation, None), expected, atol=1e-6)
+    assert np.allclose(explorer(observation), expected, atol=1e-6)
 
 
 def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
@@ -59,12 +58,12 @@ def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
     def draw(seed):
         torch.rand(3)
         ready(explorer, env, seed)
-        return np.array([explorer.act(observation, None) for _ in range(400)])
+        return np.array([explorer(observation) for _ in range(400)])
 
     first = draw(5)
     assert np.array_equal(first, draw(5))
     assert not np.array_equal(first, draw(6))
-    mean = ready(PPOExplorer.load(tiny_run), env).act(observation, None)
+    mean = ready(PPOExplorer.load(tiny_run), env)(observation)
     assert np.allclose(first.mean(axis=0), mean, atol=0.15)
     assert (first.std(axis=0) > 0.3).all()
 
@@ -72,7 +71,7 @@ def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
 def test_it_keeps_the_pace_of_its_training(tiny_run, env):
     explorer = ready(PPOExplorer.load(tiny_run, deterministic=False), env, period=0.1)
     observation, _ = env.reset(seed=1)
-    actions = [tuple(explorer.act(observation, None)) for _ in range(6)]
+    actions = [tuple(explorer(observation)) for _ in range(6)]
     assert actions[0] == actions[1]
     assert actions[2] == actions[3]
     assert len(set(actions)) == 3
@@ -89,7 +88,7 @@ def test_what_does_not_fit_is_told(tiny_run, env):
     observation, _ = env.reset(seed=1)
     del observation["map_far"]
     with pytest.raises(CheckpointError, match=r"needs observations .*map_far Box\(0, 255, \(3, 40, 40\), uint8\)"):
-        explorer.act(observation, None)
+        explorer(observation)
 
 
 def test_an_untrained_policy_drives_ahead_as_told(tiny_config):

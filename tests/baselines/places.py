@@ -6,6 +6,7 @@ from baselines.survey import Survey
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams
 from envs.robots import load_robot
+from envs.simulation import Reading
 from envs.slam import Belief
 
 BURGER = load_robot("turtlebot3_burger")
@@ -40,3 +41,9 @@ def chosen_by(explorer, survey):
 def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
     motion = np.array([*action, *action, bump, 0.0], dtype=np.float32)
     return {"scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32), "motion": motion}
+
+
+def reading_of(*, ranges=np.inf, ticks=(0, 0), bumper=False):
+    """What a burger's sensors say; `ranges` [m] may be one for all beams."""
+    ranges = np.full(BURGER.lidar.num_beams, ranges, dtype=np.float32)
+    return Reading(time=0.0, ranges=ranges, ticks=ticks, yaw_rate=0.0, heading=np.nan, bumper=bumper)

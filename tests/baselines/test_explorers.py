@@ -6,6 +6,7 @@ import pytest
 
 import envs  # noqa: F401
 from baselines import EXPLORERS, FrontierExplorer, FrontierParams, NearestExplorer, make_explorer
+from baselines.explorer import to_action
 from baselines.goal_explorer import Goal
 from baselines.navigator import Navigator, Status
 from envs.geometry import OccupancyGrid, Pose2D
@@ -17,14 +18,14 @@ from tests.baselines.places import BURGER, NO_CELLS, chosen_by, hall, observatio
 def explore(name, *, seed, max_time, **kwargs):
     """Run an episode; returns the explorer, the last info, all actions and the believed positions."""
     env = gymnasium.make("lidarnaut/Explore-v0", **kwargs).unwrapped
-    observation, info = env.reset(seed=seed)
+    _, info = env.reset(seed=seed)
     explorer = make_explorer(name)
     explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))
     actions, positions, done = [], [], False
     while not done and explorer.end_reason is None and info["time"] < max_time:
-        actions.append(explorer.act(observation, env.belief))
+        actions.append(to_action(explorer.act(env.reading, env.belief), env.robot))
         assert env.action_space.contains(actions[-1])
-        observation, _, terminated, truncated, info = env.step(actions[-1])
+        _, _, terminated, truncated, info = env.step(actions[-1])
         positions.append(env.belief.pose[:2])
         done = terminated or truncated
     env.close()
@@ -73,7 +74,7 @@ def test_random_covers_the_action_space_and_follows_its_generator():
     draws = []
     for seed in (0, 0, 1):
         explorer.reset(BURGER, 0.1, np.random.default_rng(seed))
-        draws.append(np.array([explorer.act({}, None) for _ in range(2000)]))
+        draws.append(np.array([to_action(explorer.act(None, None), BURGER) for _ in range(2000)]))
     np.testing.assert_array_equal(draws[0], draws[1])
     assert not np.array_equal(draws[0], draws[2])
     assert draws[0].dtype == np.float32

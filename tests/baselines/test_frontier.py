@@ -102,13 +102,13 @@ def test_the_blacklist_covers_its_radius_and_forgets_the_oldest():
 
 def test_a_robot_that_dithers_on_the_spot_drops_its_goal_for_another():
     explorer, observation = fresh_explorer(), observation_of()
-    explorer.act(observation, belief_at(5.0, 0.0))
+    explorer._act(observation, belief_at(5.0, 0.0))
     first = explorer.status.goal
     assert first[0] > 10.0
     steps = 0
     while explorer.status.goal == first:
         # To and fro by 0.2 m: that is moving, but leads nowhere.
-        explorer.act(observation, belief_at(5.0 + 0.2 * (steps // 20 % 2), 0.0))
+        explorer._act(observation, belief_at(5.0 + 0.2 * (steps // 20 % 2), 0.0))
         steps += 1
         assert steps < 400
     assert 295 <= steps <= 330
@@ -123,7 +123,7 @@ def test_status_and_log_tell_the_progress(caplog):
     explorer = fresh_explorer()
     assert explorer.status.goal is None
     with caplog.at_level(logging.INFO, logger="baselines.frontier"):
-        explorer.act(observation_of(), belief_at(5.0, 0.0))
+        explorer._act(observation_of(), belief_at(5.0, 0.0))
     status, data = explorer.status, survey_from(5.0, 0.0).grid.data
     assert status.explored_share == pytest.approx((data == 0).mean())
     assert status.relaxation == 0
@@ -139,7 +139,7 @@ def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
     grid.data[(rows - 80) ** 2 + (cols - 130) ** 2 <= 8**2] = 100
     explorer = fresh_explorer()
     for _ in range(200):
-        explorer.act(observation_of(), belief_at(5.0, 0.0, grid))
+        explorer._act(observation_of(), belief_at(5.0, 0.0, grid))
         if explorer.end_reason is not None:
             break
     assert explorer.end_reason == "stuck"

@@ -29,7 +29,7 @@ def test_a_robot_that_changes_its_mind_still_notices_that_it_is_stuck():
     explorer = Undecided()
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for _ in range(350):
-        explorer.act(observation_of(), belief_at(5.0, 0.0))
+        explorer._act(observation_of(), belief_at(5.0, 0.0))
     assert len(explorer._failures)
 
 
@@ -39,7 +39,7 @@ def test_a_goal_that_was_turned_away_from_is_not_turned_to_again_on_the_way():
     ends = []
     for step in range(60):
         # Drives somewhere all the time, so that it is never stuck.
-        explorer.act(observation_of(), belief_at(5.0 + 2.0 * np.sin(0.05 * step), 0.0))
+        explorer._act(observation_of(), belief_at(5.0 + 2.0 * np.sin(0.05 * step), 0.0))
         ends.append(explorer._goal.frontier[0])
     assert np.count_nonzero(np.abs(np.diff(ends)) > 5.0) == 1
 

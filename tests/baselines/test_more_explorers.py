@@ -16,10 +16,11 @@ from baselines import (
     WallFollower,
     make_explorer,
 )
+from baselines.explorer import to_action
 from baselines.goal_explorer import Goal
 from baselines.visible_gain import visible_gains
 from envs.geometry import OccupancyGrid
-from tests.baselines.places import BURGER, belief_at, chosen_by, hall, observation_of, survey_from
+from tests.baselines.places import BURGER, belief_at, chosen_by, hall, observation_of, reading_of, survey_from
 
 GOAL_EXPLORERS = [ExploreLiteExplorer, GreedyGainExplorer, NextBestViewExplorer, TourExplorer]
 
@@ -43,11 +44,11 @@ def test_goal_explorers_get_to_know_a_small_world(name):
     env = gymnasium.make(
         "lidarnaut/Explore-v0", world="turtlebot3_world", physics="kinematic", slam="tinyslam", start="spawn"
     ).unwrapped
-    observation, info = env.reset(seed=1)
+    _, info = env.reset(seed=1)
     explorer = make_explorer(name)
     explorer.reset(env.robot, env.control_period, np.random.default_rng(1))
     while explorer.end_reason is None and "end_reason" not in info and info["time"] < 120.0:
-        observation, _, _, _, info = env.step(explorer.act(observation, env.belief))
+        *_, info = env.step(to_action(explorer.act(env.reading, env.belief), env.robot))
     env.close()
     assert info["explored_fraction"] >= 0.97
     assert info["collisions"] == 0
@@ -147,10 +148,10 @@ def test_a_goal_is_changed_on_the_way():
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     grid = corridor((160, 169), (231, 240))
     for _ in range(12):
-        explorer.act(observation_of(), belief_at(10.0, -0.5, grid))
+        explorer._act(observation_of(), belief_at(10.0, -0.5, grid))
     assert explorer.plan[-1, 0] < 9.0
     for _ in range(12):
-        explorer.act(observation_of(), belief_at(11.2, -0.5, grid))
+        explorer._act(observation_of(), belief_at(11.2, -0.5, grid))
     assert explorer.plan[-1, 0] > 11.0
 
 
@@ -171,45 +172,45 @@ def test_params_refuse_nonsense(params_type, wrong):
         params_type(**wrong)
 
 
-def scan_of_walls(*, right=np.inf, ahead=np.inf):
+def reading_of_walls(*, right=np.inf, ahead=np.inf, ticks=(0, 0)):
     """What a burger sees between a wall parallel to its way and one across it [m]."""
-    observation, angles = observation_of(), BURGER.lidar.angles
+    angles = BURGER.lidar.angles
     with np.errstate(divide="ignore"):
         to_right = np.where(np.sin(angles) < 0, right / -np.sin(angles), np.inf)
         to_front = np.where(np.cos(angles) > 0, ahead / np.cos(angles), np.inf)
-    observation["scan"] = np.minimum(np.fmin(to_right, to_front) / BURGER.lidar.range_max, 1.0).astype(np.float32)
-    return observation
+    ranges = np.fmin(to_right, to_front)
+    return reading_of(ranges=np.where(ranges > BURGER.lidar.range_max, np.inf, ranges), ticks=ticks)
 
 
 def wall_follower(*, following):
     explorer = WallFollower()
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     if following:
-        explorer.act(scan_of_walls(ahead=0.4, right=0.25), None)
+        explorer.act(reading_of_walls(ahead=0.4, right=0.25), None)
     return explorer
 
 
 def test_the_wall_follower_drives_straight_on_to_a_wall_and_turns_left_there():
-    explorer = wall_follower(following=False)
-    assert explorer.act(scan_of_walls(), None)[1] == 0.0
-    assert wall_follower(following=False).act(scan_of_walls(ahead=0.3, right=0.25), None)[1] > 0.0
+    assert wall_follower(following=False).act(reading_of_walls(), None).w == 0.0
+    assert wall_follower(following=False).act(reading_of_walls(ahead=0.3, right=0.25), None).w > 0.0
 
 
 def test_the_wall_follower_stays_beside_its_wall_and_turns_right_where_it_ends():
     explorer = wall_follower(following=True)
-    along = explorer.act(scan_of_walls(right=0.3), None)
-    assert along[0] > 0.3
-    assert abs(along[1]) < 0.2
-    assert explorer.act(scan_of_walls(right=1.5), None)[1] < 0.0
+    along = explorer.act(reading_of_walls(right=0.3), None)
+    assert along.v > 0.3 * BURGER.max_v
+    assert abs(along.w) < 0.2 * BURGER.max_w
+    assert explorer.act(reading_of_walls(right=1.5), None).w < 0.0
 
 
 def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     explorer = wall_follower(following=True)
-    observation = scan_of_walls(right=1.5)
-    observation["motion"][:] = (0.5, -0.3, 0.5, -0.3, 0.0, 0.0)
+    turn, period = 0.3 * BURGER.max_w, 0.1
+    metres_per_tick = 2.0 * np.pi * BURGER.odometry.wheel_radius / BURGER.odometry.ticks_per_rev
+    ticks = 0.5 * turn * period * BURGER.odometry.track / metres_per_tick
     steps = 0
-    while explorer._is_following:
-        explorer.act(observation, None)
+    while explorer.act(reading_of_walls(right=1.5, ticks=(round(ticks * steps), round(-ticks * steps))), None).w <= 0.0:
         steps += 1
         assert steps < 200
-    assert steps == pytest.approx(2.0 * np.pi / (0.3 * BURGER.max_w * 0.1), abs=2)
+    # It turns away to the left when it leaves.
+    assert steps == pytest.approx(2.0 * np.pi / (turn * period), abs=2)

@@ -7,9 +7,10 @@ import pytest
 import envs  # noqa: F401
 from baselines import EXPLORERS, NearestExplorer, Omniscient, OracleExplorer, make_explorer
 from baselines.episode import begin_episode, run_episode
+from baselines.explorer import to_action
 from baselines.true_map import TrueMap
 from envs.geometry import OccupancyGrid, Pose2D
-from tests.baselines.places import BURGER, belief_at, observation_of
+from tests.baselines.places import BURGER, belief_at, reading_of
 from tests.baselines.test_cover_planner import world_of
 
 CORRIDOR = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
@@ -32,10 +33,10 @@ def test_the_truth_is_told_to_none_but_the_oracle():
 def test_an_oracle_that_was_told_nothing_says_what_is_missing():
     explorer = OracleExplorer()
     with pytest.raises(RuntimeError, match="reveal"):
-        explorer.act(observation_of(), belief_at(0.0, 0.0))
+        explorer.act(reading_of(), belief_at(0.0, 0.0))
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     with pytest.raises(RuntimeError, match="reveal"):
-        explorer.act(observation_of(), belief_at(0.0, 0.0))
+        explorer.act(reading_of(), belief_at(0.0, 0.0))
 
 
 def test_in_a_corridor_it_drives_to_the_near_end_first_and_no_farther_than_it_must():
@@ -83,10 +84,10 @@ def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
         start=(8.0, 1.0, 0.0),
     )  # fmt: skip
     place, explorer = env.unwrapped, OracleExplorer()
-    observation, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
+    _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
     explorer.reveal(place.coverage.area, place.start, 0.5)
     while "end_reason" not in info and explorer.end_reason is None:
-        observation, _, _, _, info = env.step(explorer.act(observation, place.belief))
+        *_, info = env.step(to_action(explorer.act(place.reading, place.belief), place.robot))
     env.close()
     assert info["explored_fraction"] >= 0.99
 

@@ -6,15 +6,17 @@ import pytest
 
 import baselines.episode
 from baselines.episode import run_episode
+from envs.simulation import Twist
 
 
 class ScriptedEnv(gymnasium.Env):
     """Explores by itself: 2 s and 0.5 m per step, a fraction from a list per step, position errors of 3 and 4 cm."""
 
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
-    robot = SimpleNamespace(max_v=0.5)
+    robot = SimpleNamespace(max_v=0.5, max_w=1.0)
     control_period = 2.0
     plan = None
+    reading = None
 
     def __init__(self, fractions, time_limit, target=0.99):
         self.fractions, self.time_limit, self.target = fractions, time_limit, target
@@ -63,11 +65,11 @@ class ScriptedExplorer:
         self.decisions = 0
         self.draw = rng.random()
 
-    def act(self, observation, belief):
+    def act(self, reading, belief):
         self.decisions += 1
         if self.decisions == self.stop_at:
             self.end_reason = "no_reachable_frontier"
-        return np.zeros(2, dtype=np.float32)
+        return Twist(0.0, 0.0)
 
 
 def test_measures_of_a_scripted_episode():

@@ -96,10 +96,10 @@ class Fragile(RandomExplorer):
         super().reset(robot, control_period, rng)
         self._is_broken = rng.integers(2**32) == np.random.default_rng([1, 1]).integers(2**32)
 
-    def act(self, observation, belief):
+    def act(self, reading, belief):
         if self._is_broken:
             raise ZeroDivisionError("no way out")
-        return super().act(observation, belief)
+        return super().act(reading, belief)
 
 
 def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_overview):

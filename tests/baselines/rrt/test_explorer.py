@@ -8,6 +8,7 @@ import pytest
 from sklearn.cluster import MeanShift
 
 from baselines import RrtExplorer, RrtParams, make_explorer
+from baselines.explorer import to_action
 from baselines.rrt.assigner import NOBODY, assign
 from baselines.rrt.filter import information_gain, mean_shift
 from baselines.rrt.goals import goals_of
@@ -313,13 +314,13 @@ def test_points_that_no_way_leads_to_are_invalid():
 
 def run(seed, max_time, **kwargs):
     env = ExploreEnv(**kwargs)
-    observation, info = env.reset(seed=seed)
+    _, info = env.reset(seed=seed)
     explorer = make_explorer("rrt")
     explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))
     actions, done = [], False
     while not done and explorer.end_reason is None and info["time"] < max_time:
-        actions.append(explorer.act(observation, env.belief))
-        observation, _, terminated, truncated, info = env.step(actions[-1])
+        actions.append(to_action(explorer.act(env.reading, env.belief), env.robot))
+        _, _, terminated, truncated, info = env.step(actions[-1])
         done = terminated or truncated
     env.close()
     return explorer, info, np.array(actions)
@@ -338,10 +339,10 @@ def steps_until_the_end(explorer, belief):
     observation = {"scan": np.ones(BURGER.lidar.num_beams, dtype=np.float32), "motion": np.zeros(6, dtype=np.float32)}
     steps = 0
     while explorer.end_reason is None and steps < 1000:
-        explorer.act(observation, belief)
+        explorer._act(observation, belief)
         steps += 1
     # From then on it stands still.
-    assert explorer.act(observation, belief).tolist() == [0.0, 0.0]
+    assert explorer._act(observation, belief).tolist() == [0.0, 0.0]
     return steps
 
 
@@ -375,4 +376,4 @@ def test_same_seed_same_actions():
 
 def test_it_wants_a_reset_first():
     with pytest.raises(RuntimeError, match="reset"):
-        RrtExplorer().act({}, Belief(Pose2D(0.0, 0.0, 0.0), rooms(), NO_CELLS))
+        RrtExplorer().act(None, Belief(Pose2D(0.0, 0.0, 0.0), rooms(), NO_CELLS))

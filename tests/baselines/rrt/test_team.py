@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines import RrtExplorer, RrtParams
+from baselines.explorer import to_action
 from baselines.goal_explorer import Goal
 from baselines.navigator import Navigator
 from baselines.rrt.assigner import assign
@@ -107,13 +108,16 @@ def test_a_team_of_one_does_what_the_single_explorer_does():
     env, team_env = ExploreEnv(**kwargs), ExploreTeamEnv(**kwargs, num_robots=1)
     params = RrtParams(patience=30)
     explorer, team = RrtExplorer(params), RrtTeam(params)
-    (observation, _), (stacked, _) = env.reset(seed=3), team_env.reset(seed=3)
+    _, (stacked, _) = env.reset(seed=3), team_env.reset(seed=3)
     explorer.reset(env.robot, env.control_period, np.random.default_rng(0))
     team.reset(env.robot, env.control_period, 1, np.random.default_rng(0))
     for _ in range(600):
-        action, actions = explorer.act(observation, env.belief), team.act(stacked, team_env.beliefs)
+        action, actions = (
+            to_action(explorer.act(env.reading, env.belief), env.robot),
+            team.act(stacked, team_env.beliefs),
+        )
         np.testing.assert_array_equal(action[None], actions)
-        observation, *_ = env.step(action)
+        env.step(action)
         stacked, *_ = team_env.step(actions)
     np.testing.assert_array_equal(explorer.points, team.points)
 
