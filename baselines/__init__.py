@@ -8,8 +8,8 @@ from .nearest import NearestExplorer, NearestParams
 from .next_best_view import NextBestViewExplorer, NextBestViewParams
 from .oracle import OracleExplorer
 from .random import RandomExplorer
-from .rrt.detector import RrtParams
 from .rrt.explorer import RrtExplorer
+from .rrt.params import RrtParams
 from .tour import TourExplorer, TourParams
 from .wall_following import WallFollower
 

@@ -22,8 +22,9 @@ import numpy as np
 from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
 from baselines.navigator import Navigator
 from baselines.rrt.assigner import NOBODY, assign
-from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.detector import RrtDetector
 from baselines.rrt.goals import goals_of
+from baselines.rrt.params import RrtParams
 from baselines.rrt.trees import Tree
 from baselines.survey import Survey
 from envs.robots import RobotParams
@@ -103,15 +104,5 @@ class RrtExplorer(GoalExplorer):
     def _assigned(self, survey: Survey, places: np.ndarray, frontiers: np.ndarray) -> int:
         """Return the index of the frontier of the greatest revenue; `NOBODY` for none; see `_open_goals`."""
         assert survey.field is not None
-        params = self._params
-        chosen = assign(
-            survey.grid,
-            np.array([survey.pose[:2]]),
-            frontiers,
-            survey.field.cost(places)[None],
-            info_radius=params.info_radius,
-            info_multiplier=params.info_multiplier,
-            hysteresis_radius=params.hysteresis_radius,
-            hysteresis_gain=params.hysteresis_gain,
-        )
-        return int(chosen[0])
+        costs = survey.field.cost(places)[None]
+        return int(assign(survey.grid, np.array([survey.pose[:2]]), frontiers, costs, self._params)[0])

@@ -18,7 +18,8 @@ import numpy as np
 from baselines.goal_explorer import GOAL_RADIUS
 from baselines.navigator import NO_POINTS, Status
 from baselines.rrt.assigner import NOBODY, assign
-from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.detector import RrtDetector
+from baselines.rrt.params import TEAM_PARAMS, RrtParams
 from baselines.rrt.right_of_way import is_beside, outline
 from baselines.rrt.team_robot import TeamRobot
 from baselines.survey import Survey
@@ -27,8 +28,6 @@ from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.team import MateFilter
 
-TEAM_PARAMS = RrtParams(eta_global=1.0)
-"""The launch file of the published program for three robots."""
 BLOCKING_REACH = 1.5
 """How far ahead on a robot's path a mate holds it up [m]."""
 MATE_GAP = 0.05
@@ -143,18 +142,8 @@ class RrtTeam:
         taken = np.array([mate.target for mate in self._members if mate is not member and mate.target]).reshape(-1, 2)
         gaps = points[:, None] - taken
         costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= GOAL_RADIUS).any(axis=1)] = np.inf
-        params = self._params
-        chosen = assign(
-            survey.grid,
-            np.array([view.pose[:2] for view, _, _ in asked]),
-            points,
-            costs,
-            info_radius=params.info_radius,
-            info_multiplier=params.info_multiplier,
-            hysteresis_radius=params.hysteresis_radius,
-            hysteresis_gain=params.hysteresis_gain,
-            taken=taken,
-        )[0]
+        robots = np.array([view.pose[:2] for view, _, _ in asked])
+        chosen = assign(survey.grid, robots, points, costs, self._params, taken)[0]
         if chosen == NOBODY:
             return NOBODY
         return int(np.flatnonzero((frontiers == points[chosen]).all(axis=1))[0])

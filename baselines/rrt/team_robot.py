@@ -7,8 +7,9 @@ import numpy as np
 from baselines.goal_explorer import GoalExplorer
 from baselines.navigator import NO_POINTS, Navigator, Status
 from baselines.recovery import Dwell
-from baselines.rrt.detector import RrtDetector, RrtParams
+from baselines.rrt.detector import RrtDetector
 from baselines.rrt.explorer import RrtExplorer
+from baselines.rrt.params import RrtParams
 from baselines.rrt.right_of_way import find_refuge, is_beside
 from baselines.survey import Survey
 from envs.robots import RobotParams

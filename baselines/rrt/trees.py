@@ -1,18 +1,19 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Seed 2, section 2.1.1, algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on Multiple
-Rapidly-exploring Randomized Trees" (2017).
+Nguyen et al. (2022), section 2.1.1, algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on
+Multiple Rapidly-exploring Randomized Trees" (2017).
 
-Three things the seed leaves open:
+Three things the report leaves open:
 
 - *Where the frontier point lies.* A step may be 15 m long; the point is where it first enters unknown space.
 - *The cell a step starts from is not checked.* It was free when the vertex was added, or it is the robot's. Otherwise
-  a vertex that the map has since covered with an obstacle would swallow every sample around it.
+  a vertex that the map has since covered with an obstacle would reject every sample around it.
 - *Vertices keep a distance.* Without one a tree that is never reset gains a vertex with every sample, and Nearest
-  becomes slower for ever, though a vertex beside another one finds nothing that the other does not.
+  becomes ever slower, though a vertex beside another one finds nothing that the other does not.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -103,20 +104,28 @@ def grid_check(data, u0, v0, u1, v1):
     return CLEAR, u1, v1
 
 
+class GrowthRules(NamedTuple):
+    """How a tree grows; lengths in metres, in cells for the kernel."""
+
+    eta: float
+    """Longest step."""
+    spacing: float
+    """Least distance of a new vertex from the nearest one."""
+    resets: bool
+    """Whether the tree starts again at the robot after each find."""
+
+
 @njit(cache=True, error_model="numpy")
-def grow(data, samples, eta, spacing, root_u, root_v, resets, vertices, parents, count, found):
-    """Take samples in, one after the other (algorithm 2.1). All lengths are in cells.
+def grow(data, samples, rules, robot, vertices, parents, count, found):
+    """Grow a tree by samples, one after the other (algorithm 2.1). All lengths are in cells.
 
     Args:
         data: shape (height, width), int8, occupancy.
         samples: shape (n, 2), float64, (column, row).
-        eta: greatest length of a step.
-        spacing: least distance of a new vertex from the nearest one.
-        root_u: column where the tree starts again after a find.
-        root_v: its row.
-        resets: whether it does so.
+        rules: a `GrowthRules`.
+        robot: (column, row) where a tree that resets starts again.
         vertices: shape (2, capacity), float32, columns and rows, written.
-        parents: shape (capacity,), int32, written: index of the vertex that each one hangs on; the root on itself.
+        parents: shape (capacity,), int32, written: index of each vertex's parent; the root is its own.
         count: number of vertices.
         found: shape (n, 2), float64, written: frontier points (column, row).
 
@@ -127,16 +136,16 @@ def grow(data, samples, eta, spacing, root_u, root_v, resets, vertices, parents,
     for k in range(len(samples)):
         near = nearest(vertices, count, samples[k, 0], samples[k, 1])
         u0, v0 = float(vertices[0, near]), float(vertices[1, near])
-        u, v = steer(u0, v0, samples[k, 0], samples[k, 1], eta)
+        u, v = steer(u0, v0, samples[k, 0], samples[k, 1], rules.eta)
         verdict, end_u, end_v = grid_check(data, u0, v0, u, v)
         if verdict == UNKNOWN_AHEAD:
             found[num_found] = end_u, end_v
             num_found += 1
-            if resets:
-                vertices[0, 0], vertices[1, 0] = root_u, root_v
+            if rules.resets:
+                vertices[0, 0], vertices[1, 0] = robot
                 parents[0] = 0
                 count = 1
-        elif verdict == CLEAR and math.hypot(u - u0, v - v0) >= spacing:
+        elif verdict == CLEAR and math.hypot(u - u0, v - v0) >= rules.spacing:
             vertices[0, count], vertices[1, count] = u, v
             parents[count] = near
             count += 1
@@ -144,67 +153,53 @@ def grow(data, samples, eta, spacing, root_u, root_v, resets, vertices, parents,
 
 
 class Tree:
-    """A detector: a tree that grows through free space, and reports where it would enter the unknown."""
+    """A detector: a tree that grows through free space and returns the points where it would enter unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Plant a tree.
+        """Start with a root only.
 
         Args:
-            root: where it starts (x, y), map frame [m].
-            eta: greatest length of a step [m].
+            root: position of the root (x, y), map frame [m].
+            eta: longest step [m].
             spacing: least distance of a new vertex from the nearest one [m].
             resets: whether it starts again at the robot after each find (the local detector) or stays (the global one).
         """
         if not eta >= spacing > 0:
             raise ValueError(f"eta must be at least spacing, and spacing positive, got {eta} and {spacing}")
-        self._eta = eta
-        self._spacing = spacing
-        self._resets = resets
+        self._rules = GrowthRules(eta, spacing, resets)
         self._points = np.array([[root[0]], [root[1]]], dtype=np.float64)
-        self._parents = np.zeros(1, dtype=np.int32)
+        self.parents = np.zeros(1, dtype=np.int32)
+        """Shape (n,), int32: index of each vertex's parent; the root is its own."""
 
     @property
     def vertices(self) -> np.ndarray:
         """Shape (n, 2), float64, map frame [m]; the root is the first."""
         return self._points.T
 
-    @property
-    def parents(self) -> np.ndarray:
-        """Shape (n,), int32: index of the vertex that each one hangs on; the root hangs on itself."""
-        return self._parents
-
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
-        """Take samples in.
+        """Grow by samples.
 
         Args:
             grid: the map.
             samples: shape (n, 2), float64, map frame [m].
-            robot: where the robot is (x, y), map frame [m]; where a tree that resets starts again.
+            robot: position of the robot (x, y), map frame [m]; where a tree that resets starts again.
 
         Returns:
             Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].
         """
-        count = len(self._parents)
+        count, scale = len(self.parents), grid.resolution
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)
         parents = np.empty(count + len(samples), dtype=np.int32)
         origin = np.array(grid.origin)
-        root_u, root_v = (np.array(robot) - origin) / grid.resolution
-        vertices[:, :count] = (self._points - origin[:, None]) / grid.resolution
-        parents[:count] = self._parents
+        u, v = (np.array(robot) - origin) / scale
+        vertices[:, :count] = (self._points - origin[:, None]) / scale
+        parents[:count] = self.parents
         found = np.empty((len(samples), 2))
+        eta, spacing, resets = self._rules
+        rules = GrowthRules(eta / scale, spacing / scale, resets)
         count, num_found = grow(
-            grid.data,
-            (samples - origin) / grid.resolution,
-            self._eta / grid.resolution,
-            self._spacing / grid.resolution,
-            root_u,
-            root_v,
-            self._resets,
-            vertices,
-            parents,
-            count,
-            found,
+            grid.data, (samples - origin) / scale, rules, (float(u), float(v)), vertices, parents, count, found
         )
-        self._points = vertices[:, :count] * np.float64(grid.resolution) + origin[:, None]
-        self._parents = parents[:count]
-        return found[:num_found] * grid.resolution + origin
+        self._points = vertices[:, :count] * np.float64(scale) + origin[:, None]
+        self.parents = parents[:count]
+        return found[:num_found] * scale + origin

@@ -23,7 +23,7 @@ from envs.slam import Belief
 
 BURGER = load_robot("turtlebot3_burger")
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-REVENUE = {"info_radius": 1.0, "info_multiplier": 3.0, "hysteresis_radius": 3.0, "hysteresis_gain": 2.0}
+REVENUE = RrtParams()
 
 
 def rooms():
@@ -191,15 +191,15 @@ def test_one_robot_gets_the_point_of_the_greatest_revenue():
         costs = distances(robots, ISLANDS)
         revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
         assert int(np.argmax(revenues)) == best
-        assert assign(grid, robots, ISLANDS, costs, **REVENUE).tolist() == [best]
+        assert assign(grid, robots, ISLANDS, costs, REVENUE).tolist() == [best]
 
 
 def test_hysteresis_keeps_a_robot_where_it_is():
     grid, robots = island_map(), np.array([[6.0, 2.0]])
     costs = distances(robots, ISLANDS)
-    weak = REVENUE | {"hysteresis_gain": 1.001}
-    assert assign(grid, robots, ISLANDS, costs, **weak).tolist() == [0]
-    assert assign(grid, robots, ISLANDS, costs, **REVENUE).tolist() == [1]
+    weak = replace(REVENUE, hysteresis_gain=1.001)
+    assert assign(grid, robots, ISLANDS, costs, weak).tolist() == [0]
+    assert assign(grid, robots, ISLANDS, costs, REVENUE).tolist() == [1]
 
 
 def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
@@ -209,9 +209,9 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
     robots = np.array([[1.5, 2.0], [3.0, 5.0]])
     # For the second robot alone the island is worth more than the small one ...
     costs = distances(robots, points)
-    assert assign(grid, robots[1:], points, costs[1:], **REVENUE)[0] in (0, 1)
+    assert assign(grid, robots[1:], points, costs[1:], REVENUE)[0] in (0, 1)
     # ... but not once the first has it.
-    first, second = assign(grid, robots, points, costs, **REVENUE)
+    first, second = assign(grid, robots, points, costs, REVENUE)
     assert first in (0, 1)
     assert second == 2
     # With gains that stay, it would go to the island's other point.
@@ -221,19 +221,19 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
 def test_three_robots_take_three_points_and_a_fourth_gets_none():
     robots = np.array([[7.5, 2.0], [5.0, 7.5], [1.0, 2.0]])
     costs = distances(robots, ISLANDS)
-    assert assign(island_map(), robots, ISLANDS, costs, **REVENUE).tolist() == [1, 2, 0]
+    assert assign(island_map(), robots, ISLANDS, costs, REVENUE).tolist() == [1, 2, 0]
     more = np.vstack([robots, [[9.0, 9.0]]])
-    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), **REVENUE).tolist() == [1, 2, 0, NOBODY]
+    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), REVENUE).tolist() == [1, 2, 0, NOBODY]
 
 
 def test_points_that_cannot_be_got_to_are_not_assigned():
     robots = np.array([[1.0, 2.0], [7.0, 2.0]])
     costs = distances(robots, ISLANDS)
     costs[0] = np.inf
-    assert assign(island_map(), robots, ISLANDS, costs, **REVENUE)[0] == NOBODY
-    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], **REVENUE).tolist() == [NOBODY, NOBODY]
+    assert assign(island_map(), robots, ISLANDS, costs, REVENUE)[0] == NOBODY
+    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], REVENUE).tolist() == [NOBODY, NOBODY]
     with pytest.raises(ValueError, match=r"\(2, 3\)"):
-        assign(island_map(), robots, ISLANDS, costs.T, **REVENUE)
+        assign(island_map(), robots, ISLANDS, costs.T, REVENUE)
 
 
 def test_params_refuse_nonsense():

@@ -161,13 +161,13 @@ def test_what_a_mate_is_on_its_way_to_is_no_gain_any_more():
     data[30:50, 30:50] = data[155:165, 95:105] = -1
     grid, points = OccupancyGrid(data, 0.05, (0.0, 0.0)), np.array([[2.0, 2.0], [5.0, 8.0]])
     robots, costs = np.array([[2.0, 5.0]]), np.array([[3.0, 4.2]])
-    revenue = {"info_radius": 1.0, "info_multiplier": 3.0, "hysteresis_radius": 3.0, "hysteresis_gain": 2.0}
-    assert assign(grid, robots, points, costs, **revenue).tolist() == [0]
+    revenue = RrtParams()
+    assert assign(grid, robots, points, costs, revenue).tolist() == [0]
     # 3 * 2 * 1 - 3 against 3 * 0.25 - 4.2; once a mate sees all of the first island, 0 - 3 against -3.45: still nearer.
-    assert assign(grid, robots, points, costs, **revenue, taken=np.array([[2.1, 2.0]])).tolist() == [0]
+    assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [0]
     costs = np.array([[4.0, 4.2]])
-    assert assign(grid, robots, points, costs, **revenue).tolist() == [0]
-    assert assign(grid, robots, points, costs, **revenue, taken=np.array([[2.1, 2.0]])).tolist() == [1]
+    assert assign(grid, robots, points, costs, revenue).tolist() == [0]
+    assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [1]
 
 
 def test_a_refuge_lies_off_the_way_and_on_ones_own_side_of_it():
