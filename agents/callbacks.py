@@ -14,7 +14,7 @@ from agents.ppo import capture
 from agents.run_folder import write_evaluations
 
 
-class Bookkeeper(BaseCallback):
+class RunCallback(BaseCallback):
     """Evaluates and saves between updates, whenever it is time to."""
 
     model: PPO
@@ -75,9 +75,10 @@ class Bookkeeper(BaseCallback):
             for name in self._config.evaluation.references:
                 self._append(name, self._evaluator.explorer(name))
         row = self._append("ppo", self._evaluator.policy(self.model.policy))
-        for name, value in row.items():
-            if isinstance(value, float):
-                self.logger.record(f"evaluation/{name}", value)
+        scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
+        # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
+        for output in self.logger.output_formats:
+            output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
         write_evaluations(self._run, self.evaluations, f"{self._config.experiment}, seed {self._config.seed}")
 
     def _append(self, policy: str, episodes: list[Episode]) -> dict[str, int | float | str]:

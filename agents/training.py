@@ -7,11 +7,11 @@ import numpy as np
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.callbacks import Bookkeeper, ProgressBar
+from agents.callbacks import RunCallback, ProgressBar
 from agents.checkpoint import Checkpoint, load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
-from agents.lane_vec_env import LaneVecEnv
+from agents.vec_env import GymnasiumVecEnv
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
 from agents.vector import make_vector
@@ -40,7 +40,7 @@ def train(
     checkpoint = None if source is None else load_checkpoint(source)
     with (
         contextlib.closing(Evaluator(config)) as evaluator,
-        contextlib.closing(LaneVecEnv(make_vector(config.environment, "train", config.num_envs))) as env,
+        contextlib.closing(GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs))) as env,
     ):
         model = build_model(config, env)
         if checkpoint is None or source is None:
@@ -51,9 +51,11 @@ def train(
             run = reopen_run(config, source)
         # Where in their episodes the environments were is not kept: a resumed training starts new ones.
         env.seed(_environment_seed(config.seed, model.num_timesteps))
-        model.set_logger(Logger(str(run), [_TensorBoard(run, model.num_timesteps)]))
         evaluations = list(checkpoint.record.evaluations) if checkpoint else []
-        keeper = Bookkeeper(config, run, evaluator, evaluations, checkpoint.record.steps if checkpoint else None)
+        # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
+        purge_step = model.num_timesteps + 1 if evaluations else None
+        model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
+        keeper = RunCallback(config, run, evaluator, evaluations, checkpoint.record.steps if checkpoint else None)
         total_steps = config.num_updates * config.rollout_steps
         if model.num_timesteps < total_steps:
             bar = [ProgressBar(total_steps, evaluations)] if progress else []
@@ -79,6 +81,6 @@ def _environment_seed(seed: int, steps: int) -> int:
 class _TensorBoard(TensorBoardOutputFormat):
     """TensorBoard events in which a resumed run hides what the killed one had logged beyond its checkpoint."""
 
-    def __init__(self, run: Path, steps: int) -> None:
-        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=steps or None)
+    def __init__(self, run: Path, purge_step: int | None) -> None:
+        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge_step)
         self._is_closed = False

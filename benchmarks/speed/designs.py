@@ -179,13 +179,13 @@ class TrainingDrive:
         from stable_baselines3.common.logger import Logger
 
         from agents.config import TrainingConfig
-        from agents.lane_vec_env import LaneVecEnv
         from agents.ppo import build_model
+        from agents.vec_env import GymnasiumVecEnv
         from envs.files import read_record
 
         config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
         self.at_once = config.ppo.num_steps
-        self._env = LaneVecEnv(env)
+        self._env = GymnasiumVecEnv(env)
         self._model = build_model(config, self._env)
         self._model.set_logger(Logger(None, []))
 

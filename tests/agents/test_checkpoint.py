@@ -12,7 +12,7 @@ import torch
 
 from agents import files
 from agents.checkpoint import load_checkpoint, save_checkpoint
-from agents.lane_vec_env import LaneVecEnv
+from agents.vec_env import GymnasiumVecEnv
 from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.vector import make_vector
@@ -22,7 +22,7 @@ from agents.vector import make_vector
 def fresh_model(tiny_config):
     def make(**changes):
         config = tiny_config.model_copy(update=changes)
-        return build_model(config, LaneVecEnv(make_vector(config.environment, "train", 4)))
+        return build_model(config, GymnasiumVecEnv(make_vector(config.environment, "train", 4)))
 
     return make
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from agents.explorer import PPOExplorer
-from agents.lane_vec_env import LaneVecEnv
+from agents.vec_env import GymnasiumVecEnv
 from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from agents.vector import make_env, make_vector
@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_told(tiny_run, env):
 
 def test_an_untrained_policy_drives_ahead_as_told(tiny_config):
     network = tiny_config.network.model_copy(update={"speed": 0.6})
-    vector = LaneVecEnv(make_vector(tiny_config.environment, "train", 4))
+    vector = GymnasiumVecEnv(make_vector(tiny_config.environment, "train", 4))
     model = build_model(tiny_config.model_copy(update={"network": network}), vector)
     speed, turn = mean_action(model.policy, vector.reset())[0]
     assert speed == pytest.approx(0.6, abs=0.1)

@@ -1,6 +1,7 @@
 import copy
 import csv
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,8 +33,7 @@ def changed(data, **changes):
 
 
 def evaluated_steps(run):
-    with open(run / "evaluations.csv", newline="") as file:
-        return [int(row["steps"]) for row in csv.DictReader(file)]
+    return [int(row["steps"]) for row in read_csv(run)]
 
 
 def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
@@ -50,6 +50,30 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     )
     with pytest.raises(ValueError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
         train(tiny_config, run=tiny_run, progress=False)
+
+
+def read_csv(run):
+    with open(run / "evaluations.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def logged_evaluations(run, name="explored_fraction"):
+    events = EventAccumulator(str(run / "tensorboard")).Reload().Scalars(f"evaluation/{name}")
+    return {event.step: pytest.approx(event.value) for event in events}
+
+
+def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
+    for name in ("explored_fraction", "success"):
+        expected = {int(row["steps"]): float(row[name]) for row in read_csv(tiny_run)}
+        assert list(expected) == [0, 256, 512, 768]
+        assert logged_evaluations(tiny_run, name) == expected
+
+    # Resumed from the checkpoint at 512 steps, whose evaluation was logged before: it stays, the one after is replaced.
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    train(changed(tiny_data, total_steps=896), resume=list_checkpoints(run)[0], progress=False)
+    expected = {int(row["steps"]): float(row["explored_fraction"]) for row in read_csv(run)}
+    assert list(expected) == [0, 256, 512, 768, 896]
+    assert logged_evaluations(run) == expected
 
 
 def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny_run, tiny_data, tmp_path):
@@ -101,8 +125,6 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
 
 
 def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(tiny_data, tiny_run, tmp_path):
-    import shutil
-
     config = changed(tiny_data, total_steps=896)
     runs = [shutil.copytree(tiny_run, tmp_path / name) for name in ("a", "b")]
     older = [list_checkpoints(run)[0] for run in runs]

@@ -7,7 +7,7 @@ from stable_baselines3.common.callbacks import CheckpointCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import EnvironmentConfig
-from agents.lane_vec_env import LaneVecEnv
+from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_vector
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
@@ -19,7 +19,7 @@ def make_lanes(mode=AutoresetMode.SAME_STEP):
 
 def test_lanes_give_what_single_environments_give():
     singles = QUICK.model_copy(update={"vectorization": "sync"})
-    ours, theirs = (LaneVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
+    ours, theirs = (GymnasiumVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
     for env in (ours, theirs):
         env.seed(11)
     first, expected = ours.reset(), theirs.reset()
@@ -44,13 +44,13 @@ def test_lanes_give_what_single_environments_give():
 def test_other_autoresets_are_refused():
     env = make_lanes(AutoresetMode.NEXT_STEP)
     with pytest.raises(ValueError, match="SAME_STEP"):
-        LaneVecEnv(env)
+        GymnasiumVecEnv(env)
     env.close()
 
 
 def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_path):
     """With the library's own PPO, policy, `VecNormalize` and `CheckpointCallback`."""
-    env = VecNormalize(LaneVecEnv(make_lanes()), norm_obs_keys=["motion"])
+    env = VecNormalize(GymnasiumVecEnv(make_lanes()), norm_obs_keys=["motion"])
     # A checkpoint every eight steps of the three lanes.
     keep = CheckpointCallback(8, str(tmp_path), save_vecnormalize=True)
     model = PPO("MultiInputPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=3)
@@ -59,7 +59,7 @@ def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_p
     assert len(model.ep_info_buffer) == 12  # episodes of 15 steps: four in each lane
     env.close()
 
-    lanes = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), LaneVecEnv(make_lanes()))
+    lanes = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), GymnasiumVecEnv(make_lanes()))
     resumed = PPO.load(tmp_path / "rl_model_96_steps.zip", lanes)
     assert resumed.num_timesteps == 96
     resumed.learn(96, reset_num_timesteps=False)

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from agents.vector import Observations
 
 
-class LaneVecEnv(VecEnv):
+class GymnasiumVecEnv(VecEnv):
     """Adapts a Gymnasium vector environment that resets lanes in the same step: native lanes, sync or async.
 
     Lane i is seeded with seed + i, whatever runs it. `infos` are filled for lanes whose episode ended, and empty for
