@@ -142,6 +142,8 @@ class TrainingConfig(Section):
     """Seed of everything."""
     num_envs: PositiveInt = 16
     """Environments that run side by side."""
+    device: Literal["cpu", "cuda", "auto"] = "cpu"
+    """Where torch computes: `auto` takes a GPU if there is one. Networks this small gain nothing on a GPU."""
     torch_threads: PositiveInt = 1
     """Threads of torch. More than one slows small networks down."""
     environment: EnvironmentConfig = EnvironmentConfig()

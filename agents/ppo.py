@@ -29,8 +29,14 @@ MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 
 
 def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
-    """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from."""
+    """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from.
+
+    Raises:
+        ValueError: if the device is `cuda` and torch sees no GPU.
+    """
     ppo = config.ppo
+    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would take the CPU silently
+        raise ValueError("device is 'cuda', but torch sees no GPU; allowed here are 'cpu' and 'auto'")
     torch.set_num_threads(config.torch_threads)
 
     def learning_rate(progress_remaining: float) -> float:
@@ -54,7 +60,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         target_kl=ppo.target_kl,
         policy_kwargs=_policy_arguments(config.network),
         seed=config.seed,
-        device="cpu",
+        device=config.device,
     )
     with torch.no_grad():
         model.policy.get_parameter("action_net.bias")[0] = config.network.speed
@@ -81,9 +87,9 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
 def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.ndarray:
     """Return the policy's mean actions, shape (batch, num_actions), float32; they may lie outside [-1, 1]."""
     with torch.no_grad():
-        tensors = {key: torch.as_tensor(value) for key, value in observations.items()}
+        tensors = {key: torch.as_tensor(value, device=policy.device) for key, value in observations.items()}
         actions = policy.get_distribution(tensors).mode()
-    return actions.numpy()
+    return actions.cpu().numpy()
 
 
 def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, int | float | str]]) -> Checkpoint:
@@ -101,14 +107,14 @@ def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, int 
     )
     moments = model.policy.optimizer.state_dict()["state"]
     training = {
-        f"optimizer.{name}.{moment}": torch.as_tensor(moments[index][moment]).clone()
+        f"optimizer.{name}.{moment}": torch.as_tensor(moments[index][moment]).cpu().clone()
         for index, (name, _) in enumerate(model.policy.named_parameters())
         for moment in MOMENTS
         if index in moments
     }
     training["random.numpy"] = torch.from_numpy(np.asarray(key).astype(np.int64))
     training["random.torch"] = torch.get_rng_state()
-    weights = {name: weight.detach().clone().contiguous() for name, weight in model.policy.state_dict().items()}
+    weights = {name: weight.detach().cpu().clone().contiguous() for name, weight in model.policy.state_dict().items()}
     return Checkpoint(record, weights, training)
 
 
@@ -147,6 +153,9 @@ def restore(model: PPO, checkpoint: Checkpoint, folder: Path) -> None:
     key = checkpoint.training["random.numpy"].numpy().astype(np.uint32)
     np.random.set_state((algorithm, key, position, has_gauss, gauss))  # noqa: NPY002
     torch.set_rng_state(checkpoint.training["random.torch"])
+    if model.device.type == "cuda":  # A GPU draws from a generator of its own, which a checkpoint does not hold.
+        seed = np.random.SeedSequence([record.config.seed, record.steps]).generate_state(1)[0]
+        torch.cuda.manual_seed_all(int(seed))
 
 
 def check_spaces(record: Record, observation_space: spaces.Space, action_space: spaces.Space, name: str) -> None:

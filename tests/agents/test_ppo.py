@@ -1,10 +1,18 @@
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
+from agents.checkpoint import load_checkpoint
 from agents.config import NetworkConfig
-from agents.ppo import _policy_arguments, mean_action
+from agents.config_files import parse_config
+from agents import ppo
+from agents.ppo import _policy_arguments, build_model, mean_action
+from agents.run_folder import find_checkpoint
+from agents.training import train
 from envs.explore import ExploreEnv
 from tests.rollouts import rollout
 
@@ -25,3 +33,33 @@ def test_rollouts_updates_and_evaluations_see_the_same():
         blind = {**tensors, "map_near": torch.zeros_like(tensors["map_near"])}
         assert (policy.get_distribution(blind).mode() - actions).abs().max() > 1e-3
     assert np.allclose(mean_action(policy, seen), actions.numpy(), atol=1e-6)
+
+
+@pytest.mark.parametrize("device", ["cpu", "auto", "cuda"])
+def test_the_model_is_built_on_the_device_of_the_configuration(tiny_config, monkeypatch, device):
+    built = SimpleNamespace(policy=torch.nn.Linear(1, 2))
+    built.policy.get_parameter = lambda name: built.policy.bias
+
+    def remember(*args, **kwargs):
+        built.device = kwargs["device"]
+        return built
+
+    monkeypatch.setattr(ppo, "PPO", remember)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    build_model(tiny_config.model_copy(update={"device": device}), env=None)
+    assert built.device == device
+
+
+def test_a_gpu_that_is_not_there_is_told(tiny_config, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(ValueError, match="torch sees no GPU; allowed here are 'cpu' and 'auto'"):
+        build_model(tiny_config.model_copy(update={"device": "cuda"}), env=None)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_training_on_a_gpu_goes_on_anywhere(tiny_data, tmp_path):
+    config = parse_config({**tiny_data, "total_steps": 256, "device": "cuda"}, "mem")
+    run = train(config, run=tmp_path / "run", progress=False)
+    more = config.model_copy(update={"total_steps": 512, "device": "cpu"})
+    train(more, resume=run, progress=False)
+    assert load_checkpoint(find_checkpoint(run)).record.steps == 512
