@@ -48,7 +48,7 @@ class ExploreTeamEnv(DrivenEnv):
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
     | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, share of the time limit passed |
-    | `mates` | `Box(-1, 1, (num_robots, num_robots - 1, 4), float32)` | the others in the order of their indices: how far ahead and to the left each believes to be, over 16 m, cosine and sine of its heading; only with two or more robots |
+    | `mates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: how far ahead and to the left it believes to be, over 16 m, cosine and sine of its heading; only with two or more robots |
 
     Channel 2 of the maps shows where any of the robots has been.
 
@@ -223,7 +223,8 @@ class ExploreTeamEnv(DrivenEnv):
         assert isinstance(batched, spaces.Dict)
         parts = dict(batched.spaces)
         if num > 1:
-            parts["mates"] = spaces.Box(-1.0, 1.0, (num, num - 1, 4), np.float32)
+            # Two axes: stable-baselines3 takes whatever has three for an image.
+            parts["mates"] = spaces.Box(-1.0, 1.0, (num, 4 * (num - 1)), np.float32)
         return spaces.Dict(parts)
 
     def _choose_starts(self, area: ExplorableArea) -> list[Pose2D]:
@@ -264,7 +265,7 @@ class ExploreTeamEnv(DrivenEnv):
         observation = {key: np.stack([view[key] for view in views]) for key in views[0]}
         if self.num_robots > 1:
             seen = [observe_mates(pose, _others(poses, k)) for k, pose in enumerate(poses)]
-            observation["mates"] = np.stack(seen)
+            observation["mates"] = np.stack(seen).reshape(len(seen), -1)
         return observation
 
     def _info(self, rewards: dict[str, float]) -> dict[str, Any]:

@@ -219,7 +219,7 @@ def test_mates_are_seen():
         x = BURGER.lidar.mount.x
         seen = observation["scan"][k, ahead] * BURGER.lidar.range_max
         assert seen == pytest.approx(2.0 - BURGER.radius - x, abs=0.05)
-    np.testing.assert_allclose(observation["mates"], [[[2 / MATES_RANGE, 0, -1, 0]]] * 2, atol=1e-6)
+    np.testing.assert_allclose(observation["mates"], [[2 / MATES_RANGE, 0, -1, 0]] * 2, atol=1e-6)
 
 
 def test_mates_are_shown_by_their_place_and_heading():
@@ -310,7 +310,7 @@ def test_the_docstring_tells_each_space_as_it_is():
     rows = {line.split("`")[1]: line for line in ExploreTeamEnv.__doc__.splitlines() if line.strip().startswith("| `")}
     env = ExploreTeamEnv(**QUICK, num_robots=3)
     for key, space in env.observation_space.spaces.items():
-        names = {360: "num_beams", 2: "num_robots - 1"}
+        names = {360: "num_beams", 8: "4 * (num_robots - 1)"}
         shape = ", ".join(["num_robots", *(names.get(size, str(size)) for size in space.shape[1:])])
         assert f"`Box({space.low.min():g}, {space.high.max():g}, ({shape}), {space.dtype})`" in rows[key]
 
