@@ -7,13 +7,13 @@ import numpy as np
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.callbacks import RunCallback, ProgressBar
+from agents.callbacks import ProgressBar, RunCallback
 from agents.checkpoint import Checkpoint, load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
-from agents.vec_env import GymnasiumVecEnv
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
+from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_vector
 
 

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from agents.explorer import PPOExplorer
-from agents.vec_env import GymnasiumVecEnv
 from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
+from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_env, make_vector
 from tests.agents.fake_env import BEAMS
 

@@ -6,10 +6,10 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
+from agents import ppo
 from agents.checkpoint import load_checkpoint
 from agents.config import NetworkConfig
 from agents.config_files import parse_config
-from agents import ppo
 from agents.ppo import _policy_arguments, build_model, mean_action
 from agents.run_folder import find_checkpoint
 from agents.training import train
