@@ -8,12 +8,12 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
 from agents import ppo
 from agents.checkpoint import load_checkpoint
-from agents.config import NetworkConfig
-from agents.config_files import parse_config
+from agents.config import NetworkConfig, TrainingConfig
 from agents.ppo import _policy_arguments, build_model, mean_action
 from agents.run_folder import find_checkpoint
 from agents.training import train
 from envs.explore import ExploreEnv
+from envs.files import parse_record
 from tests.rollouts import rollout
 
 
@@ -58,7 +58,7 @@ def test_a_gpu_that_is_not_there_is_told(tiny_config, monkeypatch):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_training_on_a_gpu_goes_on_anywhere(tiny_data, tmp_path):
-    config = parse_config({**tiny_data, "total_steps": 256, "device": "cuda"}, "mem")
+    config = parse_record({**tiny_data, "total_steps": 256, "device": "cuda"}, "mem", TrainingConfig)
     run = train(config, run=tmp_path / "run", progress=False)
     more = config.model_copy(update={"total_steps": 512, "device": "cpu"})
     train(more, resume=run, progress=False)
