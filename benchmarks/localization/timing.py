@@ -10,7 +10,7 @@ from envs.geometry import Pose2D
 from envs.localization import PRESETS, Amcl
 from envs.localization.likelihood_field import LikelihoodField
 from envs.localization.motion_model import DifferentialDrive
-from envs.localization.resampling import draw
+from envs.localization.resampling import Injection, KldParams, resample
 
 from .drives import Drive, Place, record
 from .runs import START_STD
@@ -52,8 +52,8 @@ def _median_steps(place: Place, drive: Drive, particles: int, sensor: str) -> fl
     move, weigh = DifferentialDrive(params), LikelihoodField(params, place.robot.lidar, place.grid)
     rng = np.random.default_rng(0)
     cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
-    other, nobody = np.empty_like(cloud), np.empty((3, 1), dtype=np.float32)
-    bins, slots = np.zeros(particles, dtype=np.int32), np.zeros(particles, dtype=np.int32)
+    other, none = np.empty_like(cloud), Injection(np.empty((3, 1), dtype=np.float32), 0.0)
+    bins, seen, kld = np.zeros(particles, dtype=np.int32), np.zeros(1, dtype=bool), KldParams(particles, 0.05, 0.99)
     spent = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
         begin = time.perf_counter()
@@ -63,7 +63,7 @@ def _median_steps(place: Place, drive: Drive, particles: int, sensor: str) -> fl
         assert weigher is not None
         weigher(cloud, weights)
         weights /= weights.sum()
-        draw(cloud, weights, bins, nobody, 0.0, rng.random(), particles, 0.05, 0.99, bins, slots, other)
+        resample(cloud, weights, bins, none, rng.random(), kld, seen, other)
         cloud, other = other, cloud
         spent.append(time.perf_counter() - begin)
     return 1e6 * float(np.median(spent[20:]))

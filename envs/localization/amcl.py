@@ -1,4 +1,4 @@
-"""AMCL: adaptive Monte Carlo localisation, as Nav2 has it."""
+"""AMCL: adaptive Monte Carlo localization, as in Nav2."""
 
 import math
 from collections import deque
@@ -17,36 +17,35 @@ from .likelihood_field import LikelihoodField
 from .localizer import PoseEstimate
 from .motion_model import DifferentialDrive
 from .params import AmclParams
-from .resampling import draw
+from .resampling import Injection, KldParams, resample
 
 _ORIGIN = Pose2D(0.0, 0.0, 0.0)
-_NO_PARTICLES = np.empty((3, 1), dtype=np.float32)
+_NO_INJECTION = Injection(np.empty((3, 1), dtype=np.float32), 0.0)
 _MIN_HITS = 5
-"""A scan with fewer hits says nothing about whether it belongs to the map."""
+"""Least number of hits for which the fit of a scan to the map is computed."""
 
 
 class Amcl:
-    """An augmented particle filter whose size adapts to how spread out it is.
+    """An augmented particle filter whose size follows the spread of its particles.
 
-    Each scan that is used goes through four steps: propagate, reweight, normalize, sample. Fox, "Adapting the sample
+    Each scan that is used goes through four steps: propagate, reweight, normalize, resample. Fox, "Adapting the sample
     size in particle filters through KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005),
     table 8.3.
     """
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
-        """Build a localiser for one lidar.
+        """Build a localizer for one lidar.
 
         Args:
             lidar: geometry of the scans.
-            params: what to do with them.
+            params: of the filter.
         """
         self.params = params
         self._lidar = lidar
         self._motion_model = DifferentialDrive(params)
-        self._known: OccupancyGrid | None = None
+        self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
+        self._map: OccupancyGrid | None = None
         self._bins = np.empty(params.most_particles, dtype=np.int32)
-        self._bin_of_slot = np.empty(params.most_particles, dtype=np.int32)
-        self._members = np.empty(params.most_particles)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
 
     @property
@@ -56,12 +55,12 @@ class Amcl:
 
     @property
     def particles(self) -> np.ndarray:
-        """The cloud: shape (n, 3), float64, x, y, heading in the map frame [m, rad]; a copy."""
+        """Shape (n, 3), float64: x, y, heading of the particles in the map frame [m, rad]; a copy."""
         return self._particles.T.astype(np.float64)
 
     @property
     def num_particles(self) -> int:
-        """Size of the cloud."""
+        """Number of particles."""
         return len(self._weights)
 
     @property
@@ -80,29 +79,30 @@ class Amcl:
         """Forget everything, and start on a map.
 
         Args:
-            occupancy: the map; it is not kept alive.
-            pose: where the robot is (map frame), about; None for anywhere on the map's free space.
-            rng: later noise is drawn from it.
+            occupancy: the map; it is copied.
+            pose: initial pose of the base (map frame); None for global localization, which starts with particles all
+                over the map's free space.
+            rng: source of all later noise.
             covariance: shape (3, 3), of `pose` [m, m, rad]; None for the params' `initial_std`.
 
         Raises:
             ValueError: if the map has no free cell, `pose` lies outside of it or on a cell that is not free, or
-                `covariance` is none.
+                `covariance` is not a covariance matrix.
         """
         self._prepare(occupancy)
         self.rng = rng
         if pose is None:
-            self._begin_anywhere()
+            self._start_globally()
         else:
             self._check_pose(pose, occupancy)
-            self._begin(self._around(pose, covariance), is_proven=True)
+            self._start(self._draw_around(pose, covariance), is_confirmed=True)
         self._is_first = True
         self._moved = _ORIGIN
-        self._estimate = self._corrected = self._estimated()
+        self._estimate = self._corrected = self._summarise()
         return self._estimate
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
-        """Take in one scan. Where the robot has hardly moved since the last one used, it only follows odometry.
+        """Update by one scan; until the robot has moved by `update_min_d` or `update_min_a`, by odometry alone.
 
         Args:
             ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
@@ -112,7 +112,7 @@ class Amcl:
             ValueError: if the scan has another number of beams, or the motion is not finite.
             RuntimeError: before the first `reset`.
         """
-        if self._known is None:
+        if self._map is None:
             raise RuntimeError("AMCL has no map yet; call reset first")
         ranges = check_scan(ranges, motion, self._lidar)
         self._moved = moved = self._moved.compose(motion)
@@ -126,8 +126,8 @@ class Amcl:
             self._is_first = False
             self._moved = _ORIGIN
             self._correct(ranges)
-            if params.relocalize and self._is_hopeless():
-                self._begin_anywhere()
+            if params.relocalize and self._has_diverged():
+                self._start_globally()
                 self._correct(ranges)
             self._estimate = self._corrected
         else:
@@ -138,8 +138,8 @@ class Amcl:
         return self._estimate
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
-        """Compute what depends on the map alone, if it is another one."""
-        known = self._known
+        """Compute what depends on the map alone, unless it is the same as before."""
+        known = self._map
         if (
             known is not None
             and (known.resolution, known.origin) == (occupancy.resolution, occupancy.origin)
@@ -154,8 +154,8 @@ class Amcl:
         is_beam = self.params.sensor == "beam"
         self._sensor_model = BeamModel(self.params, self._lidar, occupancy) if is_beam else self._field
         self._raster = BinRaster.over(occupancy.bounds, self.params.bin_size, self.params.bin_angle)
-        self._slot_of_bin = np.zeros(self._raster.num_bins, dtype=np.int32)
-        self._known = replace(occupancy, data=occupancy.data.copy())
+        self._seen = np.zeros(math.prod(self._raster.shape), dtype=np.bool_)
+        self._map = replace(occupancy, data=occupancy.data.copy())
 
     def _check_pose(self, pose: Pose2D, occupancy: OccupancyGrid) -> None:
         if not all(map(math.isfinite, pose)):
@@ -168,14 +168,14 @@ class Amcl:
             what = "unknown" if value < 0 else f"{value} % occupied"
             raise ValueError(f"the initial pose {tuple(pose)} lies on a cell of the map that is {what}, not free")
 
-    def _anywhere(self, count: int) -> np.ndarray:
-        """Draw particles evenly over the map's free space and all headings: shape (3, count), float32."""
-        assert self._known is not None
+    def _draw_anywhere(self, count: int) -> np.ndarray:
+        """Draw particles uniformly over the map's free space and all headings: shape (3, count), float32."""
+        assert self._map is not None
         cells = self._free_cells[self.rng.integers(len(self._free_cells), size=count)]
-        places = self._known.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
-        return np.stack([*places.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
+        positions = self._map.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
+        return np.stack([*positions.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
 
-    def _around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
+    def _draw_around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
         """Draw particles around a pose: shape (3, max_particles), float32."""
         params = self.params
         if covariance is None:
@@ -190,79 +190,85 @@ class Amcl:
         x, y, theta = noise + np.array(pose)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
-    def _begin_anywhere(self) -> None:
+    def _start_globally(self) -> None:
         params = self.params
-        self._begin(self._anywhere(params.global_particles or params.max_particles), is_proven=False)
+        self._start(self._draw_anywhere(params.global_particles or params.max_particles), is_confirmed=False)
 
-    def _begin(self, particles: np.ndarray, is_proven: bool) -> None:
-        """Start with particles of equal weights and no memory of scans; an answer not yet proven is not trusted."""
+    def _start(self, particles: np.ndarray, is_confirmed: bool) -> None:
+        """Start with equally weighted particles, and no memory of scans.
+
+        Args:
+            particles: shape (3, n), float32.
+            is_confirmed: whether their pose can be trusted before scans have confirmed it.
+        """
         self._particles = particles
-        self._is_proven = is_proven
+        self._is_confirmed = is_confirmed
         count = particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
-        self._used = 0
+        self._num_updates = 0
         self._slow = self._fast = 0.0
         self._fits: deque[float] = deque(maxlen=self.params.lost_updates)
 
     def _correct(self, ranges: np.ndarray) -> None:
-        """Reweight by a scan, normalize, estimate, and sample."""
+        """Reweight by a scan, normalize, summarise, and resample."""
         weigh = self._sensor_model(ranges)
         if weigh is not None:
-            level = weigh(self._particles, self._weights)
+            likelihood = weigh(self._particles, self._weights)
             self._weights /= self._weights.sum()
-            self._follow(level)
-        self._corrected = self._estimated(ranges)
-        self._used += 1
-        if weigh is not None and self._used % self.params.resample_interval == 0:
-            self._sample()
+            self._average(likelihood)
+        self._corrected = self._summarise(ranges)
+        self._num_updates += 1
+        if weigh is not None and self._num_updates % self.params.resample_interval == 0:
+            self._resample()
 
-    def _follow(self, level: float) -> None:
-        """Let the two averages of the likelihood follow."""
+    def _average(self, likelihood: float) -> None:
+        """Update the long-term and the short-term average of the likelihood (Thrun et al. 2005, table 8.3)."""
         if self._slow == 0.0:
-            self._slow = self._fast = level
+            self._slow = self._fast = likelihood
             return
-        self._slow += self.params.alpha_slow * (level - self._slow)
-        self._fast += self.params.alpha_fast * (level - self._fast)
+        self._slow += self.params.alpha_slow * (likelihood - self._slow)
+        self._fast += self.params.alpha_fast * (likelihood - self._fast)
 
-    def _sample(self) -> None:
-        """Draw the next cloud; some of it anywhere, where scans fit worse than they used to."""
+    def _resample(self) -> None:
+        """Draw the next particles by weight; some at random where the likelihood has fallen."""
         params, rng = self.params, self.rng
-        share, fresh = 0.0, _NO_PARTICLES
+        injection = _NO_INJECTION
         if params.alpha_slow > 0.0 and self._fast < self._slow:
             share = 1.0 - self._fast / self._slow
-            fresh = self._anywhere(math.ceil(params.max_particles * share) + 1)
+            injection = Injection(self._draw_anywhere(math.ceil(params.max_particles * share) + 1), share)
             self._slow = self._fast = 0.0
-        count = draw(
-            *(self._particles, self._weights, self._bins[: self._particles.shape[1]], fresh, share, rng.random()),
-            *(params.min_particles, params.kld_err, params.kld_z, self._slot_of_bin, self._bin_of_slot, self._spare),
+        bins = self._bins[: self._particles.shape[1]]
+        count = resample(
+            *(self._particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
         )
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
-    def _estimated(self, ranges: np.ndarray | None = None) -> PoseEstimate:
-        """Ask the weighted cloud where the robot is."""
+    def _summarise(self, ranges: np.ndarray | None = None) -> PoseEstimate:
+        """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
         particles, weights = self._particles, self._weights
-        bins, members = self._bins[: len(weights)], self._members[: len(weights)]
-        find_bins(particles, self._raster, bins)
-        weight = heaviest_cluster(bins, weights, self._raster, self._slot_of_bin, self._bin_of_slot, members)
+        bins = self._bins[: len(weights)]
+        extent = find_bins(particles, self._raster, bins)
+        # In a cloud of at most two bins along each axis, all bins touch.
+        weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, self._raster)
         covariance, mean_covariance = np.empty((3, 3)), np.empty((3, 3))
         pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
         if weight == 1.0:
             mean, mean_covariance = pose, covariance.copy()
         else:
             mean = Pose2D(*mean_and_covariance(particles, weights, 1.0, mean_covariance))
-        has_won = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
-        if not has_won:
+        has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
+        if not has_converged:
             self._fits.clear()
         elif ranges is not None:
             share, hits = self._field.fit(ranges, pose)
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        self._is_proven |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
-        is_lost = not (has_won and self._is_proven) or fit < self.params.lost_fit
+        self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
+        is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
         return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
 
-    def _is_hopeless(self) -> bool:
-        """Tell whether the map has not explained the scans for as long as it matters."""
+    def _has_diverged(self) -> bool:
+        """Return whether the map has not explained the last `lost_updates` scans."""
         return len(self._fits) == self._fits.maxlen and self._corrected.fit < self.params.lost_fit

@@ -1,33 +1,37 @@
-"""What a cloud of particles says: its bins, its clusters, mean and covariance."""
+"""Statistics of a particle cloud: its histogram bins, its clusters, mean and covariance."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from .motion_model import cosine, sine
 
+_TOUCHING = np.ones((3, 3, 3))
+"""Bins that share a side, an edge or a corner belong together."""
+
 
 class BinRaster(NamedTuple):
-    """A raster over x, y and heading, with a border of one bin in x and y that no particle falls into."""
+    """Histogram bins over x, y and heading."""
 
     x: float
-    """Where the raster's corner lies in the map frame [m]."""
+    """Corner of the raster in the map frame [m]."""
     y: float
-    """Where the raster's corner lies in the map frame [m]."""
+    """Corner of the raster in the map frame [m]."""
     size: float
     """Side of a bin [m]."""
-    num_x: int
-    """Bins along x."""
     num_y: int
     """Bins along y."""
+    num_x: int
+    """Bins along x."""
     num_angles: int
     """Bins in a turn."""
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Lay a raster over a map.
+        """Cover a map with bins.
 
         Args:
             bounds: of the map, (x_min, y_min, x_max, y_max) [m].
@@ -35,99 +39,75 @@ class BinRaster(NamedTuple):
             angle: size of a bin in heading [rad].
         """
         x_min, y_min, x_max, y_max = bounds
-        num_x, num_y = math.ceil((x_max - x_min) / size) + 2, math.ceil((y_max - y_min) / size) + 2
-        return cls(x_min - size, y_min - size, size, num_x, num_y, max(1, round(2.0 * math.pi / angle)))
+        num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
+        return cls(x_min, y_min, size, num_y, num_x, max(1, round(2.0 * math.pi / angle)))
 
     @property
-    def num_bins(self) -> int:
-        """Number of bins."""
-        return self.num_x * self.num_y * self.num_angles
+    def shape(self) -> tuple[int, int, int]:
+        """Number of bins along y, x and heading."""
+        return self[3:]
 
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Write the bins (n,), int32, of particles (3, n), float32; what lies off the map counts to its edge."""
+    """Find the bin of every particle; those off the map belong to bins at its edge.
+
+    Args:
+        particles: shape (3, n), float32, x, y, heading [m, rad].
+        raster: the bins, `BinRaster`.
+        bins: shape (n,), int32, written: flat indices into an array of `raster.shape`.
+
+    Returns:
+        The extent of the cloud: over how many bins it stretches along the axis where it is longest.
+    """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
     per_radian = np.float32(raster.num_angles / (2.0 * math.pi))
     offset_x, offset_y = np.float32(raster.x), np.float32(raster.y)
     num_x, num_y, num_angles = np.int32(raster.num_x), np.int32(raster.num_y), np.int32(raster.num_angles)
-    one = np.int32(1)
+    zero, one = np.int32(0), np.int32(1)
+    low_row, low_col, low_angle = num_y, num_x, num_angles
+    high_row, high_col, high_angle = zero, zero, zero
     for i in range(xs.shape[0]):
-        col = min(max(np.int32((xs[i] - offset_x) * per_metre), one), num_x - np.int32(2))
-        row = min(max(np.int32((ys[i] - offset_y) * per_metre), one), num_y - np.int32(2))
+        col = min(max(np.int32((xs[i] - offset_x) * per_metre), zero), num_x - one)
+        row = min(max(np.int32((ys[i] - offset_y) * per_metre), zero), num_y - one)
         angle = min(np.int32((thetas[i] + np.float32(math.pi)) * per_radian), num_angles - one)
         bins[i] = np.int32(np.int32(row * num_x + col) * num_angles + angle)
+        low_row, high_row = min(low_row, row), max(high_row, row)
+        low_col, high_col = min(low_col, col), max(high_col, col)
+        low_angle, high_angle = min(low_angle, angle), max(high_angle, angle)
+    return 1 + max(high_row - low_row, high_col - low_col, high_angle - low_angle)
 
 
-@njit(cache=True, error_model="numpy")
-def _fill(bin_of_slot, slot_of_bin, num_slots, raster, labels):
-    """Number the groups of bins that touch, by side or corner; return how many groups there are."""
-    labels[:num_slots] = -1
-    waiting = np.empty(num_slots, dtype=np.int32)
-    count = 0
-    for first in range(num_slots):
-        if labels[first] >= 0:
-            continue
-        labels[first] = count
-        waiting[0] = first
-        num_waiting = 1
-        while num_waiting > 0:
-            num_waiting -= 1
-            here = bin_of_slot[waiting[num_waiting]]
-            place, angle = here // raster.num_angles, here % raster.num_angles
-            for d_row in range(-1, 2):
-                for d_col in range(-1, 2):
-                    for d_angle in range(-1, 2):
-                        turned = (angle + d_angle) % raster.num_angles
-                        there = (place + d_row * raster.num_x + d_col) * raster.num_angles + turned
-                        slot = slot_of_bin[there]
-                        if slot < num_slots and bin_of_slot[slot] == there and labels[slot] < 0:
-                            labels[slot] = count
-                            waiting[num_waiting] = slot
-                            num_waiting += 1
-        count += 1
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def heaviest_cluster(bins, weights, raster, slot_of_bin, bin_of_slot, members):
-    """Find the particles of the heaviest cluster: those in touching bins.
+def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
+    """Find the particles of the heaviest cluster: those in bins that touch, be it by a corner or across half a turn.
 
     Args:
-        bins: shape (n,), int32, the particles' bins.
+        bins: shape (n,), int32, from `find_bins`.
         weights: shape (n,), float64, with the sum 1.
-        raster: the bins, `BinRaster`.
-        slot_of_bin: shape (num_bins,), int32, scratch; may hold anything from 0 on.
-        bin_of_slot: shape (>= n,), int32, scratch.
-        members: shape (n,), float64, written: the weights of the cluster's particles, 0 for the others.
+        raster: the bins.
 
     Returns:
-        The cluster's weight.
+        The cluster's weight, and the weights of its particles, 0 for the others: shape (n,), float64.
     """
-    n = bins.shape[0]
-    slots = np.empty(n, dtype=np.int32)
-    num_slots = 0
-    for i in range(n):
-        slot = slot_of_bin[bins[i]]
-        if slot >= num_slots or bin_of_slot[slot] != bins[i]:
-            slot = num_slots
-            slot_of_bin[bins[i]] = slot
-            bin_of_slot[slot] = bins[i]
-            num_slots += 1
-        slots[i] = slot
-    labels = np.empty(num_slots, dtype=np.int32)
-    count = _fill(bin_of_slot, slot_of_bin, num_slots, raster, labels)
+    rows, cols, angles = np.unravel_index(bins, raster.shape)
+    rows, cols = rows - rows.min(), cols - cols.min()
+    occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.num_angles + 1), dtype=bool)
+    occupied[rows, cols, angles] = True
+    # Headings are periodic: the first bin is repeated after the last one, and clusters that meet there are joined.
+    again = occupied[:, :, -1] = occupied[:, :, 0]
+    labels, count = ndimage.label(occupied, _TOUCHING)
     if count == 1:
-        members[:] = weights
-        return 1.0
-    totals = np.zeros(count)
-    for i in range(n):
-        totals[labels[slots[i]]] += weights[i]
-    heaviest = np.argmax(totals)
-    for i in range(n):
-        members[i] = weights[i] if labels[slots[i]] == heaviest else 0.0
-    return totals[heaviest]
+        return 1.0, weights
+    clusters = np.arange(count + 1)
+    for first, last in set(zip(labels[again, 0].tolist(), labels[again, -1].tolist())):
+        clusters[clusters == clusters[last]] = clusters[first]
+    clusters = clusters[labels[rows, cols, angles]]
+    totals = np.bincount(clusters, weights)
+    is_member = clusters == totals.argmax()
+    if is_member.all():
+        return 1.0, weights
+    return float(totals.max()), np.where(is_member, weights, 0.0)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})

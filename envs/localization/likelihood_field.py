@@ -1,14 +1,15 @@
-"""Weighing particles by how near to the map's obstacles the scan ends: scan in, weigher out."""
+"""Likelihood field sensor models: particles are weighted by how near to the map's obstacles the scan ends."""
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.lookup import load
-from envs.navigation.costmap import squared_distances
 from envs.robots import LidarParams
 from envs.slam.matcher import project_hits
 
@@ -19,8 +20,6 @@ OCCUPIED_FROM = 65
 """Least occupancy that is an obstacle [percent], as where maps are saved."""
 ONE = 65535
 """Greatest entry of a field, which are 16-bit so that more of it stays in the cache, and sums are exact."""
-MAX_REACH = 180
-"""Cells over which distances can be computed."""
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
@@ -29,58 +28,39 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
     Args:
         obstacles: shape (height, width), bool.
         resolution: side of a cell [m].
-        max_distance: what lies farther counts as this far [m].
+        max_distance: upper limit of the distances [m].
 
     Returns:
         Shape (height, width), float64 [m].
-
-    Raises:
-        ValueError: if `max_distance` spans too many cells.
     """
-    reach = math.ceil(max_distance / resolution)
-    if reach > MAX_REACH:
-        raise ValueError(f"max_distance must span at most {MAX_REACH} cells, got {max_distance} m at {resolution} m")
-    squared = squared_distances(obstacles, reach)
-    return np.minimum(np.sqrt(np.arange(squared.max() + 1.0)) * resolution, max_distance)[squared]
+    if not obstacles.any():
+        return np.full(obstacles.shape, max_distance)
+    return np.minimum(ndimage.distance_transform_edt(~obstacles) * resolution, max_distance)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def sum_field(flat, width, points_x, points_y, x, y, c, s, cells):
-    """Sum the field over the points as seen from one pose.
+class Field(NamedTuple):
+    """A table of likelihoods over a map, with a border around it."""
+
+    data: np.ndarray
+    """Shape (height, width), uint16."""
+    border: int
+    """Width of the border, which no beam can leave from within the map [cells]; its entries are all the same."""
+    x: float
+    """Corner of the field in the map frame [m]."""
+    y: float
+    """Corner of the field in the map frame [m]."""
+    resolution: float
+    """Side of a cell [m]."""
+
+
+@njit(cache=True, error_model="numpy")
+def sum_fields(field, points, num_points, particles, sums):
+    """Sum the field over the points as seen from every particle.
 
     Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
 
     Args:
-        flat: shape (height * width,), uint16, the field row by row, with a border that no point can leave.
-        width: of the field, int32 [cells].
-        points_x: shape (num_points,), float32, in the base frame [cells].
-        points_y: shape (num_points,), float32, in the base frame [cells].
-        x: position of the base from the field's corner, float32 [cells].
-        y: position of the base from the field's corner, float32 [cells].
-        c: cosine of its heading, float32.
-        s: sine of its heading, float32.
-        cells: shape (num_points,), uint32, scratch.
-    """
-    for k in range(cells.shape[0]):
-        col = np.int32(c * points_x[k] - s * points_y[k] + x)
-        row = np.int32(s * points_x[k] + c * points_y[k] + y)
-        cells[k] = np.uint32(np.int32(row * width + col))
-    total = np.int32(0)
-    for k in range(cells.shape[0]):
-        total += load(flat, cells[k])
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def sum_fields(field, border, corner_x, corner_y, resolution, points, num_points, particles, sums):
-    """Sum the field over the points as seen from every particle.
-
-    Args:
-        field: shape (height, width), uint16.
-        border: width of the border that no point can leave from within [cells]; its entries are all the same.
-        corner_x: where the field's corner lies in the map frame [m].
-        corner_y: where the field's corner lies in the map frame [m].
-        resolution: side of a cell [m].
+        field: `Field`.
         points: shape (2, >= num_points), float32, in the base frame [cells].
         num_points: number of points.
         particles: shape (3, n), float32, x, y, heading [m, rad].
@@ -93,60 +73,79 @@ def sum_fields(field, border, corner_x, corner_y, resolution, points, num_points
         cosines[i] = cosine(thetas[i])
         sines[i] = sine(thetas[i])
     cells = np.empty(num_points, dtype=np.uint32)
-    flat, width = field.ravel(), np.int32(field.shape[1])
+    flat, width = field.data.ravel(), np.int32(field.data.shape[1])
     points_x, points_y = points[0, :num_points], points[1, :num_points]
-    scale = np.float32(1.0 / resolution)
-    offset_x, offset_y = np.float32(corner_x), np.float32(corner_y)
-    low = np.float32(border)
-    high_x, high_y = np.float32(field.shape[1] - border), np.float32(field.shape[0] - border)
-    nothing = np.int32(num_points) * np.int32(field[0, 0])
+    scale = np.float32(1.0 / field.resolution)
+    offset_x, offset_y = np.float32(field.x), np.float32(field.y)
+    low = np.float32(field.border)
+    high_x, high_y = np.float32(field.data.shape[1] - field.border), np.float32(field.data.shape[0] - field.border)
+    nothing = np.int32(num_points) * np.int32(field.data[0, 0])
     for i in range(count):
         x, y = (xs[i] - offset_x) * scale, (ys[i] - offset_y) * scale
-        inside = x >= low and x < high_x and y >= low and y < high_y
-        sums[i] = sum_field(flat, width, points_x, points_y, x, y, cosines[i], sines[i], cells) if inside else nothing
+        if not (x >= low and x < high_x and y >= low and y < high_y):
+            sums[i] = nothing
+            continue
+        c, s = cosines[i], sines[i]
+        for k in range(num_points):
+            col = np.int32(c * points_x[k] - s * points_y[k] + x)
+            row = np.int32(s * points_x[k] + c * points_y[k] + y)
+            cells[k] = np.uint32(np.int32(row * width + col))
+        total = np.int32(0)
+        for k in range(num_points):
+            total += load(flat, cells[k])
+        sums[i] = total
 
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_sum(weights, sums, unit):
-    """Multiply weights (n,), float64, by one plus the sums; return the weighted mean of those factors.
+    """Multiply weights, shape (n,), float64, by `1 + unit * sums`; return the weighted mean of these factors.
 
-    The weight of the likelihood field as ROS has it: `1 + sum pz^3`.
+    ROS weights particles so: `1 + sum pz^3`.
     """
-    level = 0.0
+    mean = 0.0
     for i in range(weights.shape[0]):
         factor = 1.0 + unit * sums[i]
-        level += weights[i] * factor
+        mean += weights[i] * factor
         weights[i] *= factor
-    return level
+    return mean
 
 
 @njit(cache=True, error_model="numpy")
-def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_level):
-    """Multiply weights (n,), float64, by the likelihoods whose logarithms are the sums, relative to the greatest.
+def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
+    """Multiply weights, shape (n,), float64, by the likelihoods whose logarithms are the sums, up to a factor.
 
     Returns:
-        The weighted mean of the likelihoods' geometric means over the beams, if it is needed. Those themselves would
-        jump by powers of ten from one scan to the next.
+        The weighted mean of the likelihoods' geometric means over the beams, if it is needed. The likelihoods
+        themselves would jump by powers of ten from one scan to the next.
     """
     best = sums.max()
-    level = 0.0
+    mean = 0.0
     for i in range(weights.shape[0]):
-        if needs_level:
-            level += weights[i] * math.exp(least + unit * sums[i] / num_points)
+        if needs_mean:
+            mean += weights[i] * math.exp(least + unit * sums[i] / num_points)
         weights[i] *= math.exp(np.float32(unit / squash) * np.float32(sums[i] - best))
-    return level
+    return mean
 
 
 @njit(cache=True, error_model="numpy")
-def count_near(field, near, points, num_points, x, y, theta):
-    """Count the points, shape (2, >= num_points) [cells], where the field is at least `near`, as seen from a pose."""
-    height, width = field.shape
-    c, s = math.cos(theta), math.sin(theta)
+def count_near(field, near, points, num_points, pose):
+    """Count the points whose entry in the field is at least `near`.
+
+    Args:
+        field: `Field`.
+        near: threshold.
+        points: shape (2, >= num_points), float32, in the base frame [cells].
+        num_points: number of points.
+        pose: x, y, heading of the base in the map frame [m, m, rad].
+    """
+    height, width = field.data.shape
+    x, y = (pose[0] - field.x) / field.resolution, (pose[1] - field.y) / field.resolution
+    c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for k in range(num_points):
         col = math.floor(c * points[0, k] - s * points[1, k] + x)
         row = math.floor(s * points[0, k] + c * points[1, k] + y)
-        if row >= 0 and col >= 0 and row < height and col < width and field[row, col] >= near:
+        if row >= 0 and col >= 0 and row < height and col < width and field.data[row, col] >= near:
             count += 1
     return count
 
@@ -155,58 +154,55 @@ class LikelihoodField:
     """Both likelihood fields: `likelihood_field` sums over beams, `likelihood_field_prob` multiplies.
 
     The likelihood of a hit at the distance d from the nearest obstacle is
-    `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand / range_max`. A field holds `pz^3` or `log pz` for every cell, so
-    that nothing is computed per beam and particle but the cell.
+    `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand / range_max` (Thrun et al. 2005, table 6.3). A field holds `pz^3`
+    or `log pz` for every cell, so that per beam and particle only the cell has to be computed.
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Prepare for a map.
+        """Precompute the field of a map.
 
         Args:
-            params: how likely what is.
+            params: of the filter.
             lidar: geometry of the scans.
             occupancy: the map.
         """
         self._is_product = params.sensor == "likelihood_field_prob"
         self._squash = params.squash
-        self.needs_level = params.alpha_slow > 0.0
+        self._needs_mean = params.alpha_slow > 0.0
         resolution = occupancy.resolution
-        range_max = min(params.max_range or math.inf, lidar.range_max)
         self.beams = Beams(params, lidar, resolution)
+        range_max = self.beams.range_max
         reach = math.ceil((range_max + math.hypot(lidar.mount.x, lidar.mount.y)) / resolution) + 2
         far = math.ceil(params.max_distance / resolution) + 1
-        obstacles = np.pad(occupancy.data >= OCCUPIED_FROM, far)
-        distances = obstacle_distances(obstacles, resolution, params.max_distance)
-
-        def pz(distance: np.ndarray | float) -> np.ndarray:
-            near = np.exp(-np.square(distance) / (2.0 * params.sigma_hit**2))
-            return np.asarray(params.z_hit * near + params.z_rand / range_max)
 
         def likelihood(distance: np.ndarray | float) -> np.ndarray:
-            return np.log(pz(distance)) if self._is_product else pz(distance) ** 3
+            hit = np.exp(-np.square(distance) / (2.0 * params.sigma_hit**2))
+            pz = np.asarray(params.z_hit * hit + params.z_rand / range_max)
+            return np.log(pz) if self._is_product else pz**3
 
-        self.least = float(likelihood(params.max_distance)) if self._is_product else 0.0
-        self.unit = max((float(likelihood(0.0)) - self.least) / ONE, 1e-12)
+        self._least = float(likelihood(params.max_distance)) if self._is_product else 0.0
+        self._unit = max((float(likelihood(0.0)) - self._least) / ONE, 1e-12)
 
         def entry(distance: np.ndarray | float) -> np.ndarray:
-            return np.rint((likelihood(distance) - self.least) / self.unit).astype(np.uint16)
+            return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
-        self.border = max(reach, far)
-        self.field = np.pad(entry(distances), self.border - far, constant_values=entry(params.max_distance))
-        self.near = int(entry(min(params.lost_distance, params.max_distance)))
+        obstacles = np.pad(occupancy.data >= OCCUPIED_FROM, far)
+        entries = entry(obstacle_distances(obstacles, resolution, params.max_distance))
+        border = max(reach, far)
+        entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
-        self.corner = x - self.border * resolution, y - self.border * resolution
-        self.resolution = resolution
+        self._field = Field(entries, border, x - border * resolution, y - border * resolution, resolution)
+        self._near = int(entry(min(params.lost_distance, params.max_distance)))
         self._sums = np.empty(params.most_particles, dtype=np.int32)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return what weighs particles by a scan.
+        """Return the weighting function of a scan.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
 
         Returns:
-            A weigher, which multiplies the weights, shape (n,), float64, of particles, shape (3, n), float32, by
+            A function that multiplies the weights, shape (n,), float64, of particles, shape (3, n), float32, by
             likelihoods up to a common factor, and returns their mean. None if no beam has hit anything.
         """
         points, count = self.beams.hits(ranges)
@@ -215,10 +211,12 @@ class LikelihoodField:
 
         def weigh(particles: np.ndarray, weights: np.ndarray) -> float:
             sums = self._sums[: len(weights)]
-            sum_fields(self.field, self.border, *self.corner, self.resolution, points, count, particles, sums)
+            sum_fields(self._field, points, count, particles, sums)
             if self._is_product:
-                return multiply_by_product(weights, sums, self.unit, self.least, count, self._squash, self.needs_level)
-            return multiply_by_sum(weights, sums, self.unit)
+                return multiply_by_product(
+                    weights, sums, self._unit, self._least, count, self._squash, self._needs_mean
+                )
+            return multiply_by_sum(weights, sums, self._unit)
 
         return weigh
 
@@ -227,28 +225,32 @@ class LikelihoodField:
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0
-        x, y = ((place - corner) / self.resolution for place, corner in zip(pose, self.corner))
-        near = count_near(self.field, self.near, points, count, x, y, pose.theta)
-        return near / count, count
+        return count_near(self._field, self._near, points, count, pose) / count, count
 
 
 class Beams:
-    """Which beams of a scan are used, and where they end."""
+    """The beams of a scan that are used."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, resolution: float) -> None:
         step = max(1, (lidar.num_beams - 1) // max(params.max_beams - 1, 1))
-        self.picked = slice(0, step * (params.max_beams - 1) + 1, step)
-        angles = lidar.angles[self.picked] + lidar.mount.yaw
-        self.directions = np.stack([np.cos(angles), np.sin(angles)])
+        self._picked = slice(0, step * (params.max_beams - 1) + 1, step)
+        self.angles = lidar.angles[self._picked] + lidar.mount.yaw
+        """Shape (k,), float64: directions in the base frame [rad]."""
         self.range_max = min(params.max_range or math.inf, lidar.range_max)
-        self._mount = lidar.mount
+        """Readings from this on count as no return [m]."""
+        self.mount = lidar.mount
+        self._directions = np.stack([np.cos(self.angles), np.sin(self.angles)])
         self._resolution = resolution
-        self._points = np.empty((2, len(angles)), dtype=np.float32)
+        self._points = np.empty((2, len(self.angles)), dtype=np.float32)
+
+    def pick(self, ranges: np.ndarray) -> np.ndarray:
+        """Return the readings of these beams, shape (k,), float32 [m]."""
+        return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
         """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
-        picked = np.ascontiguousarray(ranges[self.picked])
+        mount = self.mount
         count = project_hits(
-            picked, self.range_max, self.directions, self._mount.x, self._mount.y, self._resolution, self._points
+            self.pick(ranges), self.range_max, self._directions, mount.x, mount.y, self._resolution, self._points
         )
         return self._points, count

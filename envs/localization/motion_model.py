@@ -1,7 +1,8 @@
-"""How odometry moves particles: control in, sampler out."""
+"""Odometry motion model: control in, sampler out."""
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,15 +22,15 @@ _HALF = np.float32(0.5)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def normal(seed, index):
-    """Return a draw that is nearly standard normal: the sum of four uniforms (Irwin and Hall).
+    """Return an approximately standard normal number: the sum of four uniforms (Irwin and Hall).
 
-    Mean and variance are exact, nothing lies beyond 3.46 standard deviations. The uniforms are a word of SplitMix64
-    (Steele et al. 2014), in which each word follows from its index alone, so that loops vectorise: twenty times as fast
-    as NumPy's draws, which would take as long as everything else that moves, weighs and draws a particle.
+    Mean and variance are exact, no number exceeds 3.46. The uniforms are a word of SplitMix64 (Steele et al. 2014), in
+    which each word follows from its index alone, so that loops vectorise: twenty times as fast as NumPy's generator,
+    which would take as long as the rest of a particle's update.
 
     Args:
         seed: uint64.
-        index: number of the draw, uint64.
+        index: of the number in its sequence, uint64.
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -70,60 +71,74 @@ def cosine(theta):
     return sine(t - _TURN if t > _PI else t)
 
 
+class NoisyMotion(NamedTuple):
+    """A motion as rotation, translation, rotation, with the standard deviations of their errors."""
+
+    rot1: float
+    """First rotation [rad]."""
+    trans: float
+    """Translation [m]."""
+    rot2: float
+    """Second rotation [rad]."""
+    std_rot1: float
+    """[rad]."""
+    std_trans: float
+    """[m]."""
+    std_rot2: float
+    """[rad]."""
+
+
 @njit(cache=True, error_model="numpy")
-def propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2):
-    """Move every particle by a noisy copy of a motion: turn, go, turn (Thrun et al. 2005, table 5.6).
+def propagate(particles, motion, seed):
+    """Move every particle by a noisy copy of a motion (Thrun et al. 2005, table 5.6).
 
     Args:
         particles: shape (3, n), float32, x, y, heading [m, rad]; changed in place.
+        motion: `NoisyMotion`.
         seed: of the noise, uint64.
-        rot1: first turn [rad].
-        trans: way [m].
-        rot2: second turn [rad].
-        std1: standard deviation of the first turn [rad].
-        std_trans: standard deviation of the way [m].
-        std2: standard deviation of the second turn [rad].
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
-    rot1, trans, rot2 = np.float32(rot1), np.float32(trans), np.float32(rot2)
-    std1, std_trans, std2 = np.float32(std1), np.float32(std_trans), np.float32(std2)
+    rot1, trans, rot2 = np.float32(motion.rot1), np.float32(motion.trans), np.float32(motion.rot2)
+    std1, std_trans, std2 = np.float32(motion.std_rot1), np.float32(motion.std_trans), np.float32(motion.std_rot2)
     count = np.uint64(xs.shape[0])
     for i in range(xs.shape[0]):
         k = np.uint64(i)
         heading = wrap(thetas[i] + rot1 + std1 * normal(seed, k))
-        way = trans + std_trans * normal(seed, k + count)
-        xs[i] += way * cosine(heading)
-        ys[i] += way * sine(heading)
+        distance = trans + std_trans * normal(seed, k + count)
+        xs[i] += distance * cosine(heading)
+        ys[i] += distance * sine(heading)
         thetas[i] = wrap(heading + rot2 + std2 * normal(seed, k + count + count))
 
 
 class DifferentialDrive:
-    """The odometry motion model of a robot that turns and drives, as Nav2 computes it."""
+    """The odometry motion model of a differential drive, as Nav2 computes it."""
 
     def __init__(self, params: AmclParams) -> None:
         self._alphas = params.alpha1, params.alpha2, params.alpha3, params.alpha4
 
     def __call__(self, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
-        """Return what draws where particles went.
+        """Return the sampler of a motion.
 
         Args:
             motion: pose of the base now, as odometry sees it from the base before.
 
         Returns:
-            A sampler: moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
+            A function that moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
         """
         trans = math.hypot(motion.x, motion.y)
         rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
         rot2 = wrap_angle(motion.theta - rot1)
-        # Driving backwards is a turn by half a circle, a way and another such turn, and as precise as driving forwards.
+        # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
         noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
         alpha1, alpha2, alpha3, alpha4 = self._alphas
-        std1 = math.sqrt(alpha1 * noise1**2 + alpha2 * trans**2)
-        std_trans = math.sqrt(alpha3 * trans**2 + alpha4 * (noise1**2 + noise2**2))
-        std2 = math.sqrt(alpha1 * noise2**2 + alpha2 * trans**2)
+        noisy = NoisyMotion(
+            *(rot1, trans, rot2),
+            std_rot1=math.sqrt(alpha1 * noise1**2 + alpha2 * trans**2),
+            std_trans=math.sqrt(alpha3 * trans**2 + alpha4 * (noise1**2 + noise2**2)),
+            std_rot2=math.sqrt(alpha1 * noise2**2 + alpha2 * trans**2),
+        )
 
         def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
-            seed = rng.integers(1 << 64, dtype=np.uint64)
-            propagate(particles, seed, rot1, trans, rot2, std1, std_trans, std2)
+            propagate(particles, noisy, rng.integers(1 << 64, dtype=np.uint64))
 
         return sample

@@ -1,12 +1,13 @@
-"""Drawing particles by weight, as many as the spread of the cloud needs."""
+"""KLD-sampling: resampling by weight, with as many particles as the spread of the cloud needs."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Step of the draws around the circle of cumulated weights [turns]."""
+"""Step between two draws, modulo 1, in the cumulated weights."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -15,8 +16,8 @@ def particles_needed(num_bins, error, quantile):
 
     Args:
         num_bins: bins that hold a particle.
-        error: how far the particles' distribution may be from the true one (Kullback-Leibler).
-        quantile: upper quantile of the standard normal with which that holds.
+        error: bound of the Kullback-Leibler divergence between the particles' distribution and the true one.
+        quantile: upper quantile of the standard normal with which the bound holds.
     """
     if num_bins < 2:
         return 0.0
@@ -27,7 +28,7 @@ def particles_needed(num_bins, error, quantile):
 
 @njit(cache=True, error_model="numpy")
 def cumulate(weights, cumulated, guide):
-    """Prepare for draws: sum weights up, and tabulate where to look for each n-th part of the sum.
+    """Cumulate weights, and tabulate where the search for each n-th part of their sum begins.
 
     Args:
         weights: shape (n,), float64, with the sum 1.
@@ -47,60 +48,70 @@ def cumulate(weights, cumulated, guide):
     guide[slot:] = n - 1
 
 
+class KldParams(NamedTuple):
+    """How many particles to draw; see `particles_needed`."""
+
+    min_particles: int
+    """Least number of particles."""
+    error: float
+    """Bound of the Kullback-Leibler divergence."""
+    quantile: float
+    """Upper quantile of the standard normal with which the bound holds."""
+
+
+class Injection(NamedTuple):
+    """Random particles to mix in."""
+
+    particles: np.ndarray
+    """Shape (3, f), float32, f >= `share` * m + 1 for at most m drawn particles."""
+    share: float
+    """Their share among the drawn particles, 0 to 1."""
+
+
 @njit(cache=True, error_model="numpy")
-def draw(particles, weights, bins, fresh, share, start, least, error, quantile, slot_of_bin, bin_of_slot, drawn):
+def resample(particles, weights, bins, injection, start, kld, seen, drawn):
     """Draw particles by weight until there are as many as the bins that they fall into need.
 
-    Low-variance sampling takes every n-th part of the sum of weights, for which n must be known, and goes through them
-    in order, so that one cannot stop early. Steps of the golden ratio spread about as evenly, however many there are.
+    Systematic resampling takes every n-th part of the sum of weights in order, so n must be known and one cannot stop
+    early. Steps of the golden ratio spread about as evenly, however many there are.
 
     Args:
         particles: shape (3, n), float32 [m, rad].
         weights: shape (n,), float64, with the sum 1.
         bins: shape (n,), int32, the particles' bins.
-        fresh: shape (3, f), float32, particles to mix in, f >= `share` * m + 1.
-        share: share of the fresh ones among the drawn, 0 to 1.
-        start: where to begin, 0 to 1.
-        least: least number of particles.
-        error: see `particles_needed`.
-        quantile: see `particles_needed`.
-        slot_of_bin: shape (num_bins,), int32, scratch; may hold anything from 0 on.
-        bin_of_slot: shape (>= m,), int32, scratch.
+        injection: `Injection`; each of its particles counts as a bin of its own.
+        start: position of the first draw in the cumulated weights, 0 to 1.
+        kld: `KldParams`.
+        seen: shape (num_bins,), bool, all False; scratch.
         drawn: shape (3, m), float32, written.
 
     Returns:
-        How many were drawn, at most m; the bins of fresh ones are taken to be their own.
+        How many were drawn, at most m.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)
     cumulate(weights, cumulated, guide)
-    needed = float(least)
-    is_adaptive = least < drawn.shape[1]
-    num_bins = 0
-    num_fresh = 0
-    for k in range(drawn.shape[1]):
-        if k >= needed:
-            return k
-        if share > 0.0 and math.floor((k + 1) * share + start) > math.floor(k * share + start):
-            drawn[:, k] = fresh[:, num_fresh]
-            num_fresh += 1
-            bin_of_slot[num_bins] = -1
+    needed = float(kld.min_particles)
+    share = injection.share
+    num_bins = num_injected = count = 0
+    while count < drawn.shape[1] and count < needed:
+        if share > 0.0 and math.floor((count + 1) * share + start) > math.floor(count * share + start):
+            drawn[:, count] = injection.particles[:, num_injected]
+            num_injected += 1
             is_new = True
         else:
-            u = start + k * GOLDEN
+            u = start + count * GOLDEN
             u -= math.floor(u)
             i = guide[int(u * n)]
             while cumulated[i] <= u:
                 i += 1
-            drawn[0, k], drawn[1, k], drawn[2, k] = particles[0, i], particles[1, i], particles[2, i]
-            if not is_adaptive:
-                continue
-            slot = slot_of_bin[bins[i]]
-            is_new = slot >= num_bins or bin_of_slot[slot] != bins[i]
-            if is_new:
-                slot_of_bin[bins[i]] = num_bins
-                bin_of_slot[num_bins] = bins[i]
+            drawn[0, count], drawn[1, count], drawn[2, count] = particles[0, i], particles[1, i], particles[2, i]
+            is_new = not seen[bins[i]]
+            seen[bins[i]] = True
+        count += 1
         if is_new:
             num_bins += 1
-            needed = max(float(least), particles_needed(num_bins, error, quantile))
-    return drawn.shape[1]
+            needed = max(needed, particles_needed(num_bins, kld.error, kld.quantile))
+    for i in range(n):
+        seen[bins[i]] = False
+    return count

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from sklearn.cluster import DBSCAN
 
 from envs.localization.clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
 
@@ -12,10 +13,7 @@ def _heaviest(particles, weights):
     particles = np.ascontiguousarray(np.array(particles, dtype=np.float32).T)
     bins = np.empty(len(weights), dtype=np.int32)
     find_bins(particles, RASTER, bins)
-    members = np.empty(len(weights))
-    garbage = np.random.default_rng(0).integers(0, 10_000, RASTER.num_bins).astype(np.int32)
-    weight = heaviest_cluster(bins, np.array(weights), RASTER, garbage, np.zeros(len(weights), np.int32), members)
-    return weight, members
+    return heaviest_cluster(bins, np.array(weights), RASTER)
 
 
 def test_weight_decides_and_not_number():
@@ -40,6 +38,27 @@ def test_what_lies_off_the_map_counts_to_its_edge():
     weight, members = _heaviest([(-50.0, 90.0, 3.2), (-1.9, 4.9, 3.1), (50.0, 2.0, 0.0)], [0.3, 0.3, 0.4])
     assert weight == pytest.approx(0.6)
     assert members[2] == 0.0
+
+
+def test_clusters_equal_dbscan():
+    """Touching bins are DBSCAN with the radius of one bin, where headings are compared around the turn."""
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        count = int(rng.integers(2, 60))
+        poses = rng.uniform((-2.0, -1.0, -math.pi), (2.0, 1.0, math.pi), (count, 3)).astype(np.float32)
+        weights = rng.random(count)
+        weights /= weights.sum()
+        bins = np.empty(count, dtype=np.int32)
+        extent = find_bins(np.ascontiguousarray(poses.T), RASTER, bins)
+        cells = np.stack(np.unravel_index(bins, RASTER.shape), axis=1)
+        assert extent == 1 + np.ptp(cells, axis=0).max()
+        apart = np.abs(cells[:, None] - cells)
+        apart[..., 2] = np.minimum(apart[..., 2], RASTER.num_angles - apart[..., 2])
+        labels = DBSCAN(eps=1.0, min_samples=1, metric="precomputed").fit_predict(apart.max(axis=-1))
+        totals = np.bincount(labels, weights)
+        weight, members = heaviest_cluster(bins, weights, RASTER)
+        assert weight == pytest.approx(totals.max())
+        np.testing.assert_array_equal(members, np.where(labels == totals.argmax(), weights, 0.0))
 
 
 def test_mean_and_covariance_equal_numpy():

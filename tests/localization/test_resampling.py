@@ -5,21 +5,21 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from envs.localization.resampling import draw, particles_needed
+from envs.localization.resampling import Injection, KldParams, particles_needed, resample
 
 
-def _draw(weights, bins, most, least, *, fresh=None, share=0.0, start=0.3, error=0.05, quantile=0.99):
+def _draw(weights, bins, most, least, *, injected=None, share=0.0, start=0.3, error=0.05, quantile=0.99):
     n = len(weights)
     particles = np.zeros((3, n), dtype=np.float32)
     particles[0] = np.arange(n)
     drawn = np.full((3, most), np.nan, dtype=np.float32)
-    fresh = np.zeros((3, 1), dtype=np.float32) if fresh is None else fresh
-    scratch = np.random.default_rng(0).integers(0, 1000, max(bins) + 1).astype(np.int32)
-    slots = np.zeros(most, dtype=np.int32)
-    count = draw(
-        *(particles, np.array(weights), np.array(bins, dtype=np.int32), fresh, share, start),
-        *(least, error, quantile, scratch, slots, drawn),
+    injection = Injection(np.zeros((3, 1), dtype=np.float32) if injected is None else injected, share)
+    seen = np.zeros(max(bins) + 1, dtype=bool)
+    bins = np.array(bins, dtype=np.int32)
+    count = resample(
+        particles, np.array(weights), bins, injection, start, KldParams(least, error, quantile), seen, drawn
     )
+    assert not seen.any()
     assert np.isfinite(drawn[:, :count]).all()
     assert np.isnan(drawn[:, count:]).all()
     return drawn[0, :count].astype(int)
@@ -64,8 +64,8 @@ def test_number_follows_the_bins():
     assert len(_draw(weights, np.arange(n), 300, 20)) == 300
 
 
-def test_fresh_particles_get_their_share():
-    fresh = np.full((3, 400), -7, dtype=np.float32)
-    drawn = _draw(np.full(10, 0.1), [0] * 10, 1000, 1000, fresh=fresh, share=0.3)
+def test_injected_particles_get_their_share():
+    injected = np.full((3, 400), -7, dtype=np.float32)
+    drawn = _draw(np.full(10, 0.1), [0] * 10, 1000, 1000, injected=injected, share=0.3)
     assert np.count_nonzero(drawn == -7) in (299, 300, 301)
     assert np.all(np.bincount(drawn[drawn >= 0]) > 60)

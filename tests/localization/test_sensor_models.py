@@ -6,7 +6,7 @@ import pytest
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import AmclParams
-from envs.localization.beam_model import BeamModel, beam_likelihood, march
+from envs.localization.beam_model import BeamMixture, BeamModel, beam_likelihood, march
 from envs.localization.likelihood_field import LikelihoodField, obstacle_distances
 from envs.robots import LidarParams, Mount
 
@@ -86,8 +86,7 @@ def test_distances_equal_brute_force():
     cells = np.argwhere(obstacles)
     expected = np.array([[np.hypot(*(cells - (i, j)).T).min() for j in range(40)] for i in range(30)])
     np.testing.assert_allclose(obstacle_distances(obstacles, 0.1, 0.7), np.minimum(0.1 * expected, 0.7), atol=1e-12)
-    with pytest.raises(ValueError, match="max_distance must span at most"):
-        obstacle_distances(obstacles, 0.01, 2.0)
+    np.testing.assert_array_equal(obstacle_distances(np.zeros((3, 4), dtype=bool), 0.1, 0.7), 0.7)
 
 
 def test_beams_are_spread_evenly_and_useless_ones_left_out():
@@ -140,12 +139,12 @@ def test_rays_end_where_the_finest_walk_ends():
 
 
 def test_mixture_by_hand():
-    numbers = {"z_hit": 0.5, "z_short": 0.05, "z_max": 0.05, "z_rand": 0.5, "sigma_hit": 0.2, "lambda_short": 0.1}
-    at_wall = beam_likelihood(2.0, 2.0, 10.0, **numbers)
+    mixture = BeamMixture(z_hit=0.5, z_short=0.05, z_max=0.05, z_rand=0.5, sigma_hit=0.2, lambda_short=0.1)
+    at_wall = beam_likelihood(2.0, 2.0, 10.0, mixture)
     assert at_wall == pytest.approx(0.5 + 0.05)
-    before = beam_likelihood(1.0, 2.0, 10.0, **numbers)
+    before = beam_likelihood(1.0, 2.0, 10.0, mixture)
     assert before == pytest.approx(0.5 * math.exp(-12.5) + 0.05 * 0.1 * math.exp(-0.1) + 0.05)
-    assert beam_likelihood(10.0, 10.0, 10.0, **numbers) == pytest.approx(0.5 + 0.05)
+    assert beam_likelihood(10.0, 10.0, 10.0, mixture) == pytest.approx(0.5 + 0.05)
 
 
 def test_beam_model_weighs_what_it_casts():
@@ -160,9 +159,9 @@ def test_beam_model_weighs_what_it_casts():
     BeamModel(params, lidar, grid)(ranges)(particles, weights)
 
     def factor(expected):
-        numbers = (0.5, 0.05, 0.05, 0.5, 0.2, 0.1)
-        hit = beam_likelihood(1.5, expected, 3.0, *numbers)
-        slanted = beam_likelihood(3.0, expected / math.cos(0.1), 3.0, *numbers)
+        mixture = BeamMixture(0.5, 0.05, 0.05, 0.5, 0.2, 0.1)
+        hit = beam_likelihood(1.5, expected, 3.0, mixture)
+        slanted = beam_likelihood(3.0, expected / math.cos(0.1), 3.0, mixture)
         return 1.0 + hit**3 + slanted**3
 
     np.testing.assert_allclose(weights, [factor(1.475), factor(1.975)], rtol=0.03)
