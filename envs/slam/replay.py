@@ -1,11 +1,11 @@
-"""Run SLAM on the log of a real robot: `python -m envs.slam.replay LOG --relations FILE --out DIR`."""
+"""Run a SLAM on the log of a real robot: `python -m envs.slam.replay LOG --relations FILE --out DIR`."""
 
 import json
 import sys
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -16,23 +16,24 @@ from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.logs import Log, RelationError, follow_odometry, load_log, load_relations, relation_error, save_trajectory
 from envs.worlds import save_map
 
-from . import GivenPoseSlam, Slam, TinySlam, TinySlamParams, load_params
+from . import SLAM_NAMES, Slam, load_params, make_slam
 
 
 @dataclass(frozen=True)
 class Options:
-    """Run SLAM on the log of a real robot; print its relation error and the time that a scan takes."""
+    """Run a SLAM on the log of a real robot; print its relation error and the time per scan."""
 
     log: Annotated[Path, tyro.conf.Positional]
     """Arrays (.npz) or CARMEN text (.log, .log.gz, .clf)."""
-    slam: Literal["tinyslam", "odometry"] = "tinyslam"
-    """Which SLAM; `odometry` maps where the wheels say."""
+    slam: str = "tinyslam"
+    """Name of a SLAM (`odometry` maps at the poses of the wheel odometry), or `module:attribute` of your own, which is
+    called with the lidar's geometry and the resolution [m]."""
     preset: str = "intel"
-    """Preset of TinySLAM's params, or a YAML file with some."""
+    """Preset of the SLAM's parameters, or a YAML file. A SLAM of your own gets its resolution alone."""
     change: dict[str, str] = field(default_factory=dict)
-    """Params to change, as `KEY VALUE` pairs."""
+    """Parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
-    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`. Where `unambiguous_relations.npy` lies beside them, a
+    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`. If `unambiguous_relations.npy` lies in the same folder, a
     boolean mask, the error over those is printed as well."""
     out: Path | None = None
     """Folder for maps (PNG, and PGM with YAML), trajectories (TUM format) and `summary.json`."""
@@ -41,14 +42,14 @@ class Options:
     first_seed: int = 0
     """Seed of the first run."""
     max_range: float | None = None
-    """Readings from this on count as no return [m]; without it what the log says."""
+    """Readings from this on count as no return [m]; the log's own limit by default."""
     time_offset: float = 0.0
-    """Added to the log's times, for relations whose clock starts elsewhere [s]."""
+    """Added to the log's times, for relations with another clock [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one run came to."""
+    """Result of one run."""
 
     seed: int
     """Seed of the run."""
@@ -61,12 +62,12 @@ class Run:
 
 
 def replay(log: Log, slam: Slam, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
-    """Feed a log to a SLAM.
+    """Run a SLAM along a log.
 
     Args:
         log: the log.
         slam: the SLAM; it is reset.
-        seed: of its random draws.
+        seed: of the SLAM's noise.
         progress: whether to show a progress bar.
 
     Returns:
@@ -107,27 +108,27 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: in
 
 
 def main(options: Options) -> list[Run]:
-    """Run the command."""
-    params = load_params(options.preset, options.change)
+    """Run the command.
+
+    Raises:
+        ValueError: the SLAM cannot be replayed, or an input file or parameter is not valid.
+        FileNotFoundError: an input file is missing.
+    """
     log = load_log(options.log, options.max_range)
     times = log.times + options.time_offset
-    relations = None if options.relations is None else load_relations(options.relations)
-    mask_file = None if options.relations is None else options.relations.parent / "unambiguous_relations.npy"
-    mask = np.load(mask_file) if mask_file is not None and mask_file.is_file() else None
+    relations = _load_relations(options.relations)
+    slam = _make_slam(options, log)
+    slam.reset(np.random.default_rng(options.first_seed))
+    for ranges in log.ranges[:2]:  # compile the kernels, which must not be timed
+        slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-    slam = _make(options.slam, log, params)
-    for ranges in log.ranges[:2]:  # compiles the kernels, which is not what the clock is for
-        slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
     runs = []
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         poses, seconds = replay(log, slam, seed, progress=sys.stderr.isatty())
         trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
-        error = unambiguous = None
-        if relations is not None:
-            error = relation_error(times, trajectory, relations)
-            unambiguous = None if mask is None else relation_error(times, trajectory, relations[mask])
-        runs.append(Run(seed, 1e3 * seconds, error, unambiguous))
+        errors = {name: relation_error(times, trajectory, some) for name, some in relations.items()}
+        runs.append(Run(seed, 1e3 * seconds, errors.get("all"), errors.get("unambiguous")))
         tqdm.write(_line(runs[-1]))
         if options.out is not None:
             grid = slam.belief.grid
@@ -136,20 +137,36 @@ def main(options: Options) -> list[Run]:
             save_trajectory(options.out / f"trajectory_{seed}.tum", times, trajectory)
     tqdm.write(_summary(runs))
     if options.out is not None:
+        params = getattr(slam, "params", None)
         content = {
             "log": str(options.log),
             "slam": options.slam,
-            "params": asdict(params),
-            "runs": [*map(asdict, runs)],
+            "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
+            "runs": [asdict(run) for run in runs],
         }
-        (options.out / "summary.json").write_text(
-            json.dumps({**content, "runs": [asdict(run) for run in runs]}, indent=2) + "\n", encoding="utf-8"
-        )
+        (options.out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return runs
 
 
-def _make(name: str, log: Log, params: TinySlamParams) -> Slam:
-    return TinySlam(log.lidar, params) if name == "tinyslam" else GivenPoseSlam(log.lidar, params)
+def _make_slam(options: Options, log: Log) -> Slam:
+    if options.slam == "truth":
+        raise ValueError(
+            "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"
+        )
+    further = options.change.keys() - {"resolution"}
+    if options.slam not in SLAM_NAMES and further:
+        raise ValueError(f"{options.slam} has no parameters {', '.join(sorted(further))} that could be changed")
+    params = load_params(options.preset, options.change)
+    return make_slam(options.slam, log.lidar, params.resolution, params)
+
+
+def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
+    """Return all relations, and those that are unambiguous, as far as there are files."""
+    if path is None:
+        return {}
+    relations = load_relations(path)
+    mask = path.parent / "unambiguous_relations.npy"
+    return {"all": relations, **({"unambiguous": relations[np.load(mask)]} if mask.is_file() else {})}
 
 
 def _line(run: Run) -> str:

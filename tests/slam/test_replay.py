@@ -1,13 +1,16 @@
 import json
 import math
 import os
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from envs.geometry import OccupancyGrid
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.slam import Belief
 from envs.slam.replay import Options, main, picture
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
@@ -21,9 +24,30 @@ FLASER 3 1.5 2.5 3.5 1.0 1.2 1.57 1 1 1.57 12.0 nohost 12.0
 """
 
 
-def test_replay_writes_maps_trajectories_and_a_summary(tmp_path):
-    log = tmp_path / "drive.log"
-    log.write_text(LOG)
+class TurningSlam:
+    """A SLAM of the user's own: each scan turns the robot by a right angle on the spot."""
+
+    def __init__(self, lidar, resolution):
+        self.belief = None
+        self.grid = OccupancyGrid(np.zeros((8, 8), dtype=np.int8), resolution, (0.0, 0.0))
+
+    def reset(self, rng):
+        self.theta = 0.0
+
+    def update(self, ranges, motion):
+        self.theta += math.pi / 2
+        self.belief = Belief(Pose2D(5.0, 0.0, self.theta), self.grid, np.empty((0, 2), dtype=np.int32))
+        return self.belief
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "drive.log"
+    path.write_text(LOG)
+    return path
+
+
+def test_replay_writes_maps_trajectories_and_a_summary(log, tmp_path):
     relations = tmp_path / "relations"
     relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
     np.save(tmp_path / "unambiguous_relations.npy", np.array([True]))
@@ -41,6 +65,28 @@ def test_replay_writes_maps_trajectories_and_a_summary(tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["params"]["resolution"] == 0.1
     assert summary["runs"][1]["error"]["count"] == 1
+
+
+def test_replay_runs_the_slam_that_it_names(log, tmp_path, monkeypatch):
+    module = types.ModuleType("my_slams")
+    module.Turning = TurningSlam
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    main(Options(log, slam="my_slams:Turning", change={"resolution": "0.25"}, out=tmp_path))
+    trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
+    np.testing.assert_allclose(trajectory[:, 1][[1, 3]], 5.0)
+    assert abs(trajectory[3, 6]) == pytest.approx(1.0)  # half a turn
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["slam"], summary["params"]) == ("my_slams:Turning", None)
+    with pytest.raises(ValueError, match="has no parameters hole_width"):
+        main(Options(log, slam="my_slams:Turning", change={"hole_width": "0.25"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"), [("gmapping2", "unknown SLAM 'gmapping2'.*tinyslam"), ("truth", "true poses")]
+)
+def test_replay_measures_nothing_under_another_name(log, name, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        main(Options(log, slam=name))
 
 
 def test_picture_shows_low_y_at_the_bottom():
