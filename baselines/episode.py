@@ -1,5 +1,6 @@
 """One explorer, one place, one seed: what came of it."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,20 +31,20 @@ class Curve:
 class Episode:
     """The measures of one episode, in simulated time and true distances.
 
-    A mark that was never reached counts as the time limit, and as the distance that the robot could have driven within
-    it at full speed, so that giving up early never looks quick.
+    A mark that was never reached has infinite time and distance. Statistics that need a number take `time_limit` and
+    `distance_limit` in their place, so that giving up early never looks quick.
     """
 
     explored_fraction: float
     """Truly known share of the explorable area at the end."""
     time_to_90: float
-    """Time until 90 % was explored [s]."""
+    """Time until 90 % was explored [s]; infinite if never."""
     time_to_95: float
-    """Time until 95 % was explored [s]."""
+    """Time until 95 % was explored [s]; infinite if never."""
     time_to_99: float
-    """Time until 99 % was explored [s]."""
+    """Time until 99 % was explored [s]; infinite if never."""
     distance_to_95: float
-    """Distance driven until 95 % was explored [m]."""
+    """Distance driven until 95 % was explored [m]; infinite if never."""
     area_under_curve: float
     """Mean explored fraction over the whole time limit; after an early end the last value holds."""
     path_length: float
@@ -66,6 +67,8 @@ class Episode:
     """Time at the end [s]."""
     time_limit: float
     """Time that there was [s]."""
+    distance_limit: float
+    """Distance that the robot could have driven in that time at full speed [m]."""
     area_left: float
     """Explorable area that was still unknown at the end [m2]."""
     curve: Curve
@@ -149,7 +152,7 @@ def _sample(info: dict[str, Any]) -> tuple[float, float, float]:
 
 
 def _measure(place: ExploreEnv, info: dict[str, Any], curve: Curve, errors: np.ndarray, decision_ms: float) -> Episode:
-    """Boil an episode down.
+    """Summarise an episode.
 
     Args:
         place: the environment, at the end of the episode.
@@ -164,10 +167,10 @@ def _measure(place: ExploreEnv, info: dict[str, Any], curve: Curve, errors: np.n
     known += curve.explored_fraction[-1] * max(0.0, limit - curve.time[-1])
     return Episode(
         explored_fraction=info["explored_fraction"],
-        time_to_90=_first(curve.time, curve, 0.90, limit),
-        time_to_95=_first(curve.time, curve, 0.95, limit),
-        time_to_99=_first(curve.time, curve, 0.99, limit),
-        distance_to_95=_first(curve.path_length, curve, 0.95, place.robot.max_v * limit),
+        time_to_90=_first(curve.time, curve, 0.90),
+        time_to_95=_first(curve.time, curve, 0.95),
+        time_to_99=_first(curve.time, curve, 0.99),
+        distance_to_95=_first(curve.path_length, curve, 0.95),
         area_under_curve=float(known / max(limit, curve.time[-1])),
         path_length=info["path_length"],
         collisions=int(info["collisions"]),
@@ -179,12 +182,13 @@ def _measure(place: ExploreEnv, info: dict[str, Any], curve: Curve, errors: np.n
         end_reason=info["end_reason"],
         duration=info["time"],
         time_limit=limit,
+        distance_limit=place.robot.max_v * limit,
         area_left=place.coverage.area.area - info["explored_area"],
         curve=curve,
     )
 
 
-def _first(quantity: np.ndarray, curve: Curve, mark: float, otherwise: float) -> float:
-    """Return `quantity` where the curve first reaches `mark`, and `otherwise` if it never does."""
+def _first(quantity: np.ndarray, curve: Curve, mark: float) -> float:
+    """Return `quantity` where the curve first reaches `mark`, and infinity if it never does."""
     reached = curve.explored_fraction >= mark
-    return float(quantity[reached.argmax()]) if reached.any() else float(otherwise)
+    return float(quantity[reached.argmax()]) if reached.any() else math.inf

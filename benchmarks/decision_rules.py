@@ -61,7 +61,8 @@ def time_rule(rule: str, place: str, control_hz: float, max_decision_time: float
 def time_explorer(place: str, seed: int) -> float:
     """Return the same for the `nearest` explorer."""
     env = ExploreEnv(physics="kinematic", target_coverage=MARK, **PLACES[place][0])
-    return run_episode(env, make_explorer("nearest"), seed).time_to_95
+    episode = run_episode(env, make_explorer("nearest"), seed)
+    return min(episode.time_to_95, episode.time_limit)
 
 
 def main() -> None:

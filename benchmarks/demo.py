@@ -139,17 +139,18 @@ def _sentence(summary: Summary, folder: Path) -> str:
     """Say where the report lies, and its three most interesting numbers."""
 
     def number(policy: str, measure: str) -> str:
-        return BY_NAME[measure].text(summary[policy][WORLD][measure].iqm)
+        number, interval = BY_NAME[measure].texts(summary[policy][WORLD][measure])
+        return interval if interval == "never" else f"{number} {BY_NAME[measure].unit}"
 
     explored, reached = (
         {policy: number(policy, measure) for policy in ("ppo", "frontier", "random")}
         for measure in ("explored_fraction", "time_to_90")
     )
     return (
-        f"{folder / 'report.html'}: the trained explorer saw {explored['ppo']} % of {WORLD} "
-        f"(frontier {explored['frontier']} %, random {explored['random']} %), "
-        f"90 % of it in {reached['ppo']} s (frontier {reached['frontier']} s, random {reached['random']} s), "
-        f"and knew its position within {number('ppo', 'position_rmse')} cm."
+        f"{folder / 'report.html'}: the trained explorer saw {explored['ppo']} of {WORLD} "
+        f"(frontier {explored['frontier']}, random {explored['random']}), "
+        f"time to 90 % of it: {reached['ppo']} (frontier: {reached['frontier']}, random: {reached['random']}), "
+        f"position error {number('ppo', 'position_rmse')}."
     )
 
 

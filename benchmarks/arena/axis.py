@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.arena.measures import BY_NAME
-from benchmarks.arena.pairs import by_start, paired_values, policies_of, relate, values_of
+from benchmarks.arena.pairs import by_start, paired_values, policies_of, pool, relate
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, paired_difference
-from benchmarks.arena.summary import pool
 
 EASIEST = {"slam": "truth"}
 """Values that the others of their axis are compared with; where it is not among them, the first one."""
@@ -63,6 +62,6 @@ def _entry(versions: Sequence[Row], policy: str, value: str, base: str) -> AxisE
     differences = {}
     if value != base:
         differences = {m.name: paired_difference(*paired_values(versions, value, base, m)) for m in COMPARED}
-    estimates = {m.name: pool(values_of(versions, value, m), m) for m in SHOWN}
+    estimates = {m.name: pool(versions, value, m) for m in SHOWN}
     worlds = tuple(dict.fromkeys(row["world"] for row in versions))
     return AxisEntry(policy, value, base, worlds, estimates, differences)

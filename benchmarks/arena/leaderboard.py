@@ -11,12 +11,12 @@ from benchmarks.arena.axis import SHOWN as AXIS_SHOWN
 from benchmarks.arena.axis import compare_axis
 from benchmarks.arena.measures import BY_NAME, MEASURES
 from benchmarks.arena.page import Cell, Section, Table
-from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, reference_of, values_of
+from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, pool, reference_of
 from benchmarks.arena.ranking import GAPS, PRIMARY, SHOWN, Entry, gaps, rank
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import NOT_RUN, Failure, group_failures
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import best_of, compare, pool, split
+from benchmarks.arena.summary import best_of, compare, split
 from benchmarks.arena.theme import short
 from benchmarks.arena.unfinished import DRIFT, MARKS, find_unfinished
 
@@ -64,7 +64,7 @@ def _ranking_table(entries: Sequence[Entry]) -> Table:
         ]
         place = f"{entry.rank}. " if entry.rank else "bound: "
         lines.append((Cell(f"{place}{short(entry.policy)}"), *cells))
-    return Table(("", *(f"{m.label} {m.unit}".strip() for m in SHOWN)), tuple(lines))
+    return Table(("", *(m.title for m in SHOWN)), tuple(lines))
 
 
 def gap_section(rows: Sequence[Row]) -> Section | None:
@@ -97,13 +97,13 @@ def measures_section(rows: Sequence[Row]) -> Section:
     others = [measure for measure in MEASURES if measure not in SHOWN]
     lines = []
     for policy in policies_of(rows):
-        cells = [Cell.of(pool(values_of(rows, policy, measure), measure), measure) for measure in others]
+        cells = [Cell.of(pool(rows, policy, measure), measure) for measure in others]
         lines.append((Cell(short(policy)), *cells))
     text = (
         "Interquartile means over the same starts as above. Seconds and metres in small and large places are not of a "
         "kind: compare explorers, and not the numbers as such."
     )
-    head = ("", *(f"{m.label} {m.unit}".strip() for m in others))
+    head = ("", *(m.title for m in others))
     return Section("All other measures", (text, Table(head, tuple(lines))))
 
 
@@ -127,7 +127,7 @@ def pairs_section(rows: Sequence[Row]) -> Section | None:
         f"Difference to {reference} from the same start (interquartile mean), and the probability of improvement: the "
         "share of starts from which the explorer does better, ties counting half."
     )
-    head = ("", *(title for m in GAPS for title in (f"{m.label} {m.unit}".strip(), f"better than {reference}")))
+    head = ("", *(title for m in GAPS for title in (m.title, f"better than {reference}")))
     return Section("Pair by pair", (text, Table(head, tuple(map(tuple, lines.values())))))
 
 
@@ -141,18 +141,18 @@ def places_section(rows: Sequence[Row]) -> Section:
     lines = []
     for case, here in split(rows).items():
         present = [policy for policy in policies if any(row["policy"] == policy for row in here)]
-        estimates = {policy: pool(values_of(here, policy, TIME), TIME) for policy in present}
+        estimates = {policy: pool(here, policy, TIME) for policy in present}
         best = best_of(estimates, TIME)
         cells = []
         for policy in policies:
             mine = [row for row in here if row["policy"] == policy]
             reached = sum(row["explored_fraction"] >= MARKS[0] for row in mine)
             note = "" if reached == len(mine) else f"{reached} of {len(mine)}"
-            cells.append(Cell(TIME.text(estimates[policy].iqm), note, policy in best) if mine else DASH)
+            cells.append(Cell(TIME.texts(estimates[policy])[0], note, policy in best) if mine else DASH)
         lines.append((Cell(case), *cells))
     text = (
         "Seconds until 95 % was explored, interquartile mean. Where not every episode got there, how many did stands "
-        "beside it, and the others count as the time limit."
+        "beside it; where the others decide the mean, it is a lower bound: more than the limit that they count as."
     )
     return Section("Place by place", (text, Table(("", *map(short, policies)), tuple(lines))))
 
@@ -176,8 +176,8 @@ def axis_section(rows: Sequence[Row], axis: str) -> Section | None:
         ]
         lines.append((Cell(f"{short(entry.policy)}, {entry.value}"), *shown, *differences))
     head = (
-        *("", *(f"{m.label} {m.unit}".strip() for m in AXIS_SHOWN)),
-        *(f"{m.label} {m.unit}".strip() + f", difference to {base}" for m in AXIS_COMPARED),
+        *("", *(m.title for m in AXIS_SHOWN)),
+        *(m.title + f", difference to {base}" for m in AXIS_COMPARED),
     )
     places = list(dict.fromkeys(world for entry in entries for world in entry.worlds))
     starts = entries[0].estimates[PRIMARY.name].n

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from benchmarks.arena.statistics import Estimate
+
 
 @dataclass(frozen=True, slots=True)
 class Measure:
@@ -22,25 +24,39 @@ class Measure:
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
     """Whether it is 0 or 1, so that its mean is a share."""
+    limit: str = ""
+    """Column that counts where the mark was never reached; empty where there is no mark."""
 
     @property
     def column(self) -> str:
         """Name of the column of `episodes.csv` that it is computed from."""
         return "success" if self.name == "success_rate" else self.name
 
-    def text(self, value: float) -> str:
-        """Return the value in `unit`, rounded for a table."""
-        return f"{value * self.scale:.{self.digits}f}"
+    @property
+    def title(self) -> str:
+        """Label and unit, the heading of a column."""
+        return f"{self.label} {self.unit}".strip()
+
+    def text(self, value: float, sign: str = "") -> str:
+        """Return the value in `unit`, rounded for a table; `sign="+"` marks it as a difference."""
+        rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
+        return f"{rounded:{sign}.{self.digits}f}"
+
+    def texts(self, estimate: Estimate, sign: str = "") -> tuple[str, str]:
+        """Return an estimate and its interval, such as ("41", "35 to 47"), or ("> 300", "never")."""
+        numbers = (self.text(value, sign) for value in estimate[:3])
+        middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
+        return middle, "never" if estimate.never == estimate.n else f"{low} to {high}"
 
 
 _DEGREE = 180.0 / math.pi
 
 MEASURES = (
     Measure("explored_fraction", "explored", "%", True, 1, 100.0),
-    Measure("time_to_90", "time to 90 %", "s", False, 0),
-    Measure("time_to_95", "time to 95 %", "s", False, 0),
-    Measure("time_to_99", "time to 99 %", "s", False, 0),
-    Measure("distance_to_95", "distance to 95 %", "m", False),
+    Measure("time_to_90", "time to 90 %", "s", False, 0, limit="time_limit"),
+    Measure("time_to_95", "time to 95 %", "s", False, 0, limit="time_limit"),
+    Measure("time_to_99", "time to 99 %", "s", False, 0, limit="time_limit"),
+    Measure("distance_to_95", "distance to 95 %", "m", False, limit="distance_limit"),
     Measure("area_under_curve", "area under curve", "%", True, 1, 100.0),
     Measure("path_length", "path", "m", None),
     Measure("collisions", "collisions", "", False),
@@ -51,8 +67,8 @@ MEASURES = (
     Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True),
 )
 RELATIVE = (
-    Measure("relative_time", "time to 95 %, relative", "", False, 2),
-    Measure("relative_distance", "distance to 95 %, relative", "", False, 2),
+    Measure("relative_time", "time to 95 %, relative", "", False, 2, limit="relative_time_limit"),
+    Measure("relative_distance", "distance to 95 %, relative", "", False, 2, limit="relative_distance_limit"),
 )
 """Measures as shares of what the reference needed from the same start (`benchmarks.arena.pairs`): seconds and metres in
 a maze and in a warehouse are not of a kind, these are."""

@@ -1,6 +1,7 @@
 """Pictures over all places: curves, performance profiles, typical and worst episodes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from benchmarks.arena.curve_plots import Bands, draw_curves, draw_profiles, samp
 from benchmarks.arena.map_plots import draw_growth
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Figure, Section
-from benchmarks.arena.pairs import by_start, case_of, policies_of, reference_of, values_of
+from benchmarks.arena.pairs import by_start, case_of, policies_of, reference_of, value_of, values_of
 from benchmarks.arena.plots import Picture
 from benchmarks.arena.ranking import PRIMARY, typical_and_worst
 from benchmarks.arena.records import Row
@@ -20,6 +21,8 @@ from benchmarks.arena.summary import split
 from benchmarks.arena.theme import short
 from benchmarks.arena.trace import Trace, load_curve, slug, trace_path
 
+TIME, DISTANCE = BY_NAME["time_to_95"], BY_NAME["distance_to_95"]
+"""What the reference needed is the unit of the curves."""
 SHARES = 3.0
 """Times and distances are shown up to this multiple of what the reference needed."""
 
@@ -104,7 +107,7 @@ def _relative_curves(folder: Path, rows: Sequence[Row]) -> dict[str, list[list[C
             continue
         curve = load_curve(folder, row)
         scaled = Curve(
-            curve.time / unit["time_to_95"], curve.path_length / unit["distance_to_95"], curve.explored_fraction
+            curve.time / value_of(unit, TIME), curve.path_length / value_of(unit, DISTANCE), curve.explored_fraction
         )
         curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
     return {policy: list(strata.values()) for policy, strata in curves.items()}
@@ -117,7 +120,6 @@ def _mirrored(bands: Bands) -> Bands:
 
 
 def _reached_times(rows: Sequence[Row], policy: str) -> list[np.ndarray]:
-    """Return the relative times to 95 %; infinite where it was not reached, whatever that counts as elsewhere."""
-    times = values_of(rows, policy, BY_NAME["relative_time"])
-    reached = values_of([row for row in rows if "relative_time" in row], policy, BY_NAME["reached_95"])
-    return [np.where(done > 0.0, time, np.inf) for time, done in zip(times, reached, strict=True)]
+    """Return the relative times to 95 %; infinite where it was never reached."""
+    unlimited = replace(BY_NAME["relative_time"], limit="")
+    return values_of(rows, policy, unlimited)

@@ -26,8 +26,7 @@ class Cell:
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
         """Show an estimate with its interval; `sign="+"` shows it as a difference."""
-        middle, low, high = (f"{float(measure.text(x)):{sign}.{measure.digits}f}" for x in value[:3])
-        return cls(middle, f"{low} to {high}", is_best)
+        return cls(*measure.texts(value, sign), is_best)
 
 
 @dataclass(frozen=True, slots=True)

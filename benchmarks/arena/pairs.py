@@ -4,8 +4,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from benchmarks.arena.measures import Measure
+from benchmarks.arena.measures import BY_NAME, Measure
 from benchmarks.arena.records import Row
+from benchmarks.arena.statistics import Estimate, estimate, success_rate
 
 BOUND = "oracle"
 """Explorer that is told the truth. It bounds what can be reached, and does not compete."""
@@ -59,6 +60,8 @@ def common_starts(rows: Sequence[Row]) -> list[Row]:
 def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
     """Return the rows with `REACHED` added, and `RELATIVE` where the reference has an episode from the same start.
 
+    Where the reference never reached the mark, its limit is what others are divided by.
+
     Args:
         rows: episodes.
         reference: a policy; None takes the usual one.
@@ -71,29 +74,45 @@ def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
         same_start = references.get((case_of(row), row["seed"]))
         related.append(row | {"reached_95": int(row["explored_fraction"] >= 0.95)})
         if same_start is not None:
-            related[-1] |= {
-                "relative_time": _share(row["time_to_95"], same_start["time_to_95"]),
-                "relative_distance": _share(row["distance_to_95"], same_start["distance_to_95"]),
-            }
+            for relative, column in (("relative_time", "time_to_95"), ("relative_distance", "distance_to_95")):
+                measure = BY_NAME[column]
+                # Zero where the first scan shows 95 %: it shows that to everyone.
+                unit = value_of(same_start, measure)
+                shares = [value / unit if unit > 0.0 else 1.0 for value in (row[column], row[measure.limit])]
+                related[-1] |= dict(zip((relative, BY_NAME[relative].limit), shares, strict=True))
     return related
 
 
-def _share(value: float, reference: float) -> float:
-    """Return value / reference. The reference is zero where the first scan shows 95 %, and it shows all the same."""
-    return value / reference if reference > 0.0 else 1.0
+def value_of(row: Row, measure: Measure) -> float:
+    """Return what an episode counts as: its limit where it never reached the mark."""
+    return min(row[measure.column], row[measure.limit]) if measure.limit else row[measure.column]
 
 
 def values_of(rows: Iterable[Row], policy: str, measure: Measure) -> list[np.ndarray]:
-    """Return a measure of a policy's episodes: per case an array in the order of seeds, shape (episodes,), float64."""
+    """Return what a policy's episodes count as (`value_of`): per case an array in the order of seeds, float64."""
     mine = by_start(rows, policy).items()
-    return _by_case({start: row[measure.column] for start, row in mine if measure.column in row})
+    return _by_case({start: value_of(row, measure) for start, row in mine if measure.column in row})
+
+
+def pool(rows: Iterable[Row], policy: str, measure: Measure) -> Estimate:
+    """Estimate a measure of a policy's episodes over all cases: an interquartile mean, or of what is 0 or 1 the share.
+
+    Raises:
+        ValueError: if it has no episode with that measure.
+    """
+    strata = values_of(rows, policy, measure)
+    if measure.is_share:
+        return success_rate(strata)
+    mine = by_start(rows, policy).items()
+    reached = _by_case({s: float(np.isfinite(row[measure.column])) for s, row in mine if measure.column in row})
+    return estimate(strata, [stratum > 0.0 for stratum in reached])
 
 
 def paired_values(rows: Sequence[Row], a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return a measure of two policies from the starts that they share: per case an array each, in the same order."""
     ours, theirs = by_start(rows, a), by_start(rows, b)
     shared = [start for start in ours if start in theirs and measure.column in ours[start]]
-    first, second = ({start: side[start][measure.column] for start in shared} for side in (ours, theirs))
+    first, second = ({start: value_of(side[start], measure) for start in shared} for side in (ours, theirs))
     return _by_case(first), _by_case(second)
 
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.arena.measures import BY_NAME, Measure
-from benchmarks.arena.pairs import BOUND, by_start, case_of, paired_values, policies_of, reference_of, values_of
+from benchmarks.arena.pairs import BOUND, by_start, case_of, paired_values, policies_of, pool, reference_of, values_of
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, gap_closed
-from benchmarks.arena.summary import pool
 
 PRIMARY = BY_NAME["area_under_curve"]
 """What the explorers are ranked by: it has no threshold, and every episode has one."""
@@ -50,9 +49,7 @@ def rank(rows: Sequence[Row]) -> list[Entry]:
         rows: episodes with `RELATIVE` and `REACHED` (`benchmarks.arena.pairs.relate`).
     """
     estimates = {
-        policy: {
-            measure.name: pool(strata, measure) for measure in SHOWN if (strata := values_of(rows, policy, measure))
-        }
+        policy: {measure.name: pool(rows, policy, measure) for measure in SHOWN if values_of(rows, policy, measure)}
         for policy in policies_of(rows)
     }
     competitors = sorted(

@@ -8,7 +8,7 @@ from string import Template
 
 import numpy as np
 
-from benchmarks.arena.measures import MEASURES
+from benchmarks.arena.measures import BY_NAME, MEASURES
 from benchmarks.arena.page import Section, data_url, figure_element, html_table, themed, to_html
 from benchmarks.arena.plots import WorldPictures
 from benchmarks.arena.records import Row
@@ -20,6 +20,8 @@ from benchmarks.arena.theme import DARK, LIGHT, Theme, short
 Estimates = Mapping[str, Mapping[str, Estimate]]
 """Estimates by policy and measure."""
 
+TIME = BY_NAME["time_to_95"]
+"""What the cards show."""
 _TEMPLATE = Path(__file__).with_name("report.html")
 _GROWTH_CAPTION = "The same start for all. Colours: when a cell became known. Red: the true walls."
 
@@ -119,7 +121,7 @@ def _cards(estimates: Estimates, rows: Sequence[Row]) -> str:
     for k, (policy, values) in enumerate(estimates.items()):
         explored, time = values["explored_fraction"], values["time_to_95"]
         reached = sum(row["explored_fraction"] >= 0.95 for row in rows if row["policy"] == policy)
-        when = f"95 % after {time.iqm:.0f} s" if reached else "95 % never"
+        when = f"95 % after {TIME.texts(time)[0]} s" if reached else "95 % never"
         cards.append(
             f'<div class="card" style="--color: var(--policy-{k})"><h4>{html.escape(policy)}</h4>'
             f'<div class="big">{100 * explored.iqm:.1f} %</div><div>explored</div><div>{when}</div>'
@@ -138,11 +140,10 @@ def _table(estimates: Estimates) -> str:
         if not row:
             continue
         best = best_of(row, measure)
-        cells = "".join(
-            f"<td{' class=best' if policy in best else ''}>{measure.text(value.iqm)}"
-            f"<small>{measure.text(value.low)}&ndash;{measure.text(value.high)}</small></td>"
-            for policy, value in row.items()
-        )
+        cells = ""
+        for policy, value in row.items():
+            middle, interval = map(html.escape, measure.texts(value))
+            cells += f"<td{' class=best' if policy in best else ''}>{middle}<small>{interval}</small></td>"
         lines.append(f"<tr><th>{measure.label} <small class=muted>{measure.unit}</small></th>{cells}</tr>")
     return html_table(["", *(_dotted(k, policy) for k, policy in enumerate(estimates))], lines)
 
@@ -152,11 +153,10 @@ def _comparison_table(comparisons: Sequence[Comparison]) -> str:
         return '<p class="muted">One policy alone has nobody to be compared with.</p>'
     lines = []
     for c in comparisons:
-        d, p = c.difference, c.improvement
+        (middle, interval), p = c.measure.texts(c.difference, "+"), c.improvement
         lines.append(
             f"<tr><th>{html.escape(short(c.policy))}</th><td>{c.measure.label}</td>"
-            f"<td>{_signed(c.measure.text(d.iqm))} {c.measure.unit}"
-            f"<small>{_signed(c.measure.text(d.low))} to {_signed(c.measure.text(d.high))}</small></td>"
+            f"<td>{middle} {c.measure.unit}<small>{interval}</small></td>"
             f"<td>{100 * p.iqm:.0f} %<small>{100 * p.low:.0f} to {100 * p.high:.0f}</small></td></tr>"
         )
     reference = html.escape(short(comparisons[0].reference))
@@ -180,10 +180,6 @@ def _endings(rows: Sequence[Row], policies: Sequence[str]) -> str:
 
 def _dotted(number: int, policy: str) -> str:
     return f'<span class="dot" style="--color: var(--policy-{number})"></span>{html.escape(short(policy))}'
-
-
-def _signed(text: str) -> str:
-    return text if text.startswith("-") else f"+{text}"
 
 
 def _color_variables(theme: Theme, policies: Sequence[str]) -> str:

@@ -33,6 +33,10 @@ class Estimate(NamedTuple):
     """Upper end of the 95 % interval."""
     n: int
     """Episodes that went in."""
+    never: int = 0
+    """How many of them never reached the mark that is measured; they went in as their limits."""
+    is_bound: tuple[bool, bool, bool] = (False, False, False)
+    """Whether such episodes decide the estimate, and the ends of the interval, which are then lower bounds."""
 
 
 class Band(NamedTuple):
@@ -51,14 +55,22 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
-def estimate(strata: Sequence[np.ndarray]) -> Estimate:
+def estimate(strata: Sequence[np.ndarray], reached: Sequence[np.ndarray] | None = None) -> Estimate:
     """Return the interquartile mean over all strata, with its stratified bootstrap interval.
 
     Args:
         strata: per world the values of its episodes, shape (episodes,). One episode alone gives an interval of no
             width: it says nothing about the spread, and `n` tells.
+        reached: shapes as `strata`, bool: where False, the value is only a lower bound; None where there are no such.
     """
-    return _bootstrap(strata, interquartile_mean)
+    found = _bootstrap(strata, interquartile_mean)
+    if reached is None or all(stratum.all() for stratum in reached):
+        return found
+    unlimited = [np.where(known, values, np.inf) for values, known in zip(strata, reached, strict=True)]
+    with np.errstate(invalid="ignore"):
+        is_bound = [not np.isfinite(number) for number in _bootstrap(unlimited, interquartile_mean)[:3]]
+    never = sum(int(np.count_nonzero(~stratum)) for stratum in reached)
+    return found._replace(never=never, is_bound=(is_bound[0], is_bound[1], is_bound[2]))
 
 
 def success_rate(strata: Sequence[np.ndarray]) -> Estimate:

@@ -4,22 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
-from benchmarks.arena.pairs import BOUND, case_of, label_cases, paired_values, policies_of, reference_of, values_of
+from benchmarks.arena.pairs import BOUND, case_of, label_cases, paired_values, policies_of, pool, reference_of
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import (
-    Estimate,
-    estimate,
-    paired_difference,
-    probability_of_improvement,
-    success_rate,
-)
+from benchmarks.arena.statistics import Estimate, paired_difference, probability_of_improvement
 
 Summary = dict[str, dict[str, dict[str, Estimate]]]
 """Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
 
+JSON = ("iqm", "low", "high", "n", "never")
+"""Fields of an estimate that `summary.json` holds."""
 COMPARED = ("area_under_curve", "time_to_95", "distance_to_95")
 """Measures in which policies are compared pair by pair."""
 
@@ -29,9 +23,7 @@ def summarise(rows: Sequence[Row]) -> Summary:
     summary: Summary = {}
     for label, here in split(rows).items():
         for policy in policies_of(here):
-            summary.setdefault(policy, {})[label] = {
-                measure.name: pool(values_of(here, policy, measure), measure) for measure in MEASURES
-            }
+            summary.setdefault(policy, {})[label] = {measure.name: pool(here, policy, measure) for measure in MEASURES}
     return summary
 
 
@@ -48,16 +40,11 @@ def to_json(summary: Summary) -> dict[str, dict[str, dict[str, dict[str, Any]]]]
     """Return the summary as `summary.json` holds it."""
     return {
         policy: {
-            label: {measure: value._asdict() for measure, value in estimates.items()}
+            label: {measure: dict(zip(JSON, value, strict=False)) for measure, value in estimates.items()}
             for label, estimates in cases.items()
         }
         for policy, cases in summary.items()
     }
-
-
-def pool(strata: Sequence[np.ndarray], measure: Measure) -> Estimate:
-    """Estimate a measure over one case or several: an interquartile mean, or of what is 0 or 1 the share."""
-    return success_rate(strata) if measure.is_share else estimate(strata)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +87,12 @@ def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
 
     The bound does not compete.
     """
-    shown = {policy: float(measure.text(value.iqm)) for policy, value in estimates.items() if policy != BOUND}
+    # A lower bound is more than the same number reached.
+    shown = {
+        policy: (float(measure.text(value.iqm)), value.is_bound[0])
+        for policy, value in estimates.items()
+        if policy != BOUND
+    }
     if measure.higher_is_better is None or not shown:
         return set()
     best = max(shown.values()) if measure.higher_is_better else min(shown.values())

@@ -31,7 +31,7 @@ def ranking_table(entries: Sequence[Entry]) -> Table:
     cells = {}
     for name in ("area_under_curve", "relative_time", "reached_95"):
         measure = BY_NAME[name]
-        table.add_column(f"{measure.label} {measure.unit}", justify="right")
+        table.add_column(f"{measure.title}", justify="right")
         cells[name] = _cells({e.policy: e.estimates[name] for e in entries if name in e.estimates}, measure)
     for entry in entries:
         place = f"{entry.rank}." if entry.rank else "bound:"
@@ -47,8 +47,8 @@ def _table(title: str) -> Table:
 
 def _cells(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, str]:
     best = best_of(dict(estimates), measure)
-    return {
-        policy: f"{'[bold]' if policy in best else ''}{measure.text(value.iqm)}{'[/bold]' if policy in best else ''} "
-        f"[dim]\\[{measure.text(value.low)},{measure.text(value.high)}][/dim]"
-        for policy, value in estimates.items()
-    }
+    cells = {}
+    for policy, value in estimates.items():
+        middle, interval = measure.texts(value)
+        cells[policy] = f"{f'[bold]{middle}[/bold]' if policy in best else middle} [dim]({interval})[/dim]"
+    return cells

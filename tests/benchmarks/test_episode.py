@@ -1,3 +1,4 @@
+import math
 from types import SimpleNamespace
 
 import gymnasium
@@ -88,11 +89,12 @@ def test_measures_of_a_scripted_episode():
     assert 0.0 < episode.decision_ms < 50.0
 
 
-def test_a_mark_that_is_never_reached_counts_as_the_limit():
+def test_a_mark_that_is_never_reached_takes_for_ever():
     episode = run_episode(ScriptedEnv([0.2, 0.5, 0.92], time_limit=4.0), ScriptedExplorer(), seed=1)
-    assert (episode.time_to_90, episode.time_to_95, episode.time_to_99) == (4.0, 4.0, 4.0)
+    assert (episode.time_to_90, episode.time_to_95, episode.time_to_99) == (4.0, math.inf, math.inf)
+    assert (episode.distance_to_95, episode.time_limit) == (math.inf, 4.0)
     # Full speed for the whole time limit.
-    assert episode.distance_to_95 == 0.5 * 4.0
+    assert episode.distance_limit == 0.5 * 4.0
     assert (episode.success, episode.end_reason) == (False, "time_limit")
     assert episode.area_left == pytest.approx(4.0)
 
@@ -102,7 +104,7 @@ def test_an_explorer_that_gives_up_ends_the_episode_and_says_why(monkeypatch):
     env = ScriptedEnv([0.2, 0.4, 0.5, 0.9, 0.9], time_limit=100.0)
     episode = run_episode(env, ScriptedExplorer(stop_at=3), seed=1)
     assert (episode.end_reason, episode.duration, episode.explored_fraction) == ("no_reachable_frontier", 4.0, 0.5)
-    assert (episode.time_to_90, episode.success, episode.map_iou) == (100.0, False, 0.3)
+    assert (episode.time_to_90, episode.success, episode.map_iou) == (math.inf, False, 0.3)
     assert episode.area_under_curve == pytest.approx((0.6 + 0.9 + 0.5 * 96.0) / 100.0)
     assert episode.area_left == pytest.approx(25.0)
 

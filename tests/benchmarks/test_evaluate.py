@@ -36,14 +36,17 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     for measures in (summary["random"][WORLD], summary["nearest"][WORLD]):
         assert list(measures) == [measure.name for measure in MEASURES]
         for value in measures.values():
-            assert list(value) == ["iqm", "low", "high", "n"]
+            assert list(value) == ["iqm", "low", "high", "n", "never"]
             assert value["low"] <= value["iqm"] <= value["high"]
             assert value["n"] == 2
-    assert summary["random"][WORLD]["time_to_99"]["iqm"] == 4.0
+    never = {"iqm": 4.0, "low": 4.0, "high": 4.0, "n": 2, "never": 2}
+    assert summary["random"][WORLD]["time_to_99"] == never
     pictures = ("curves_{}_time", "curves_{}_distance", "growth_{}", "map_{}_random", "map_{}_nearest")
     assert {path.stem for path in tmp_path.glob("*.png")} == {name.format(WORLD) for name in pictures}
     rows = read_rows(tmp_path)
     assert len(rows) == 4
+    assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
+    assert "&gt; 4<small>never</small>" in (tmp_path / "report.html").read_text()
 
     # Asked again for one world more, with a row lost: those alone are run, and the lost one comes out as it was.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)

@@ -1,4 +1,5 @@
 import csv
+import math
 import re
 
 import numpy as np
@@ -7,9 +8,12 @@ from scipy import stats
 
 from benchmarks.arena.axis import compare_axis
 from benchmarks.arena.leaderboard import gap_section, places_section, ranking_section, unfinished_section
-from benchmarks.arena.pairs import common_starts, label_cases, relate
+from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
 from benchmarks.arena.ranking import gaps, rank, typical_and_worst
 from benchmarks.arena.records import COLUMNS
+from benchmarks.arena.statistics import Estimate
+from benchmarks.arena.summary import best_of
 from benchmarks.arena.unfinished import find_unfinished
 from evaluate import main
 
@@ -18,7 +22,8 @@ DEFAULTS = {str: "x", int: 0, float: 0.0}
 
 def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explored=1.0, **more):
     values = {name: DEFAULTS[read] for name, read in COLUMNS.items()}
-    values |= {"robot": "tugbot", "physics": "bullet", "slam": "tinyslam", "end_reason": "covered", "time_limit": 400.0}
+    values |= {"robot": "tugbot", "physics": "bullet", "slam": "tinyslam", "end_reason": "covered"}
+    values |= {"time_limit": 4000.0, "distance_limit": 9000.0}
     values |= {"policy": policy, "seed": seed, "world": world, "area_under_curve": area, "time_to_95": time}
     return values | {"distance_to_95": distance, "explored_fraction": explored, "success": int(explored >= 0.99)} | more
 
@@ -129,10 +134,33 @@ def test_what_was_not_finished_is_listed_with_why():
     ]
 
 
+def reached_in(policy, *times):
+    limited = {"time_limit": 400.0}
+    return [row(policy, k, time=t, explored=1.0 if t < math.inf else 0.5, **limited) for k, t in enumerate(times)]
+
+
 def test_places_tell_how_many_got_there():
-    rows = [row("a", k, time=time, explored=x) for k, (time, x) in enumerate([(60.0, 1.0), (80.0, 1.0), (400.0, 0.5)])]
-    ((name, cell),) = places_section(rows).parts[1].lines
-    assert (name.text, cell.text, cell.note) == ("maze", "180", "2 of 3")
+    rows = [*reached_in("a", 60.0, 80.0, math.inf), *reached_in("b", math.inf, math.inf, math.inf)]
+    rows += reached_in("c", 400.0, 400.0, 400.0)
+    ((name, *cells),) = places_section(rows).parts[1].lines
+    assert name.text == "maze"
+    assert [(cell.text, cell.note) for cell in cells] == [("> 180", "2 of 3"), ("> 400", "0 of 3"), ("400", "")]
+
+
+def test_what_was_never_reached_does_not_look_reached():
+    rows = [*reached_in("nearest", 100.0, 200.0), *reached_in("a", math.inf, 400.0), *reached_in("b", *[math.inf] * 2)]
+    related = relate(rows)
+    assert [r["relative_time"] for r in related] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
+    shown = {policy: BY_NAME["relative_time"].texts(pool(related, policy, BY_NAME["relative_time"])) for policy in "ab"}
+    assert shown == {"a": ("> 3.00", "2.00 to > 4.00"), "b": ("> 3.00", "never")}
+    # Where the reference never got there, its limit is the unit.
+    rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
+    assert [r["relative_time"] for r in relate(rows)] == [math.inf, 0.25]
+
+
+def test_a_lower_bound_is_not_the_best():
+    estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
+    assert best_of(estimates, BY_NAME["time_to_95"]) == {"a"}
 
 
 def test_typical_is_the_median_and_worst_the_lowest():
@@ -153,15 +181,17 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     for policy in ("nearest", "frontier", "oracle"):
         mine = [r for r in rows if r["policy"] == policy and r["slam"] == "tinyslam"]
         shown = re.search(rf"^\| (?:\d\. |bound: ){policy} \| (.*)$", page, re.MULTILINE).group(1).replace("*", "")
-        numbers = [float(re.match(r"[-\d.]+", cell).group()) for cell in shown.split(" | ")]
+        numbers = [float(re.search(r"[-\d.]+", cell).group()) for cell in shown.split(" | ")]
         areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
         assert numbers[0] == pytest.approx(100 * stats.trim_mean(areas, 0.25), abs=0.051)
         assert numbers[1] == pytest.approx(100 * stats.trim_mean(fractions, 0.25), abs=0.051)
         assert numbers[4] == pytest.approx(100 * np.mean([fraction >= 0.95 for fraction in fractions]), abs=0.51)
-        seconds = [float(r["time_to_95"]) for r in mine if r["world"] == "pimouse_arena"]
+        seconds = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
         line = re.search(r"^\| pimouse\\_arena \| (.*) \|$", page, re.MULTILINE).group(1).replace("*", "").split(" | ")
         head = re.search(r"^\|  \| (oracle \| nearest \| frontier) \|$", page, re.MULTILINE).group(1).split(" | ")
-        assert float(line[head.index(policy)].split()[0]) == pytest.approx(stats.trim_mean(seconds, 0.25), abs=0.51)
+        assert float(line[head.index(policy)].removeprefix("> ").split()[0]) == pytest.approx(
+            stats.trim_mean(seconds, 0.25), abs=0.51
+        )
     assert "## What mapping error costs" in page
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)

@@ -46,13 +46,13 @@ def test_interval_covers_the_truth_as_often_as_it_says():
 
 
 def test_one_episode_has_an_interval_of_no_width_and_none_has_no_estimate():
-    assert estimate([np.array([0.7])]) == (0.7, 0.7, 0.7, 1)
+    assert estimate([np.array([0.7])])[:4] == (0.7, 0.7, 0.7, 1)
     with pytest.raises(ValueError, match="at least one episode"):
         estimate([np.array([0.7]), np.array([])])
 
 
 def test_success_rate_is_a_share_with_a_wilson_interval():
-    assert success_rate([np.ones(10)]) == pytest.approx((1.0, 1.0 / (1.0 + 3.8415 / 10), 1.0, 10), abs=1e-4)
+    assert success_rate([np.ones(10)])[:4] == pytest.approx((1.0, 1.0 / (1.0 + 3.8415 / 10), 1.0, 10), abs=1e-4)
     assert success_rate([np.array([1, 1, 1, 0]), np.array([1, 1, 1, 1])]).iqm == 7 / 8
 
 
@@ -101,3 +101,15 @@ def test_a_bound_that_does_not_clearly_gain_leaves_no_gap():
     found = gap_closed([np.array([0.1, 0.2, 0.1])], [np.array([0.5, -0.4, -0.3])])
     assert np.isnan(found[:3]).all()
     assert found.n == 3
+
+
+def test_lower_bounds_show_where_they_decide():
+    values, reached = np.arange(8.0), np.arange(8) < 6
+    exact = estimate([values])
+    found = estimate([values], [reached])
+    # The two that were never reached lie in the quarter that is cut off, but not in all resamples.
+    assert found[:4] == exact[:4]
+    assert (found.never, found.is_bound) == (2, (False, False, True))
+    assert estimate([values], [reached & (values < 5)]).is_bound == (True, False, True)
+    assert estimate([values], [values < 0]).is_bound == (True, True, True)
+    assert estimate([values], [values >= 0]) == exact
