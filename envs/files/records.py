@@ -71,7 +71,7 @@ def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
         ValueError: keys or values do not fit; names `source` and the keys, a line for each.
     """
     try:
-        return _adapter(kind).validate_python(_checked_mapping(content, source))
+        return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
     except ValidationError as error:
         raise ValueError("\n".join(f"{source}: {line}" for line in explain_errors(error, kind))) from error
 
