@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.geometry.lines import cells_along, longest_step
+
 
 @njit(cache=True, error_model="numpy")
 def _view(free, row, col, reach, sample_of, words):
@@ -25,16 +27,9 @@ def _view(free, row, col, reach, sample_of, words):
     height, width = free.shape
     num_lines = max(8, math.ceil(2.0 * math.pi * reach))
     for k in range(num_lines):
-        angle = 2.0 * math.pi * k / num_lines
-        d_row, d_col = math.sin(angle), math.cos(angle)
-        scale = max(abs(d_row), abs(d_col))
-        d_row, d_col = d_row / scale, d_col / scale
-        r, c = row + 0.5, col + 0.5
-        for _ in range(int(reach * scale)):
-            r += d_row
-            c += d_col
-            i, j = int(r), int(c)
-            if r < 0.0 or c < 0.0 or i >= height or j >= width or not free[i, j]:
+        d_row, d_col = longest_step(2.0 * math.pi * k / num_lines)
+        for i, j in cells_along(row, col, d_row, d_col, int(reach / math.hypot(d_row, d_col))):
+            if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
                 break
             sample = sample_of[i, j]
             if sample >= 0:

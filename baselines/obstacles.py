@@ -26,8 +26,7 @@ class ObstacleMemory:
         self._robot = robot
         self._period = control_period
         lidar = robot.lidar
-        angles = lidar.angles + lidar.mount.yaw
-        self._cos, self._sin = np.cos(angles), np.sin(angles)
+        self._cos, self._sin = lidar.directions
         self._points = np.empty((CAPACITY + BUMP_POINTS + lidar.num_beams, 2))
         self._num_remembered = 0
         self._num_points = 0

@@ -24,6 +24,7 @@ from tqdm import tqdm
 from baselines.navigation.episode import Drive, drive
 from baselines.navigation.map_navigator import MapNavigatorParams
 from envs.coverage import explorable_area
+from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigate_setup import known_map
 from envs.navigation import (
@@ -120,7 +121,7 @@ def planning_costs(world: str) -> dict[str, Any]:
     random = [_best(lambda a=a, b=b: plan_path(costmap, a, b, tolerance=0.15), 3) for a, b in pairs]
     return {
         "cells": grid.data.size,
-        "across_m": float(np.hypot(*np.diff(across, axis=0).T).sum()),
+        "across_m": float(lengths_along(across)[-1]),
         "astar_across_us": _best(lambda: plan_path(costmap, ends[1], ends[2])),
         "astar_random_median_us": float(np.median(random)),
         "astar_random_p95_us": float(np.percentile(random, 95)),

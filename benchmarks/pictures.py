@@ -12,6 +12,7 @@ from PIL import Image
 from baselines import make_explorer
 from baselines.episode import run_episode
 from envs.explore import ExploreEnv
+from envs.geometry.polyline import lengths_along
 from envs.rendering import style
 
 HOLD = 3.0
@@ -45,7 +46,7 @@ class Film:
         self.frames.append(frame)
         self.explored.append(info["explored_fraction"])
         plan = self.env.plan
-        self.plans.append(0.0 if plan is None else float(np.hypot(*np.diff(plan, axis=0).T).sum()))
+        self.plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
 
     @property
     def hero(self) -> np.ndarray:

@@ -9,6 +9,7 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.lines import cells_along, longest_step
 from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.worlds import World, rasterize
@@ -81,16 +82,9 @@ def _sees(free, goals, row, col, reach):
     height, width = free.shape
     for k in range(NUM_DIRECTIONS):
         # The golden angle: any few directions in sequence look all around.
-        angle = 2.399963229728653 * k
-        d_row, d_col = math.sin(angle), math.cos(angle)
-        scale = max(abs(d_row), abs(d_col))
-        d_row, d_col = d_row / scale, d_col / scale
-        r, c = row + 0.5, col + 0.5
-        for _ in range(int(reach * scale)):
-            r += d_row
-            c += d_col
-            i, j = int(r), int(c)
-            if r < 0.0 or c < 0.0 or i >= height or j >= width or not free[i, j]:
+        d_row, d_col = longest_step(2.399963229728653 * k)
+        for i, j in cells_along(row, col, d_row, d_col, int(reach / math.hypot(d_row, d_col))):
+            if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
                 break
             if goals[i, j]:
                 return True

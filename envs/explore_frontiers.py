@@ -26,12 +26,11 @@ def make_choice(explore: ExploreEnv, max_candidates: int, max_decision_time: flo
         raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
     check_positive(max_decision_time=max_decision_time)
     announce_compilation(find_candidates)
-    angles = explore.robot.lidar.angles + explore.robot.lidar.mount.yaw
     return FrontierChoice(
         explore.robot,
         explore.control_period,
         explore.resolution,
-        np.vstack([np.cos(angles), np.sin(angles)]),
+        explore.robot.lidar.directions,
         max_candidates=max_candidates,
         max_time=max_decision_time,
     )

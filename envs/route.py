@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.geometry import Pose2D, wrap_angle
+from envs.geometry.polyline import lengths_along, points_at
 from envs.simulation import Twist
 
 SPACING = 0.05
@@ -38,11 +39,11 @@ class Route:
         corners = np.asarray(corners, dtype=np.float64)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or not np.isfinite(corners).all():
             raise ValueError(f"a path must be finite points of shape (n, 2), n > 1, got {corners.tolist()!r:.200}")
-        at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+        at = lengths_along(corners)
         if at[-1] < SPACING:
             raise ValueError(f"a path must be at least {SPACING} m long, got {at[-1]:.3g} m")
         along = np.linspace(0.0, at[-1], math.ceil(at[-1] / SPACING) + 1)
-        points = np.column_stack([np.interp(along, at, corners[:, k]) for k in (0, 1)])
+        points = points_at(corners, at, along)
         steps = np.diff(points, axis=0)
         headings = np.arctan2(steps[:, 1], steps[:, 0])
         return cls(points, np.append(headings, headings[-1]), along)
@@ -120,7 +121,7 @@ class Progress:
     def ahead(self, distances: np.ndarray) -> np.ndarray:
         """Return the points of the route that lie so far ahead, the last one where it ends: shape (n, 2) [m]."""
         target = self.route.along[self.index] + distances
-        return np.column_stack([np.interp(target, self.route.along, self.route.points[:, k]) for k in (0, 1)])
+        return points_at(self.route.points, self.route.along, target)
 
 
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:

@@ -8,6 +8,7 @@ from numba import njit
 
 from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
+from envs.geometry.lines import cells_along
 from envs.geometry.pose import distance
 from envs.observation import Trail
 from envs.robots import RobotParams, WheelOdometry
@@ -111,8 +112,7 @@ class MateFilter:
     def __init__(self, robot: RobotParams) -> None:
         """Prepare for robots of one kind."""
         self._lidar = robot.lidar
-        angles = robot.lidar.angles + robot.lidar.mount.yaw
-        self._directions = np.vstack([np.cos(angles), np.sin(angles)])
+        self._directions = robot.lidar.directions
         self._reach = robot.radius + MATE_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, mates: list[Pose2D]) -> np.ndarray:
@@ -197,6 +197,7 @@ def draw_starts(
 def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
     """Tell whether the straight line from a pose to (x, y), world frame [m], crosses no wall."""
     walls = area.walls
-    steps = math.ceil(math.hypot(x - pose.x, y - pose.y) / (0.5 * walls.resolution)) + 1
-    cells = walls.cells(np.linspace((pose.x, pose.y), (x, y), steps))
-    return bool((walls.data[cells[:, 0], cells[:, 1]] == 0).all())
+    (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
+    num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)
+    step = (goal_row - row) / num_steps, (goal_col - col) / num_steps
+    return all(walls.data[cell] == 0 for cell in [(row, col), *cells_along(row, col, *step, num_steps)])

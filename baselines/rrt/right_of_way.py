@@ -6,6 +6,7 @@ import numpy as np
 
 from baselines.survey import Survey
 from envs.geometry import Pose2D
+from envs.geometry.polyline import lengths_along
 from envs.navigation.costmap import squared_distances
 
 SIDE_GAP = 0.15
@@ -41,8 +42,8 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
     """
     if len(path) == 0:
         return False
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    return bool(np.hypot(*(path[along <= reach] - position).T).min() < gap)
+    near = path[lengths_along(path) <= reach]
+    return bool(np.hypot(*(near - position).T).min() < gap)
 
 
 def find_refuge(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, int] | None:

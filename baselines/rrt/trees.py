@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.lines import next_cell, start_walk
 from envs.navigation.frontiers import FREE_BELOW
 
 UNKNOWN_AHEAD = -1
@@ -69,7 +70,7 @@ def steer(x0, y0, x, y, eta):
 
 @njit(cache=True, error_model="numpy")
 def grid_check(data, u0, v0, u1, v1):
-    """Walk over every cell that a line crosses (Amanatides and Woo 1987), but for the first.
+    """Tell what comes first in the cells that a line crosses, but for its first cell.
 
     Args:
         data: shape (height, width), int8, occupancy; outside of it everything is unknown.
@@ -83,20 +84,10 @@ def grid_check(data, u0, v0, u1, v1):
         the walk ended: middle of the unknown or occupied cell, or the end of the line (column, row).
     """
     height, width = data.shape
-    row, col = math.floor(v0), math.floor(u0)
-    d_row, d_col = (1 if v1 > v0 else -1), (1 if u1 > u0 else -1)
-    # Share of the line after which the walk enters the next row or column, and between one of them and the next.
-    per_row = 1.0 / abs(v1 - v0) if v1 != v0 else np.inf
-    per_col = 1.0 / abs(u1 - u0) if u1 != u0 else np.inf
-    next_row = ((row + 1 - v0) if d_row > 0 else (v0 - row)) * per_row if v1 != v0 else np.inf
-    next_col = ((col + 1 - u0) if d_col > 0 else (u0 - col)) * per_col if u1 != u0 else np.inf
-    for _ in range(abs(math.floor(v1) - row) + abs(math.floor(u1) - col)):
-        if next_row < next_col:
-            row += d_row
-            next_row += per_row
-        else:
-            col += d_col
-            next_col += per_col
+    walk = start_walk(u0, v0, u1, v1)
+    while walk.rows_left + walk.cols_left > 0:
+        walk = next_cell(walk)
+        row, col = walk.row, walk.col
         if row < 0 or row >= height or col < 0 or col >= width or data[row, col] < 0:
             return UNKNOWN_AHEAD, col + 0.5, row + 0.5
         if data[row, col] >= FREE_BELOW:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from envs.geometry import OCCUPIED, Pose2D, wrap_angle
+from envs.geometry.polyline import lengths_along
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
@@ -216,7 +217,7 @@ class DwbPlanner:
         params, side = self._params, self._side
         points = pose.inverse().transform(self.remaining)
         cells = np.floor(points / params.resolution + 0.5 * side).astype(np.int64)
-        along = np.cumsum(np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T))
+        along = lengths_along(points)
         inside = ((cells >= 0) & (cells < side)).all(axis=1)
         if not inside.all():
             cells = cells[: int(np.argmin(inside))]

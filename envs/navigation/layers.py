@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry.lines import next_cell, start_walk
 from envs.robots import LidarParams
 
 from .costmap import Costmap, CostmapParams, Inflation, squared_distances
@@ -34,26 +35,14 @@ class ObstacleParams:
 
 @njit(cache=True, error_model="numpy")
 def _clear_beam(layer, x, y, dx, dy, length):
-    """Set the cells on a beam to free, from (x, y) for `length` along the unit vector (dx, dy), all in cells.
-
-    Steps from border to border (Amanatides and Woo, "A fast voxel traversal algorithm", 1987).
-    """
+    """Set the cells on a beam to free, from (x, y) for `length` along the unit vector (dx, dy), all in cells."""
     height, width = layer.shape
-    col, row = math.floor(x), math.floor(y)
-    step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    per_col, per_row = 1.0 / max(abs(dx), 1e-12), 1.0 / max(abs(dy), 1e-12)
-    next_col = (col + 1 - x if dx > 0.0 else x - col) * per_col
-    next_row = (row + 1 - y if dy > 0.0 else y - row) * per_row
-    while 0 <= row < height and 0 <= col < width:
-        layer[row, col] = FREE
-        if min(next_col, next_row) > length:
+    walk = start_walk(x, y, x + length * dx, y + length * dy)
+    while 0 <= walk.row < height and 0 <= walk.col < width:
+        layer[walk.row, walk.col] = FREE
+        if walk.rows_left + walk.cols_left == 0:
             break
-        if next_col < next_row:
-            col += step_col
-            next_col += per_col
-        else:
-            row += step_row
-            next_row += per_row
+        walk = next_cell(walk)
 
 
 @njit(cache=True, error_model="numpy")

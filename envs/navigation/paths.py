@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from envs.geometry.polyline import resample
 from envs.navigation.astar import COST_WEIGHT, NO_STEP, SCALE, STEPS, STRAIGHT, UNREACHED, search, step_weights
 from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, COST_UNKNOWN, Costmap
 
@@ -143,17 +144,7 @@ class TravelField:
         if short:
             reach = max(2, round(SHORTCUT / grid.resolution))
             cells = shorten(self.costmap.costs, self.weights, self.travel, cells, reach)
-        return densify(grid.centers(cells), grid.resolution)
-
-
-def densify(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Put points at most `spacing` [m] apart on a polyline: shape (n, 2) to shape (m, 2), float64 [m]."""
-    if len(points) < 2:
-        return points
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    samples = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / spacing) + 1))
-    return np.column_stack([np.interp(samples, along, points[:, k]) for k in (0, 1)])
+        return resample(grid.centers(cells), grid.resolution)
 
 
 def _standing_cell(

@@ -5,8 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.geometry.polyline import resample
+
 from .costmap import COST_INSCRIBED, COST_UNKNOWN, Costmap
-from .paths import densify
 
 DATA_WEIGHT = 0.2
 """Pull of each point to where it was before (Nav2's `w_data`)."""
@@ -68,4 +69,4 @@ def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = Fal
     grid = costmap.grid
     path = np.ascontiguousarray(path, dtype=np.float64)
     smooth: np.ndarray = relax(path, costmap.costs, *grid.origin, grid.resolution, allow_unknown)
-    return densify(smooth, grid.resolution)
+    return resample(smooth, grid.resolution)

@@ -1,7 +1,8 @@
 """Where to stand to look at a frontier, and what is in sight."""
 
-import numpy as np
 from numba import njit
+
+from envs.geometry.lines import cells_along
 
 OCCUPIED_FROM = 50
 """Occupancy from which a cell blocks the view [percent]."""
@@ -11,9 +12,7 @@ OCCUPIED_FROM = 50
 def is_visible(data, row0, col0, row1, col1):
     """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0))
-    for k in range(1, steps):
-        row = row0 + int(np.floor((row1 - row0) * k / steps + 0.5))
-        col = col0 + int(np.floor((col1 - col0) * k / steps + 0.5))
+    for row, col in cells_along(row0, col0, (row1 - row0) / steps, (col1 - col0) / steps, steps - 1):
         if data[row, col] >= OCCUPIED_FROM:
             return False
     return True

@@ -6,6 +6,7 @@ import numpy as np
 import pygame
 
 from envs.geometry import Pose2D
+from envs.geometry.polyline import lengths_along, points_at
 from envs.robots import RobotParams
 
 from .style import PAPER, RULE, Colour
@@ -28,9 +29,9 @@ def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, wid
     """Draw a dashed line through points, shape (n, 2) [px], with a disc at its end."""
     if len(pixels) == 0:
         return
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels, axis=0).T))])
+    travelled = lengths_along(pixels)
     ends = np.arange(0.0, travelled[-1], dash / 2)
-    x, y = (np.interp(ends, travelled, pixels[:, axis]) for axis in (0, 1))
+    x, y = points_at(pixels, travelled, ends).T
     for i in range(0, len(ends) - 1, 2):
         pygame.draw.line(surface, colour, (x[i], y[i]), (x[i + 1], y[i + 1]), width)
     pygame.draw.circle(surface, colour, pixels[-1], 1.5 * width)

@@ -78,6 +78,12 @@ class LidarParams:
         """Angles of the beams in the sensor's frame, shape (num_beams,), float64 [rad]."""
         return self.angle_min + np.arange(self.num_beams) * self.angle_increment
 
+    @property
+    def directions(self) -> np.ndarray:
+        """Cosine and sine of the beams' angles in the base frame, shape (2, num_beams), float64."""
+        angles = self.angles + self.mount.yaw
+        return np.stack([np.cos(angles), np.sin(angles)])
+
 
 @dataclass(frozen=True, slots=True)
 class DriveParams:

@@ -35,8 +35,7 @@ class GridMap:
         """Make an unknown map with the map frame's origin in its middle."""
         self._params = params
         self._lidar = lidar
-        angles = lidar.angles + lidar.mount.yaw
-        self.directions = np.vstack([np.cos(angles), np.sin(angles)])
+        self.directions = lidar.directions
         """Shape (2, num_beams), cosine and sine of the beams in the base frame."""
         self.unvisited = unvisited_word(params.unvisited)
         self.kind = {"avg": AVG, "base": BASE, "report": REPORT}[params.cell]

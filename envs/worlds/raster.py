@@ -5,6 +5,7 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import FREE, OCCUPIED, OccupancyGrid
+from envs.geometry.lines import next_cell, start_walk
 
 from .world import World
 
@@ -24,34 +25,15 @@ def _set(data, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _draw_segment(data, x0, y0, x1, y1):
-    """Set every cell that the segment (in units of cells) passes through, without diagonal gaps.
-
-    The walk from cell border to cell border of Amanatides and Woo, "A fast voxel traversal algorithm" (1987). Where the
-    segment passes through a corner, both cells beside the corner are set too.
-    """
-    col, row = int(np.floor(x0)), int(np.floor(y0))
-    cols_left, rows_left = abs(int(np.floor(x1)) - col), abs(int(np.floor(y1)) - row)
-    dx, dy = x1 - x0, y1 - y0
-    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    # Fraction of the segment at which it crosses the next border, and between two borders.
-    per_col = 1.0 / abs(dx) if dx != 0 else np.inf
-    per_row = 1.0 / abs(dy) if dy != 0 else np.inf
-    next_col = ((col + 1 - x0) if dx > 0 else (x0 - col)) * per_col if cols_left > 0 else np.inf
-    next_row = ((row + 1 - y0) if dy > 0 else (y0 - row)) * per_row if rows_left > 0 else np.inf
-    _set(data, row, col)
-    while cols_left > 0 or rows_left > 0:
-        if abs(next_col - next_row) < 1e-12:
-            _set(data, row, col + step_col)
-            _set(data, row + step_row, col)
-        if next_col <= next_row:
-            col += step_col
-            cols_left -= 1
-            next_col = next_col + per_col if cols_left > 0 else np.inf
-        else:
-            row += step_row
-            rows_left -= 1
-            next_row = next_row + per_row if rows_left > 0 else np.inf
-        _set(data, row, col)
+    """Set every cell that the segment (in units of cells) crosses; through a corner, both cells beside it too."""
+    walk = start_walk(x0, y0, x1, y1)
+    _set(data, walk.row, walk.col)
+    while walk.rows_left + walk.cols_left > 0:
+        if abs(walk.next_col - walk.next_row) < 1e-12:
+            _set(data, walk.row, walk.col + walk.col_step)
+            _set(data, walk.row + walk.row_step, walk.col)
+        walk = next_cell(walk)
+        _set(data, walk.row, walk.col)
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.geometry import Pose2D
+from envs.geometry.polyline import lengths_along, points_at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,10 +22,9 @@ class Mover:
     def position(self, time: float) -> tuple[float, float]:
         """Return the centre (x, y) [m] at `time` [s]; at time 0 it stands on the first waypoint."""
         corners = np.vstack([self.waypoints, self.waypoints[:1]])
-        lengths = np.hypot(*np.diff(corners, axis=0).T)
-        travelled = np.concatenate([[0.0], np.cumsum(lengths)])
-        s = (time * self.speed) % travelled[-1]
-        return float(np.interp(s, travelled, corners[:, 0])), float(np.interp(s, travelled, corners[:, 1]))
+        along = lengths_along(corners)
+        x, y = points_at(corners, along, (time * self.speed) % along[-1])
+        return float(x), float(y)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

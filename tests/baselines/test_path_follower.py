@@ -7,8 +7,8 @@ import pytest
 
 from baselines.path_follower import PathFollower
 from envs.geometry import Pose2D
+from envs.geometry.polyline import resample
 from envs.navigation import DwbPlanner
-from envs.navigation.paths import densify
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist
 
@@ -56,7 +56,7 @@ def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0
 def test_every_robot_stays_on_a_winding_path(name, planner):
     robot = load_robot(name)
     corners = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.5], [0.5, 2.5], [0.5, 4.0], [2.5, 4.0]])
-    path = densify(corners, 0.05)
+    path = resample(corners, 0.05)
     follower = PLANNERS[planner](robot, PERIOD)
     follower.set_path(path)
     length = np.hypot(*np.diff(corners, axis=0).T).sum()
@@ -72,7 +72,7 @@ def test_every_robot_stays_on_a_winding_path(name, planner):
 def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, planner):
     robot = load_robot(name)
     follower = PLANNERS[planner](robot, PERIOD)
-    follower.set_path(densify(np.array([[0.0, 0.0], [6.0, 0.0]]), 0.05))
+    follower.set_path(resample(np.array([[0.0, 0.0], [6.0, 0.0]]), 0.05))
     wall = np.column_stack([np.full(3001, 3.0), np.linspace(-3.0, 3.0, 3001)])
     poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), round(10.0 / robot.max_v / PERIOD), walls=wall)
     gap = min(np.hypot(*(wall - pose[:2]).T).min() for pose in poses) - robot.radius
@@ -85,7 +85,7 @@ def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, plann
 def test_it_does_not_cut_a_corner_with_an_obstacle_in_it(planner):
     robot = load_robot("tugbot")
     follower = PLANNERS[planner](robot, PERIOD)
-    follower.set_path(densify(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 0.05))
+    follower.set_path(resample(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 0.05))
     post = np.array([[1.5, 0.5]])
     poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), 150, walls=post)
     assert min(np.hypot(*(post - pose[:2]).T).min() for pose in poses) > robot.radius

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.polyline import resample
 from envs.navigation import CostmapParams, check_goal, is_path_valid, make_costmap, plan_path, smooth_path
-from envs.navigation.paths import densify
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
 
@@ -56,14 +56,14 @@ def test_a_path_is_valid_until_something_stands_in_its_way():
 
 
 def test_a_path_through_the_unknown_or_off_the_map_is_not_valid():
-    line = densify(np.array([[4.0, 1.5], [5.5, 1.5]]), 0.05)
+    line = resample(np.array([[4.0, 1.5], [5.5, 1.5]]), 0.05)
     assert not is_path_valid(COSTMAP, line)
     assert is_path_valid(COSTMAP, line, allow_unknown=True)
     assert not is_path_valid(COSTMAP, line + (5.0, 0.0), allow_unknown=True)
 
 
 def test_a_path_may_begin_where_the_robot_touches_something_but_not_return_there():
-    out = densify(np.array([[1.85, 1.0], [1.0, 1.0]]), 0.05)
+    out = resample(np.array([[1.85, 1.0], [1.0, 1.0]]), 0.05)
     assert COSTMAP.cost_at(*out[0]) == 253
     assert is_path_valid(COSTMAP, out)
     assert not is_path_valid(COSTMAP, out[::-1])
@@ -85,12 +85,12 @@ def test_smoothing_rounds_corners_and_touches_nothing():
     assert is_path_valid(COSTMAP, smooth)
     assert np.hypot(*np.diff(smooth, axis=0).T).max() <= 0.05 + 1e-9
     # A straight line stays one.
-    line = densify(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
+    line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
     np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
 
 
 def test_smoothing_does_not_pull_a_path_into_an_obstacle():
-    corner = densify(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
+    corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
     assert is_path_valid(COSTMAP, corner)
     assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from envs.geometry import Pose2D
+from envs.geometry.polyline import resample
 from envs.navigation import DwbParams, DwbPlanner
 from envs.navigation.critics import (
     BASE_OBSTACLE,
@@ -22,7 +23,6 @@ from envs.navigation.critics import (
     spread,
 )
 from envs.navigation.dwb import Oscillation
-from envs.navigation.paths import densify
 from envs.robots import load_robot
 from envs.simulation import Twist
 
@@ -151,7 +151,7 @@ def test_turning_back_is_banned_until_released():
 
 def test_the_planner_swerves_around_what_sticks_out_into_its_path():
     planner = DwbPlanner(BURGER, 0.1)
-    planner.set_path(densify(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
+    planner.set_path(resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
     box = np.array([[x, y] for x in np.linspace(1.0, 1.2, 9) for y in np.linspace(0.06, 0.2, 9)])
     pose, twist, gap = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), math.inf
     for _ in range(400):
@@ -164,7 +164,7 @@ def test_the_planner_swerves_around_what_sticks_out_into_its_path():
 
 def test_the_planner_ends_in_the_heading_asked_for():
     planner = DwbPlanner(BURGER, 0.1)
-    planner.set_path(densify(np.array([[0.0, 0.0], [0.6, 0.0]]), 0.05), heading=-2.0)
+    planner.set_path(resample(np.array([[0.0, 0.0], [0.6, 0.0]]), 0.05), heading=-2.0)
     pose, twist = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0)
     for _ in range(150):
         twist = planner.command(pose, twist, NOTHING)
@@ -175,7 +175,7 @@ def test_the_planner_ends_in_the_heading_asked_for():
 
 def test_walled_in_it_stands_still_and_says_so():
     planner = DwbPlanner(BURGER, 0.1)
-    planner.set_path(densify(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
+    planner.set_path(resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
     angles = np.linspace(0.0, 2.0 * math.pi, 200)
     ring = (BURGER.radius + 0.06) * np.column_stack([np.cos(angles), np.sin(angles)])
     assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), ring).v == 0.0

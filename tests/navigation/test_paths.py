@@ -10,7 +10,6 @@ from scipy.sparse.csgraph import dijkstra
 from envs.geometry import OccupancyGrid
 from envs.navigation import Costmap, CostmapParams, make_costmap, plan_path, travel_field
 from envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
-from envs.navigation.paths import densify
 
 
 def reference_travel(costs, weights, start):
@@ -146,12 +145,6 @@ def test_a_robot_walled_in_has_no_ways():
     costs = np.full((9, 9), 254, dtype=np.uint8)
     grid = OccupancyGrid(np.full((9, 9), 100, dtype=np.int8), 0.05, (0.0, 0.0))
     assert travel_field(Costmap(costs, grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
-
-
-def test_densify_spaces_points_along_the_way():
-    dense = densify(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]]), 0.1)
-    np.testing.assert_allclose(np.hypot(*np.diff(dense, axis=0).T), 0.1)
-    np.testing.assert_allclose(dense[10], (1.0, 0.0), atol=1e-12)
 
 
 def test_a_weight_beyond_the_queue_is_refused():
