@@ -1,10 +1,10 @@
-"""One explorer, one place, one seed: what came of it."""
+"""Episodes: one loop that lets anything drive in any environment, and the measures of an exploration."""
 
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import gymnasium
 import numpy as np
@@ -14,17 +14,80 @@ from envs.explore import ExploreEnv
 
 from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
 
+Info = dict[str, Any]
+"""What an environment returns beside the observation."""
+Observation = dict[str, np.ndarray]
+"""What an environment returns to whoever drives."""
+Decide = Callable[[Observation], np.ndarray | str]
+"""Returns the action for an observation, or the reason to stop."""
+Watch = Callable[[Info], None]
+"""Is called with `info` after the reset and after every step."""
+
+
+class Ended(NamedTuple):
+    """How a loop ended."""
+
+    observation: Observation
+    """The last one."""
+    info: Info
+    """The last one, with `end_reason`, unless `max_steps` ended the loop."""
+    decision_times: list[float]
+    """Time of each decision [s]."""
+
+
+def run(
+    env: gymnasium.Env[Any, Any],
+    decide: Decide,
+    observation: Observation,
+    info: Info,
+    watch: Watch | None = None,
+    *,
+    max_steps: float = math.inf,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Ended:
+    """Step an environment until its episode ends, or `decide` returns a reason to stop.
+
+    Args:
+        env: the environment, after its reset.
+        decide: decides.
+        observation: of the reset, or of the last step.
+        info: of the same.
+        watch: called with `info` now and after every step, to take samples or pictures.
+        max_steps: number of steps after which the loop ends all the same.
+        clock: measures decisions [s].
+    """
+    decision_times: list[float] = []
+    watch = watch or (lambda _: None)
+    watch(info)
+    while len(decision_times) < max_steps:
+        began = clock()
+        action = decide(observation)
+        decision_times.append(clock() - began)
+        if isinstance(action, str):
+            return Ended(observation, {**info, "end_reason": action}, decision_times)
+        observation, _, terminated, truncated, info = env.step(action)
+        watch(info)
+        if terminated or truncated:
+            break
+    return Ended(observation, info, decision_times)
+
+
+def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
+    """Return `quantity` (shape (n,)) where `fraction` (shape (n,)) first reaches `mark`; infinite if it never does."""
+    reached = fraction >= mark
+    return float(quantity[reached.argmax()]) if reached.any() else math.inf
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """What was known when and where: one sample at the reset and one after every step."""
+    """The course of an episode: one sample at the reset and one after every step."""
 
     time: np.ndarray
     """Shape (n,), float64, time since the reset [s]."""
     path_length: np.ndarray
     """Shape (n,), float64, distance driven in truth [m]."""
     explored_fraction: np.ndarray
-    """Shape (n,), float64, truly known share of the explorable area."""
+    """Shape (n,), float64, explored share of the explorable area."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,15 +99,15 @@ class Episode:
     """
 
     explored_fraction: float
-    """Truly known share of the explorable area at the end."""
+    """Share of the explorable area that was explored at the end."""
     time_to_90: float
-    """Time until 90 % was explored [s]; infinite if never."""
+    """Time until 90 % was explored [s]."""
     time_to_95: float
-    """Time until 95 % was explored [s]; infinite if never."""
+    """Time until 95 % was explored [s]."""
     time_to_99: float
-    """Time until 99 % was explored [s]; infinite if never."""
+    """Time until 99 % was explored [s]."""
     distance_to_95: float
-    """Distance driven until 95 % was explored [m]; infinite if never."""
+    """Distance driven until 95 % was explored [m]."""
     area_under_curve: float
     """Mean explored fraction over the whole time limit; after an early end the last value holds."""
     path_length: float
@@ -52,9 +115,9 @@ class Episode:
     collisions: int
     """Contacts begun."""
     position_rmse: float
-    """Root mean square error of the believed position [m]."""
+    """Root mean square error of the estimated position [m]."""
     heading_rmse: float
-    """Root mean square error of the believed heading [rad]."""
+    """Root mean square error of the estimated heading [rad]."""
     map_iou: float
     """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.coverage.map_iou`)."""
     decision_ms: float
@@ -66,129 +129,108 @@ class Episode:
     duration: float
     """Time at the end [s]."""
     time_limit: float
-    """Time that there was [s]."""
+    """Time limit [s]."""
     distance_limit: float
-    """Distance that the robot could have driven in that time at full speed [m]."""
+    """Distance that the robot can drive within the time limit, at full speed [m]."""
     area_left: float
-    """Explorable area that was still unknown at the end [m2]."""
+    """Explorable area that was not explored at the end [m2]."""
     curve: Curve
     """The explored fraction over time and distance."""
 
 
 def begin_episode(
     env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, rng: np.random.Generator
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Reset an environment and then the explorer; the truth is told to explorers that ask for it, and to no others.
+) -> tuple[Observation, Info]:
+    """Reset an environment and then the explorer; only an `Omniscient` one gets ground truth.
 
     Args:
         env: an `ExploreEnv`, wrapped or not.
-        explorer: will explore.
+        explorer: to be reset.
         seed: of the environment.
-        rng: the explorer's source of chance.
+        rng: source of the explorer's random draws.
 
     Returns:
         The environment's first observation and info.
     """
-    place = cast(ExploreEnv, env.unwrapped)
+    inner = cast(ExploreEnv, env.unwrapped)
     observation, info = env.reset(seed=seed)
-    explorer.reset(place.robot, place.control_period, rng)
+    explorer.reset(inner.robot, inner.control_period, rng)
     if isinstance(explorer, Omniscient):
-        explorer.reveal(place.coverage.area, place.start, place.target_coverage)
+        explorer.reveal(inner.coverage.area, inner.start, inner.target_coverage)
     return observation, info
 
 
-def choose_action(
-    explorer: Explorer | ObservationPolicy, env: ExploreEnv, observation: dict[str, np.ndarray]
-) -> np.ndarray:
-    """Return the action that an explorer or a policy takes now, shape (2,), float32."""
-    if hasattr(explorer, "act"):
-        return to_action(explorer.act(env.reading, env.belief), env.robot)
-    return explorer(observation)
+def decide_with(explorer: Explorer | ObservationPolicy, env: ExploreEnv) -> Decide:
+    """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw."""
+
+    def decide(observation: Observation) -> np.ndarray | str:
+        if hasattr(explorer, "act"):
+            action = to_action(explorer.act(env.reading, env.belief), env.robot)
+        else:
+            action = explorer(observation)
+        env.plan = explorer.plan
+        return explorer.end_reason or action
+
+    return decide
 
 
 def run_episode(
-    env: gymnasium.Env[Any, Any],
-    explorer: Explorer | ObservationPolicy,
-    seed: int,
-    on_step: Callable[[dict[str, Any]], None] | None = None,
+    env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, on_step: Watch | None = None
 ) -> Episode:
-    """Let an explorer explore until the place is covered, the time is up, or the explorer stops.
+    """Let an explorer explore until the target coverage or the time limit is reached, or the explorer stops.
 
     Args:
         env: an `ExploreEnv`, wrapped or not.
-        explorer: decides; it sees observations and beliefs only, unless it is `Omniscient`.
-        seed: of everything: place, start, noise, and the explorer's own draws.
+        explorer: decides; it gets readings and beliefs only, unless it is `Omniscient`.
+        seed: of everything: world, start, noise, and the explorer's own draws.
         on_step: called with `info` after the reset and after every step, to record pictures.
     """
-    place = cast(ExploreEnv, env.unwrapped)
+    inner = cast(ExploreEnv, env.unwrapped)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
     observation, info = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
-    samples, errors, decision_time, decisions = [_sample(info)], [info["pose_error"]], 0.0, 0
-    if on_step:
-        on_step(info)
-    while True:
-        began = time.perf_counter()
-        action = choose_action(explorer, place, observation)
-        decision_time += time.perf_counter() - began
-        decisions += 1
-        if explorer.end_reason is not None:
-            info = {**info, "end_reason": explorer.end_reason}
-            break
-        place.plan = explorer.plan
-        observation, _, terminated, truncated, info = env.step(action)
-        samples.append(_sample(info))
-        errors.append(info["pose_error"])
+    samples: list[tuple[float, ...]] = []
+
+    def watch(info: Info) -> None:
+        samples.append((info["time"], info["path_length"], info["explored_fraction"], *info["pose_error"]))
         if on_step:
             on_step(info)
-        if terminated or truncated:
-            break
-    if "map_iou" not in info:
-        info["map_iou"] = map_iou(place.belief.grid, place.coverage.area, place.start)
-    return _measure(place, info, Curve(*np.array(samples).T), np.array(errors), 1000.0 * decision_time / decisions)
+
+    ended = run(env, decide_with(explorer, inner), observation, info, watch)
+    return _measure(inner, ended, np.array(samples))
 
 
-def _sample(info: dict[str, Any]) -> tuple[float, float, float]:
-    return info["time"], info["path_length"], info["explored_fraction"]
-
-
-def _measure(place: ExploreEnv, info: dict[str, Any], curve: Curve, errors: np.ndarray, decision_ms: float) -> Episode:
+def _measure(env: ExploreEnv, ended: Ended, samples: np.ndarray) -> Episode:
     """Summarise an episode.
 
     Args:
-        place: the environment, at the end of the episode.
-        info: the last one, completed by `map_iou` and `end_reason`.
-        curve: the samples.
-        errors: shape (n, 2), position [m] and heading [rad].
-        decision_ms: mean wall-clock time of a decision [ms].
+        env: the environment, at the end of the episode.
+        ended: how the episode ended.
+        samples: shape (n, 5): time [s], path length [m], explored fraction, errors of position [m] and heading [rad].
     """
-    limit = place.time_limit
-    position_rmse, heading_rmse = np.sqrt(np.mean(errors**2, axis=0))
+    info, limit = ended.info, env.time_limit
+    curve = Curve(*samples[:, :3].T)
+    position_rmse, heading_rmse = np.sqrt(np.mean(samples[:, 3:] ** 2, axis=0))
     known = np.trapezoid(curve.explored_fraction, curve.time)
     known += curve.explored_fraction[-1] * max(0.0, limit - curve.time[-1])
+    overlap = info["map_iou"] if "map_iou" in info else map_iou(env.belief.grid, env.coverage.area, env.start)
     return Episode(
         explored_fraction=info["explored_fraction"],
-        time_to_90=_first(curve.time, curve, 0.90),
-        time_to_95=_first(curve.time, curve, 0.95),
-        time_to_99=_first(curve.time, curve, 0.99),
-        distance_to_95=_first(curve.path_length, curve, 0.95),
+        time_to_90=first_at(curve.time, curve.explored_fraction, 0.90),
+        time_to_95=first_at(curve.time, curve.explored_fraction, 0.95),
+        time_to_99=first_at(curve.time, curve.explored_fraction, 0.99),
+        distance_to_95=first_at(curve.path_length, curve.explored_fraction, 0.95),
         area_under_curve=float(known / max(limit, curve.time[-1])),
         path_length=info["path_length"],
         collisions=int(info["collisions"]),
         position_rmse=float(position_rmse),
         heading_rmse=float(heading_rmse),
-        map_iou=float(info["map_iou"]),
-        decision_ms=decision_ms,
+        map_iou=float(overlap),
+        decision_ms=1000.0 * float(np.mean(ended.decision_times)),
         success=bool(info["is_success"]),
         end_reason=info["end_reason"],
         duration=info["time"],
         time_limit=limit,
-        distance_limit=place.robot.max_v * limit,
-        area_left=place.coverage.area.area - info["explored_area"],
+        distance_limit=env.robot.max_v * limit,
+        area_left=env.coverage.area.area - info["explored_area"],
         curve=curve,
     )
-
-
-def _first(quantity: np.ndarray, curve: Curve, mark: float) -> float:
-    """Return `quantity` where the curve first reaches `mark`, and infinity if it never does."""
-    reached = curve.explored_fraction >= mark
-    return float(quantity[reached.argmax()]) if reached.any() else math.inf

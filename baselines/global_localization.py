@@ -17,8 +17,8 @@ from PIL import Image
 from rich.console import Console
 
 from baselines import make_explorer
-from baselines.episode import Episode, run_episode
-from baselines.navigation.episode import make_navigator, step
+from baselines.episode import Episode, Info, run, run_episode
+from baselines.navigation.episode import decide_with_navigator, make_navigator
 from baselines.navigation.map_navigator import MapNavigatorParams
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
@@ -148,8 +148,15 @@ def map_and_navigate(
     observation, info = env.reset(seed=seed + 1)
     navigator = make_navigator(env, seed, MapNavigatorParams(lost_time=0.5 * TIME_PER_GOAL))
     rng = np.random.default_rng([seed, 2])
-    animation, outcomes, found = Animation(), list[str](), (np.inf, np.nan)
-    animation.take(env)
+    animation, outcomes, localized = Animation(), list[str](), (np.inf, np.nan)
+
+    def watch(info: Info) -> None:
+        nonlocal localized
+        animation.take(env)
+        if not info["is_lost"] and np.isinf(localized[0]):
+            localized = info["time"], float(info["pose_error"][0])
+
+    watch(info)
     for k in range(goals):
         if k:
             here = env.map_pose.compose(env.belief.pose)
@@ -159,18 +166,13 @@ def map_and_navigate(
         except ValueError as error:
             outcomes.append(f"refused: {error}")
             continue
-        outcome = ""
-        while not outcome:
-            observation, info, outcome = step(env, navigator, observation, [])
-            animation.take(env)
-            if not info["is_lost"] and np.isinf(found[0]):
-                found = info["time"], float(info["pose_error"][0])
-        outcomes.append(outcome)
-        if outcome == "lost":
+        observation, info, _ = run(env, decide_with_navigator(navigator, env), observation, info, watch)
+        outcomes.append(info["end_reason"])
+        if outcomes[-1] == "lost":
             break
     gif = animation.save(out / "global_localization.gif")
     env.close()
-    return Outcome(episode.explored_fraction, map_path, *found, tuple(outcomes), int(info["collisions"]), gif)
+    return Outcome(episode.explored_fraction, map_path, *localized, tuple(outcomes), int(info["collisions"]), gif)
 
 
 def main(

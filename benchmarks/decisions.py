@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines import EXPLORERS, make_explorer
-from baselines.explorer import to_action
+from baselines.episode import decide_with, run
 from baselines.rrt.team import RrtTeam
+from baselines.rrt.team_episode import decide_with_team
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 
@@ -59,22 +60,18 @@ def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.in
     explorer = RrtTeam() if is_team else make_explorer(name)
     size = (num_robots,) if is_team else ()
     explorer.reset(env.robot, env.control_period, *size, np.random.default_rng([seed, 1]))
-    spent = []
-    while explorer.end_reason is None and "end_reason" not in info and info["time"] < max_time:
-        began = time.thread_time()
-        action = explorer.act(observation, env.beliefs) if is_team else explorer.act(env.reading, env.belief)
-        spent.append(time.thread_time() - began)
-        action = action if is_team else to_action(action, env.robot)
-        observation, _, _, _, info = env.step(action)
+    decide = decide_with_team(explorer, env) if is_team else decide_with(explorer, env)
+    steps = max_time / env.control_period
+    ended = run(env, decide, observation, info, max_steps=steps, clock=time.thread_time)
     env.close()
-    taken = np.array(spent[WARM_UP:])
+    taken = np.array(ended.decision_times[WARM_UP:])
     return Decisions(
         count=len(taken),
         mean=1e3 * float(taken.mean()),
         p99=1e3 * float(np.percentile(taken, 99)),
         longest=1e3 * float(taken.max()),
         missed=int(np.count_nonzero(taken >= env.control_period)),
-        explored=info["explored_fraction"],
+        explored=ended.info["explored_fraction"],
     )
 
 

@@ -1,12 +1,10 @@
-"""One drive to a goal on a known map: what came of it."""
+"""Drives to a goal on a known map, and their measures."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from baselines.episode import Decide, Info, Observation, Watch, run
 from baselines.navigation.map_navigator import DEFAULTS, MapNavigator, MapNavigatorParams
 from envs.navigate import NavigateEnv
 
@@ -18,22 +16,22 @@ class Drive:
     seed: int
     """Of everything random."""
     end_reason: str
-    """"reached" (truly), "time_limit", "refused" (the navigator does not accept the goal), "elsewhere" (the navigator
-    believes to be there and is not), or why the navigator gave up."""
+    """"reached" (truly), "time_limit", "refused" (the navigator rejects the goal), "elsewhere" (only the estimated
+    position is at the goal), or why the navigator failed."""
     collisions: int
     """Contacts begun."""
     duration: float
     """Time at the end [s]."""
     way: float
-    """True way to the goal at the start [m]."""
+    """True geodesic distance to the goal at the start [m]."""
     path_length: float
     """Distance driven [m]."""
     position_rmse: float
-    """Root mean square error of the believed position [m]."""
+    """Root mean square error of the estimated position [m]."""
     heading_rmse: float
-    """The same of the heading [rad]."""
+    """Root mean square error of the estimated heading [rad]."""
     recoveries: int
-    """How often the navigator had to free the robot."""
+    """Number of recovery behaviors."""
     control_us: float
     """Median wall-clock time of a decision [us]."""
     plan_ms: float
@@ -51,77 +49,49 @@ def make_navigator(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEF
     return MapNavigator(env.robot, env.control_period, env.belief.grid, np.random.default_rng([seed, 1]), params)
 
 
-def drive(
-    env: NavigateEnv,
-    seed: int,
-    params: MapNavigatorParams = DEFAULTS,
-    on_step: Callable[[NavigateEnv], None] | None = None,
-) -> Drive:
-    """Reset an environment and let the navigator drive until the goal is reached, the time is up, or it gives up.
+def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
+    """Return the decisions of a navigator in an environment, which also gets its plan to draw.
+
+    The environment ends the episode when the goal is truly reached, so a navigator that says so first is elsewhere.
+    """
+
+    def decide(observation: Observation) -> np.ndarray | str:
+        action = navigator.act(observation, env.belief)
+        env.plan = navigator.plan
+        return "elsewhere" if navigator.end_reason == "reached" else navigator.end_reason or action
+
+    return decide
+
+
+def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on_step: Watch | None = None) -> Drive:
+    """Reset an environment and drive until the goal or the time limit is reached, or the navigator fails.
 
     Args:
         env: the environment, without wrappers.
         seed: of everything.
         params: of the navigator.
-        on_step: called after the reset and after every step, to record pictures.
+        on_step: called with `info` after the reset and after every step, to record pictures.
     """
     observation, info = env.reset(seed=seed)
-    way = info["way_to_goal"]
+    way, errors, decision_times = info["way_to_goal"], list[np.ndarray](), [0.0]
     navigator = make_navigator(env, seed, params)
-    errors, decisions = [info["pose_error"]], list[float]()
+
+    def watch(info: Info) -> None:
+        errors.append(info["pose_error"])
+        if on_step:
+            on_step(info)
+
     try:
         navigator.set_goal(env.goal[:2])
     except ValueError:
-        return _measure(seed, "refused", info, way, errors, navigator, [0.0])
-    if on_step:
-        on_step(env)
-    reason = ""
-    while not reason:
-        observation, info, reason = step(env, navigator, observation, decisions)
-        errors.append(info["pose_error"])
-        if on_step:
-            on_step(env)
-    return _measure(seed, reason, info, way, errors, navigator, decisions)
-
-
-def step(
-    env: NavigateEnv, navigator: MapNavigator, observation: dict[str, np.ndarray], decisions: list[float]
-) -> tuple[dict[str, np.ndarray], dict[str, Any], str]:
-    """Let the navigator decide, and the environment follow.
-
-    Args:
-        env: the environment.
-        navigator: decides.
-        observation: the last one.
-        decisions: the wall-clock time of the decision is appended [s].
-
-    Returns:
-        Observation, info, and why the drive has ended; "" while it has not.
-    """
-    began = time.perf_counter()
-    action = navigator.act(observation, env.belief)
-    decisions.append(time.perf_counter() - began)
-    env.plan = navigator.plan
-    observation, _, terminated, truncated, info = env.step(action)
-    if terminated or truncated:
-        return observation, info, info["end_reason"]
-    reason = navigator.end_reason or ""
-    return observation, info, "elsewhere" if reason == "reached" else reason
-
-
-def _measure(
-    seed: int,
-    reason: str,
-    info: dict[str, Any],
-    way: float,
-    errors: list[np.ndarray],
-    navigator: MapNavigator,
-    decisions: list[float],
-) -> Drive:
+        watch(info)
+        info = {**info, "end_reason": "refused"}
+    else:
+        _, info, decision_times = run(env, decide_with_navigator(navigator, env), observation, info, watch)
     position, heading = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
     return Drive(
         seed=seed,
-        end_reason=reason,
+        end_reason=info["end_reason"],
         collisions=int(info["collisions"]),
         duration=info["time"],
         way=way,
@@ -129,6 +99,6 @@ def _measure(
         position_rmse=position,
         heading_rmse=heading,
         recoveries=navigator.num_recoveries,
-        control_us=1e6 * float(np.median(decisions)),
-        plan_ms=1e3 * decisions[0],
+        control_us=1e6 * float(np.median(decision_times)),
+        plan_ms=1e3 * decision_times[0],
     )

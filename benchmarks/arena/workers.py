@@ -19,7 +19,7 @@ import gymnasium
 import numpy as np
 
 from agents.run_folder import CheckpointError
-from baselines.episode import begin_episode, choose_action, run_episode
+from baselines.episode import begin_episode, decide_with, run, run_episode
 from baselines.explorer import Explorer, ObservationPolicy
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import Key, Row, make_row
@@ -122,16 +122,9 @@ class _Workplace:
 
 
 def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, steps: int = 0) -> None:
-    """Let an explorer get ready for a place, and drive it for a few steps that are not measured."""
-    place = cast(ExploreEnv, env.unwrapped)
-    observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
-    for _ in range(steps):
-        action = choose_action(explorer, place, observation)
-        if explorer.end_reason is not None:
-            break
-        observation, _, terminated, truncated, _ = env.step(action)
-        if terminated or truncated:
-            break
+    """Let an explorer get ready for an environment, and drive it for a few steps that are not measured."""
+    observation, info = begin_episode(env, explorer, seed, np.random.default_rng(seed))
+    run(env, decide_with(explorer, cast(ExploreEnv, env.unwrapped)), observation, info, max_steps=steps)
 
 
 _workplace = _Workplace()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import baselines.episode
-from baselines.episode import run_episode
+from baselines.episode import run, run_episode
 from envs.simulation import Twist
 
 
@@ -89,12 +89,10 @@ def test_measures_of_a_scripted_episode():
     assert 0.0 < episode.decision_ms < 50.0
 
 
-def test_a_mark_that_is_never_reached_takes_for_ever():
+def test_a_mark_that_is_never_reached_is_recorded_as_such():
     episode = run_episode(ScriptedEnv([0.2, 0.5, 0.92], time_limit=4.0), ScriptedExplorer(), seed=1)
     assert (episode.time_to_90, episode.time_to_95, episode.time_to_99) == (4.0, math.inf, math.inf)
-    assert (episode.distance_to_95, episode.time_limit) == (math.inf, 4.0)
-    # Full speed for the whole time limit.
-    assert episode.distance_limit == 0.5 * 4.0
+    assert (episode.distance_to_95, episode.distance_limit) == (math.inf, 0.5 * 4.0)
     assert (episode.success, episode.end_reason) == (False, "time_limit")
     assert episode.area_left == pytest.approx(4.0)
 
@@ -117,3 +115,16 @@ def test_the_explorer_draws_from_the_seed_and_not_as_the_environment_does():
         env_draws = {env.np_random.random(), *(rng.random() for rng in env.np_random.spawn(3))}
         assert explorer.draw not in env_draws
     assert draws[1] != draws[2]
+
+
+def test_the_loop_ends_with_the_episode_or_the_driver_or_after_max_steps():
+    env, seen = ScriptedEnv([0.2, 0.4, 0.5, 0.6, 0.7], time_limit=8.0), []
+    answers = iter([np.zeros(2), np.zeros(2), "stuck"])
+    ended = run(env, lambda _: next(answers), *env.reset(), lambda info: seen.append(info["time"]))
+    assert (ended.info["end_reason"], ended.info["time"], len(ended.decision_times)) == ("stuck", 4.0, 3)
+    assert seen == [0.0, 2.0, 4.0]
+    # It goes on from where it stopped.
+    ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info, max_steps=1)
+    assert (ended.info["time"], len(ended.decision_times)) == (6.0, 1)
+    ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info)
+    assert (ended.info["end_reason"], ended.info["time"]) == ("time_limit", 8.0)
