@@ -1,95 +1,141 @@
 """Vector environments of Gymnasium as stable-baselines3 wants them."""
 
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.vector import Observations
 
+EPISODE_MEASURES = ("explored_fraction", "collisions")
+"""Numbers of the last `info` that go into `infos[i]["episode"]`, where the environment has them."""
+
 
 class GymnasiumVecEnv(VecEnv):
-    """Adapts a Gymnasium vector environment that resets lanes in the same step: native lanes, sync or async.
+    """Adapts a Gymnasium vector environment that resets a sub-environment in the step that ends its episode.
 
-    Lane i is seeded with seed + i, whatever runs it. `infos` are filled for lanes whose episode ended, and empty for
-    all others: stable-baselines3 looks at nothing else.
+    Sub-environment i is seeded with seed + i. `infos` are filled for those whose episode ended (as by `Monitor`), and
+    empty for all others: stable-baselines3 looks at nothing else. `env_method`, `get_attr` and `set_attr` reach the
+    sub-environments through Gymnasium's `call`, `get_attr` and `set_attr`; where observations hold an `action_mask`,
+    `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing.
     """
 
-    def __init__(self, env: gymnasium.vector.VectorEnv) -> None:
+    def __init__(self, env: gymnasium.vector.VectorEnv, *, clip_actions: bool = False) -> None:
         """Wrap `env`.
 
+        Args:
+            env: made with `autoreset_mode=AutoresetMode.SAME_STEP`.
+            clip_actions: whether actions outside a `Box` are cut to its bounds; otherwise the environment refuses them.
+                Algorithms of stable-baselines3 clip what a Gaussian draws before they step; others may not.
+
         Raises:
-            ValueError: if it does not reset lanes in the step that ends their episode.
+            ValueError: if `env` has another autoreset mode.
         """
-        if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
-            raise ValueError(
-                "stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, "
-                f"got {env.metadata.get('autoreset_mode')}"
-            )
+        mode = env.metadata.get("autoreset_mode")
+        if mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
         self.env = env
+        self._observations: Observations = {}
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._clips = clip_actions and isinstance(env.single_action_space, spaces.Box)
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, dtype=np.int64)
 
     def reset(self) -> Observations:
-        """Start an episode in every lane, with the seeds of the last call of `seed`."""
-        observations, _ = self.env.reset(seed=self._seeds)  # type: ignore[arg-type]  # one per lane is allowed
+        """Start an episode in every sub-environment, with the seeds and options that `seed` and `set_options` gave.
+
+        Raises:
+            ValueError: if the options differ between sub-environments.
+        """
+        if any(options != self._options[0] for options in self._options):
+            raise ValueError("options must be the same for all sub-environments")
+        seeds: Any = self._seeds
+        self._observations, _ = self.env.reset(seed=seeds, options=self._options[0] or None)
         self._reset_seeds()
+        self._reset_options()
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        return observations
+        return self._observations
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
-        self._actions = actions
+        space = self.action_space
+        self._actions = np.clip(actions, space.low, space.high) if self._clips else actions  # type: ignore[attr-defined]
 
     def step_wait(self) -> tuple[Observations, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Step every lane."""
-        observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        """Step every sub-environment."""
+        self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
         dones = np.asarray(terminated) | np.asarray(truncated)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for lane in np.flatnonzero(dones).tolist():
-            infos[lane] = self._end_of_episode(info, lane, bool(truncated[lane] and not terminated[lane]))
-        return observations, rewards.astype(np.float32), dones, infos
+        for i in np.flatnonzero(dones).tolist():
+            infos[i] = self._end_of_episode(info, i, bool(truncated[i] and not terminated[i]))
+        return self._observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
         """Close the environment."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return the environment's attribute, once per lane."""
-        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+    def get_images(self) -> list[np.ndarray | None]:
+        """Return a picture of each sub-environment."""
+        return list(self.env.render() or [None] * self.num_envs)
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        """Return False: episodes are counted by the environment, no wrapper is needed."""
-        return [False] * len(list(self._get_indices(indices)))
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the sub-environments.
+
+        Raises:
+            AttributeError: if they do not have it.
+        """
+        if attr_name == "action_masks" and self._has_masks:
+            return [None] * len(list(self._get_indices(indices)))  # only asked whether there is one
+        inner: Any = self.env.unwrapped
+        values = (
+            inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * self.num_envs
+        )
+        return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse."""
-        self._refuse()
+        """Set an attribute of the sub-environments to one value."""
+        inner: Any = self.env.unwrapped
+        chosen = set(self._get_indices(indices))
+        values = [value] * self.num_envs if len(chosen) == self.num_envs else list(inner.get_attr(attr_name))
+        inner.set_attr(attr_name, [value if i in chosen else values[i] for i in range(self.num_envs)])
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refuse."""
-        self._refuse()
+        """Call a method of the sub-environments.
 
-    def _refuse(self) -> NoReturn:
-        raise NotImplementedError("lanes are rows of arrays and no objects; reach into them through `env`")
+        Raises:
+            ValueError: if it is to be called in some of them only.
+        """
+        chosen = list(self._get_indices(indices))
+        if method_name == "action_masks" and self._has_masks:
+            masks = self._observations["action_mask"].astype(np.bool_)
+            return [masks[i] for i in chosen]
+        if len(chosen) < self.num_envs:
+            raise ValueError(f"{method_name} can be called in all sub-environments, not in {chosen} alone")
+        inner: Any = self.env.unwrapped
+        return list(inner.call(method_name, *args, **kwargs))
 
-    def _end_of_episode(self, info: dict[str, Any], lane: int, cut_short: bool) -> dict[str, Any]:
-        """Return what stable-baselines3 and its callbacks look for in a lane whose episode ended."""
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
+        """Return whether `infos` hold what a wrapper would add: those of `Monitor` are there, no others."""
+        return [issubclass(wrapper_class, Monitor)] * len(list(self._get_indices(indices)))
+
+    @property
+    def _has_masks(self) -> bool:
+        space = self.env.single_observation_space
+        return isinstance(space, spaces.Dict) and "action_mask" in space.spaces
+
+    def _end_of_episode(self, info: dict[str, Any], i: int, cut_short: bool) -> dict[str, Any]:
+        """Return what stable-baselines3 and its callbacks look for where the episode of sub-environment i ended."""
         final = info["final_info"]
-        episode = {"r": float(self._returns[lane]), "l": int(self._lengths[lane])}
-        for name in ("explored_fraction", "collisions"):
-            episode[name] = float(final[name][lane])
-        self._returns[lane] = 0.0
-        self._lengths[lane] = 0
-        return {
-            "episode": episode,
-            "is_success": bool(final["is_success"][lane]),
-            "terminal_observation": info["final_obs"][lane],
-            "TimeLimit.truncated": cut_short,
-        }
+        episode = {"r": float(self._returns[i]), "l": int(self._lengths[i])}
+        episode |= {name: float(final[name][i]) for name in EPISODE_MEASURES if name in final}
+        self._returns[i] = 0.0
+        self._lengths[i] = 0
+        ended = {"episode": episode, "terminal_observation": info["final_obs"][i], "TimeLimit.truncated": cut_short}
+        return ended | ({"is_success": bool(final["is_success"][i])} if "is_success" in final else {})

@@ -1,9 +1,11 @@
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CheckpointCallback
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import EnvironmentConfig
@@ -11,13 +13,21 @@ from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_vector
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
+WAYS = pytest.mark.parametrize("way", ["vector_entry_point", "sync", "async"])
 
 
-def make_lanes(mode=AutoresetMode.SAME_STEP):
-    return gymnasium.make_vec(QUICK.id, 3, split="train", autoreset_mode=mode, **QUICK.arguments)
+def make(num_envs=3, way="vector_entry_point", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
+    arguments = {"physics": "kinematic", "split": "train", "world": "rooms", "world_size": (6.0, 6.0)} | arguments
+    if way == "vector_entry_point":
+        return gymnasium.make_vec(id, num_envs, way, autoreset_mode=mode, **arguments)
+    return gymnasium.make_vec(id, num_envs, way, vector_kwargs={"autoreset_mode": mode}, **arguments)
 
 
-def test_lanes_give_what_single_environments_give():
+def adapt(*args, clip_actions=False, **arguments):
+    return GymnasiumVecEnv(make(*args, **arguments), clip_actions=clip_actions)
+
+
+def test_sub_environments_give_what_single_environments_give():
     singles = QUICK.model_copy(update={"vectorization": "sync"})
     ours, theirs = (GymnasiumVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
     for env in (ours, theirs):
@@ -42,7 +52,7 @@ def test_lanes_give_what_single_environments_give():
 
 
 def test_other_autoresets_are_refused():
-    env = make_lanes(AutoresetMode.NEXT_STEP)
+    env = make(mode=AutoresetMode.NEXT_STEP)
     with pytest.raises(ValueError, match="SAME_STEP"):
         GymnasiumVecEnv(env)
     env.close()
@@ -50,18 +60,97 @@ def test_other_autoresets_are_refused():
 
 def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_path):
     """With the library's own PPO, policy, `VecNormalize` and `CheckpointCallback`."""
-    env = VecNormalize(GymnasiumVecEnv(make_lanes()), norm_obs_keys=["motion"])
-    # A checkpoint every eight steps of the three lanes.
+    short = {"control_hz": 5.0, "time_limit": 3.0}
+    env = VecNormalize(adapt(**short), norm_obs_keys=["motion"])
+    # A checkpoint every eight steps of the three sub-environments.
     keep = CheckpointCallback(8, str(tmp_path), save_vecnormalize=True)
     model = PPO("MultiInputPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=3)
     model.learn(192, keep)
     assert env.ret_rms.count > 192
-    assert len(model.ep_info_buffer) == 12  # episodes of 15 steps: four in each lane
+    assert len(model.ep_info_buffer) == 12  # episodes of 15 steps: four in each
     env.close()
 
-    lanes = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), GymnasiumVecEnv(make_lanes()))
-    resumed = PPO.load(tmp_path / "rl_model_96_steps.zip", lanes)
+    again = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), adapt(**short))
+    resumed = PPO.load(tmp_path / "rl_model_96_steps.zip", again)
     assert resumed.num_timesteps == 96
     resumed.learn(96, reset_num_timesteps=False)
     assert resumed.num_timesteps == 192
-    lanes.close()
+    again.close()
+
+
+@WAYS
+def test_masked_ppo_learns_and_never_takes_what_is_masked(way):
+    maskable = pytest.importorskip("sb3_contrib", reason="needs the extra `dev`").MaskablePPO
+    env = adapt(4, way, "lidarnaut/ExploreFrontiers-v0", slam="truth")
+    model = maskable("MultiInputPolicy", env, n_steps=24, batch_size=48, n_epochs=2, seed=1)
+    before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
+    model.learn(192)
+    buffer = model.rollout_buffer
+    taken = np.take_along_axis(buffer.action_masks, buffer.actions.astype(int).reshape(-1, 1), axis=1)
+    assert (taken == 1.0).all()
+    assert 0 < buffer.action_masks.mean() < 1
+    np.testing.assert_array_equal(buffer.action_masks, buffer.observations["action_mask"])
+    assert not all(torch.equal(weight, before[name]) for name, weight in model.policy.named_parameters())
+    env.close()
+
+
+@pytest.mark.parametrize("way", ["sync", "async"])
+def test_sub_environments_can_be_reached(way):
+    env = adapt(3, way, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
+    env.seed(4)
+    seen = env.reset()
+    masks = env.env_method("action_masks")
+    np.testing.assert_array_equal(masks, seen["action_mask"])
+    np.testing.assert_array_equal(masks, env.env.call("action_masks"))
+    np.testing.assert_array_equal(env.env_method("action_masks", indices=[2]), seen["action_mask"][2:])
+    assert env.has_attr("action_masks")
+    if way == "sync":  # Gymnasium's processes end when asked for what they do not have
+        assert not env.has_attr("no_such_thing")
+    env.set_attr("nickname", "all")
+    env.set_attr("nickname", "second", indices=1)
+    assert env.get_attr("nickname") == ["all", "second", "all"]
+    assert env.get_attr("nickname", indices=[1]) == ["second"]
+    with pytest.raises(ValueError, match=r"render can be called in all sub-environments, not in \[0\] alone"):
+        env.env_method("render", indices=0)
+    picture = env.render()
+    assert picture.ndim == 3
+    assert picture.std() > 1.0
+    env.close()
+
+
+def test_seeds_count_up_and_hold_for_one_reset():
+    env = adapt()
+    env.seed(7)
+    first, second = env.reset(), env.reset()
+    assert any((first[key] != second[key]).any() for key in first)
+    env.seed(8)
+    shifted = env.reset()
+    np.testing.assert_array_equal(shifted["scan"][:2], first["scan"][1:])
+    env.close()
+
+
+@WAYS
+def test_actions_beyond_the_bounds_are_cut_if_asked_and_refused_otherwise(way):
+    rewards, wild = [], np.array([[7.0, 0.0], [0.2, -3.0]], dtype=np.float32)
+    for actions in (wild, np.clip(wild, -1.0, 1.0)):
+        env = adapt(2, way, clip_actions=True)
+        env.seed(0)
+        env.reset()
+        rewards.append([env.step(actions)[1] for _ in range(5)])
+        env.close()
+    np.testing.assert_array_equal(*rewards)
+    env = adapt(2, "vector_entry_point")
+    env.reset()
+    with pytest.raises(ValueError, match=r"lie in \[-1, 1\]"):
+        env.step(wild)
+    env.close()
+
+
+def test_its_episodes_pass_for_monitored_ones(recwarn):
+    env = adapt(control_hz=5.0, time_limit=2.0)
+    model = PPO("MultiInputPolicy", env, n_steps=16, seed=0)
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
+    assert lengths == [10] * 4
+    assert all(value > 0 for value in returns)
+    assert not [w for w in recwarn if "Monitor" in str(w.message)]
+    env.close()
