@@ -83,10 +83,10 @@ def stepping(world: World, names: Sequence[str], repetitions: int) -> None:
         for name in names:
             robot = load_robot(name)
             driven, placed = (make_simulator(physics, robot, 0.1) for _ in range(2))
-            driven.reset(world, world.spawns[0], np.random.default_rng(0))
+            driven.reset(world, [world.spawns[0]], [np.random.default_rng(0)])
             label = f"{physics}, {name} ({robot.lidar.num_beams} beams)"
-            calls[f"step, {label}"] = partial(driven.step, Twist(0.2, robot.max_w / 2))
-            calls[f"reset, {label}"] = partial(placed.reset, world, world.spawns[0], np.random.default_rng(0))
+            calls[f"step, {label}"] = partial(driven.step, [Twist(0.2, robot.max_w / 2)])
+            calls[f"reset, {label}"] = partial(placed.reset, world, [world.spawns[0]], [np.random.default_rng(0)])
     print_table(f"One control step of 0.1 s with all sensors, {world.name} [us]", measure(calls, repetitions, batch=10))
 
 

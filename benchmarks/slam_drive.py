@@ -105,7 +105,7 @@ def drive(
     driver = Errands(robot, area, rng_driver)
     simulator = make_simulator(physics, robot, control_period)
     start = world.spawns[0]
-    reading = simulator.reset(world, start, rng_simulator)
+    reading = simulator.reset(world, [start], [rng_simulator])[0]
     wheels = WheelOdometry(robot)
     wheels.reset(reading.ticks)
     slam.reset(rng_slam)
@@ -116,8 +116,8 @@ def drive(
     path_length = 0.0
     for _ in range(round(duration / control_period)):
         before = truth
-        reading = simulator.step(driver.act(truth))
-        truth = simulator.state.pose
+        reading = simulator.step([driver.act(truth)])[0]
+        truth = simulator.states[0].pose
         motion = wheels.update(reading.ticks)
         odometry = odometry.compose(motion)
         belief = slam.update(reading.ranges, motion)

@@ -122,7 +122,7 @@ class ExploreFrontiersVectorEnv(LaneVectorEnv):
         """Drive lane `i` until its pilot has something to say; see `drive_on`."""
         choice, simulator, slam = self._choices[i], self._simulators[i], self._slams[i]
         pilots = Pilots(choice.pilot, choice.path, choice.obstacles, choice.given_up)
-        slam_rng = slam.rng if isinstance(slam, TinySlam) else simulator.rng
+        slam_rng = slam.rng if isinstance(slam, TinySlam) else simulator.rngs[0]
         moves, target = i in self._moving, self.envs[i].target_coverage
         shared = (self._tallies, self._lanes, self._numbers, choice.numbers, self._directions, self._scratch)
         code = STEPPED
@@ -131,7 +131,7 @@ class ExploreFrontiersVectorEnv(LaneVectorEnv):
                 self._make_room(i)
             elif moves:
                 self._move_circles_of(i)
-            lane = (i, code == ROOM, moves, pilots, choice.block, simulator.rng, slam_rng, target)
+            lane = (i, code == ROOM, moves, pilots, choice.block, simulator.rngs[0], slam_rng, target)
             code = drive_on(thread, *lane, *shared)
         return code
 

@@ -16,8 +16,7 @@ from envs.rendering.scene import Scene
 from envs.rewards import RewardWeights
 from envs.robot_env import DrivenEnv, checked_action, choose_robot, choose_start, is_pose, read_start
 from envs.robots import RobotParams
-from envs.simulation import Twist
-from envs.simulation.team import make_team_simulator
+from envs.simulation import Twist, make_simulator
 from envs.slam import Belief, GivenPoseSlam, TinySlam, make_slam
 from envs.team import MateFilter, Member, draw_starts, observe_mates
 from envs.worlds import World, world_sampler
@@ -122,7 +121,7 @@ class ExploreTeamEnv(DrivenEnv):
         )
         self.target_coverage = target_coverage
         self.resolution = map_resolution
-        self.simulator = make_team_simulator(physics, self.robot, self.control_period, num_robots)
+        self.simulator = make_simulator(physics, self.robot, self.control_period, num_robots)
         self.slam_is_told_the_truth = slam == "truth"
         self.members = [Member(self.robot, self._make_slam(slam)) for _ in range(num_robots)]
         self.plans: list[np.ndarray | None] = [None] * num_robots

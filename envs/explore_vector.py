@@ -77,9 +77,9 @@ class ExploreVectorEnv(LaneVectorEnv):
             if not active[i]:
                 continue
             simulator, slam = self._simulators[i], self._slams[i]
-            simulator.rng.standard_normal(out=lanes.normals[i])
+            simulator.rngs[0].standard_normal(out=lanes.normals[i])
             if self._loses_beams:
-                simulator.rng.random(out=lanes.uniforms[i])
+                simulator.rngs[0].random(out=lanes.uniforms[i])
             if isinstance(slam, TinySlam):
                 slam.rng.standard_normal(out=lanes.candidates[i])
 

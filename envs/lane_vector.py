@@ -217,7 +217,7 @@ class LaneVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray
         for name, view in zip(Views._fields, views, strict=True):
             view[i] = observation[name]
         lanes, simulator, area = self._lanes, self._simulators[i], env.coverage.area
-        lanes.state[i] = simulator.row
+        lanes.state[i] = simulator.rows[0]
         lanes.belief[i] = env.belief.pose
         lanes.drawn[i] = env.belief.drawn_at
         lanes.start[i] = env.start

@@ -16,7 +16,7 @@ from envs.geometry.pose import distance
 from envs.observation import Trail
 from envs.robots import RobotParams, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.simulation.sensors import measure_ranges
+from envs.simulation.sensors import sense
 from envs.worlds import World
 
 USUAL_ROBOT = "turtlebot3_burger"
@@ -54,7 +54,7 @@ class DrivenEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray], ABC):
         check_positive(control_hz=control_hz)
         if time_limit is not None and not time_limit > 0:
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        announce_compilation(measure_ranges)
+        announce_compilation(sense)
         self.robot = robot
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or math.inf
@@ -121,8 +121,8 @@ class RobotEnv(DrivenEnv):
 
     def _stand(self, world: World, pose: Pose2D, rng: np.random.Generator) -> None:
         """Put the robot at a pose of a world, with nothing driven yet."""
-        self.reading = self.simulator.reset(world, pose, rng)
-        self._state = self.simulator.state
+        self.reading = self.simulator.reset(world, [pose], [rng])[0]
+        self._state = self.simulator.states[0]
         self._true_trail = Trail()
         self._true_trail.append(self._state.pose)
         self._action = np.zeros(2, dtype=np.float32)
@@ -139,8 +139,8 @@ class RobotEnv(DrivenEnv):
         self._action = action
         touching, before = self.reading.bumper, self._state.pose
         command = Twist(float(action[0]) * self.robot.max_v, float(action[1]) * self.robot.max_w)
-        self.reading = self.simulator.step(command)
-        self._state = self.simulator.state
+        self.reading = self.simulator.step([command])[0]
+        self._state = self.simulator.states[0]
         self._true_trail.append(self._state.pose)
         self._path_length += distance(self._state.pose.x - before.x, self._state.pose.y - before.y)
         self._collisions += self.reading.bumper and not touching

@@ -72,7 +72,7 @@ def make_route_map(
     simulator = make_simulator(physics, robot, control_period)
     mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng)
     progress = Progress(route)
-    reading = simulator.reset(world, route.start, simulator_rng)
+    reading = simulator.reset(world, [route.start], [simulator_rng])[0]
     mapper.begin(reading)
     truth = route.start
     # Twice the time that the way takes at full speed, and some to speed up.
@@ -84,8 +84,8 @@ def make_route_map(
                 f"{route.along[progress.index]:.1f} m from the start, of {route.length:.1f} m"
             )
         before = truth
-        reading = simulator.step(steer(progress, truth, robot.max_v, LOOKAHEAD))
-        truth = simulator.state.pose
+        reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
+        truth = simulator.states[0].pose
         mapper.go_on(reading, before.between(truth) if slam == "truth" else None)
         steps_left -= 1
     simulator.close()

@@ -12,7 +12,7 @@ from envs.geometry.lines import cells_along
 from envs.geometry.pose import distance
 from envs.observation import Trail
 from envs.robots import RobotParams, WheelOdometry
-from envs.simulation import Reading, TrueState, Twist
+from envs.simulation import Reading, RobotState, Twist
 from envs.simulation.contact import clearance
 from envs.slam import GivenPoseSlam, TinySlam
 from envs.worlds import World
@@ -36,7 +36,7 @@ class Member:
         self.slam = slam
         self._odometry = WheelOdometry(robot)
 
-    def stand(self, reading: Reading, state: TrueState) -> None:
+    def stand(self, reading: Reading, state: RobotState) -> None:
         """Begin an episode: nothing is driven yet."""
         self.reading, self.state = reading, state
         self.twist = Twist(0.0, 0.0)
@@ -52,7 +52,7 @@ class Member:
         self._odometry.reset(reading.ticks)
         self.true_trail.append(state.pose)
 
-    def drive(self, action: np.ndarray, reading: Reading, state: TrueState, period: float) -> tuple[Pose2D, Pose2D]:
+    def drive(self, action: np.ndarray, reading: Reading, state: RobotState, period: float) -> tuple[Pose2D, Pose2D]:
         """Take note of a control period.
 
         Args:

@@ -14,7 +14,7 @@ from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
-from envs.simulation.team import check_starts
+from envs.simulation.contact import check_starts
 from envs.team import MATES_RANGE, draw_starts, observe_mates, without_mates
 from envs.worlds import Mover, World, world_sampler
 
@@ -179,7 +179,7 @@ def test_there_is_room_to_start_in_every_maze():
         world = sample(rng)
         area = explorable_area(world, BURGER, 0.05)
         starts = draw_starts(area, world, BURGER, area.draw_pose(rng), 4, rng)
-        check_starts(starts, BURGER.radius)
+        check_starts(starts, BURGER.radius, world)
         assert all(area.can_stand(pose) for pose in starts)
 
 
@@ -199,7 +199,7 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
 
     assert hidden(starts(2)) == 0
     assert hidden(starts(4)) > 0
-    check_starts(starts(4), BURGER.radius)
+    check_starts(starts(4), BURGER.radius, way)
 
 
 def test_starts_are_not_behind_walls():

@@ -84,15 +84,15 @@ def record(place: Place, seed: np.random.SeedSequence, duration: float, physics:
     rng_simulator, rng_driver = (np.random.default_rng(child) for child in seed.spawn(2))
     driver = Errands(place.robot, place.area, rng_driver)
     simulator = make_simulator(physics, place.robot, PERIOD)
-    reading = simulator.reset(place.world, place.area.draw_pose(rng_driver), rng_simulator)
+    reading = simulator.reset(place.world, [place.area.draw_pose(rng_driver)], [rng_simulator])[0]
     wheels = WheelOdometry(place.robot)
     wheels.reset(reading.ticks)
-    ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.state.pose]
+    ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.states[0].pose]
     for _ in range(round(duration / PERIOD)):
-        reading = simulator.step(driver.act(truth[-1]))
+        reading = simulator.step([driver.act(truth[-1])])[0]
         ranges.append(reading.ranges)
         motions.append(wheels.update(reading.ticks))
-        truth.append(simulator.state.pose)
+        truth.append(simulator.states[0].pose)
     simulator.close()
     return Drive(np.array(ranges), np.array(motions), np.array(truth))
 

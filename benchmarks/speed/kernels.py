@@ -25,8 +25,10 @@ from envs.coverage import explorable_area
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.map_pyramid import CROP_SIZE, FAR_PIXEL, NEAR_PIXEL, MapPyramid
-from envs.simulation.drive import Drive, count_substeps
-from envs.simulation.kinematic import STATE_SIZE
+from envs.robots import robot_record
+from envs.simulation.drive import make_timing
+from envs.simulation.kinematic import Obstacles
+from envs.simulation.state import STATE_SIZE
 from envs.slam import load_params
 from envs.slam.cells import probabilities
 from envs.slam.grid_map import GridMap
@@ -247,15 +249,15 @@ def _count_new(scene: Scene) -> Kernel:
 
 
 def _advance(scene: Scene) -> Kernel:
-    world, drive = scene.world, Drive.of(scene.robot)
-    substeps = count_substeps(drive, PERIOD)
+    world, drive = scene.world, robot_record(scene.robot).drive
+    timing = make_timing(drive, PERIOD)
     # A circle in the free middle of the hall, driven for ever.
     command, normals = (0.1, 1.0), (0.3, -0.2)
     driven, at_rest = np.zeros(STATE_SIZE), np.zeros(STATE_SIZE)
 
     def repeat(times: int) -> None:
-        arguments = (*command, normals, PERIOD, substeps, drive, world.segments, world.circles)
-        repeat_advance(times, driven, *arguments)
+        obstacles = Obstacles(world.segments, world.circles, world.circles)
+        repeat_advance(times, driven, command, normals, timing, drive, obstacles)
 
     def result() -> np.ndarray:
         driven[:] = at_rest
@@ -266,7 +268,5 @@ def _advance(scene: Scene) -> Kernel:
         "advance",
         repeat,
         result,
-        lambda: advance_in_numpy(
-            at_rest, command, normals, PERIOD, substeps, scene.robot, world.segments, world.circles
-        ),
+        lambda: advance_in_numpy(at_rest, command, normals, *timing, scene.robot, world.segments, world.circles),
     )

@@ -55,6 +55,6 @@ def repeat_count_new(times, cells, map_frame, x, y, theta, explorable, world_fra
 
 
 @njit
-def repeat_advance(times, state, v, w, normals, period, substeps, drive, segments, circles):
+def repeat_advance(times, state, command, normals, timing, drive, obstacles):
     for _ in range(times):
-        advance(state, v, w, *normals, period, substeps, drive, segments, circles, circles)
+        advance(state, command, normals, timing, drive, obstacles)

@@ -17,8 +17,10 @@ from envs.geometry.pose import between, compose, distance, wrap_angle
 from envs.map_pyramid import crop_pyramid, mark_visited, pool_map
 from envs.observation import fill_motion, is_apart, scale_scan
 from envs.robots.odometry import wheel_motion
-from envs.simulation.kinematic import LEFT_ANGLE, RIGHT_ANGLE, THETA, X, Y, advance
+from envs.simulation.drive import Timing
+from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.sensors import OTHER_NORMALS, measure_ranges
+from envs.simulation.state import LEFT_ANGLE, RIGHT_ANGLE, THETA, X, Y
 from envs.slam.grid_map import has_moved
 from envs.slam.map_update import beam_ends, draw_scan
 from envs.slam.matcher import match, project_hits
@@ -54,31 +56,17 @@ def drive(i, command, lanes, numbers):
     touching = lanes.bumper[i]
     lanes.bumper[i], _ = advance(
         state,
-        v,
-        w,
-        normals[0],
-        normals[1],
-        numbers.period,
-        numbers.substeps,
+        (v, w),
+        normals,
+        Timing(numbers.period, numbers.substeps),
         numbers.drive,
-        segments,
-        before,
-        after,
+        Obstacles(segments, before, after),
     )
     lanes.collisions[i] += lanes.bumper[i] and not touching
     lanes.path_length[i] += distance(state[X] - x, state[Y] - y)
     lanes.steps[i] += 1
-    measure_ranges(
-        state[X],
-        state[Y],
-        state[THETA],
-        normals[OTHER_NORMALS:],
-        lanes.uniforms[i],
-        numbers.lidar,
-        segments,
-        after,
-        lanes.ranges[i],
-    )
+    beams = normals[OTHER_NORMALS:]
+    measure_ranges(state, beams, lanes.uniforms[i], numbers.lidar, segments, after, lanes.ranges[i])
     left = math.floor(state[LEFT_ANGLE] * numbers.ticks_per_radian)
     right = math.floor(state[RIGHT_ANGLE] * numbers.ticks_per_radian)
     motion = wheel_motion(

@@ -1,12 +1,10 @@
 """The numbers that all lanes share, taken from the environment of one of them."""
 
-import math
-
 from envs.explore import ExploreEnv
 from envs.lanes import Numbers
 from envs.map_pyramid import block_size
+from envs.robots import robot_record
 from envs.simulation import KinematicSimulator
-from envs.simulation.sensors import LidarNumbers
 from envs.slam import GivenPoseSlam, TinySlam
 
 
@@ -16,11 +14,11 @@ def numbers_of(env: ExploreEnv, simulator: KinematicSimulator, slam: TinySlam | 
     if params.odometry != "robot_frame":
         raise ValueError(f"lanes compose odometry in the robot's frame, not in {params.odometry!r}")
     return Numbers(
-        drive=simulator.drive,
-        lidar=LidarNumbers.of(robot.lidar),
+        drive=robot_record(robot).drive,
+        lidar=robot_record(robot).lidar,
         period=env.control_period,
-        substeps=simulator.substeps,
-        ticks_per_radian=robot.odometry.ticks_per_rev / (2.0 * math.pi),
+        substeps=simulator.timing.substeps,
+        ticks_per_radian=robot.odometry.ticks_per_radian,
         metres_per_tick=env.odometry.metres_per_tick,
         odometry_track=float(robot.odometry.track),
         told_pose=isinstance(slam, GivenPoseSlam),

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.simulation.drive import Drive
-from envs.simulation.kinematic import STATE_SIZE
-from envs.simulation.sensors import OTHER_NORMALS, LidarNumbers
+from envs.robots import DriveRecord, LidarRecord
+from envs.simulation.sensors import OTHER_NORMALS
+from envs.simulation.state import STATE_SIZE
 
 
 class Lanes(NamedTuple):
@@ -99,8 +99,8 @@ class Lanes(NamedTuple):
 class Numbers(NamedTuple):
     """What all lanes share: the params of robot and SLAM, as scalars that Numba takes; units as there."""
 
-    drive: Drive
-    lidar: LidarNumbers
+    drive: DriveRecord
+    lidar: LidarRecord
     period: float
     substeps: int
     ticks_per_radian: float

@@ -132,6 +132,16 @@ class OdometryParams:
         for field in ("wheel_radius", "track", "ticks_per_rev"):
             _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
 
+    @property
+    def ticks_per_radian(self) -> float:
+        """Encoder counts per radian of a wheel's turn."""
+        return self.ticks_per_rev / (2.0 * math.pi)
+
+    @property
+    def metres_per_tick(self) -> float:
+        """Distance that a wheel rolls in one count [m]."""
+        return 2.0 * math.pi * self.wheel_radius / self.ticks_per_rev
+
 
 @dataclass(frozen=True, slots=True)
 class Caster:

@@ -1,33 +1,36 @@
-"""Two physics for one robot, and its sensors."""
+"""Two physics for one or several equal robots, and their sensors."""
 
 from envs.robots import RobotParams
 
 from .kinematic import KinematicSimulator
-from .simulator import Reading, Simulator, TrueState, Twist
+from .simulator import Reading, RobotState, Simulator, Twist
 
 PHYSICS = ("bullet", "kinematic")
 """Names of the physics."""
 
 
-def make_simulator(physics: str, robot: RobotParams, control_period: float) -> Simulator:
-    """Return a robot under the named physics.
+def make_simulator(physics: str, robot: RobotParams, control_period: float, num_robots: int = 1) -> Simulator:
+    """Return equal robots under the named physics.
 
     Args:
         physics: one of `PHYSICS`.
-        robot: the robot.
+        robot: their parameters.
         control_period: time between two commands [s].
+        num_robots: how many there are.
 
     Raises:
-        ValueError: the physics is unknown, or the control period is not positive.
+        ValueError: the physics is unknown, the control period is not positive, or there is not at least one robot.
         ImportError: bullet is asked for where PyBullet is not installed.
     """
+    if num_robots < 1:
+        raise ValueError(f"num_robots must be at least 1, got {num_robots}")
     if physics == "kinematic":
-        return KinematicSimulator(robot, control_period)
+        return KinematicSimulator(robot, control_period, num_robots)
     if physics == "bullet":
         from .bullet import BulletSimulator
 
-        return BulletSimulator(robot, control_period)
+        return BulletSimulator(robot, control_period, num_robots)
     raise ValueError(f"unknown physics {physics!r}; choose one of {', '.join(PHYSICS)}")
 
 
-__all__ = ["PHYSICS", "KinematicSimulator", "Reading", "Simulator", "TrueState", "Twist", "make_simulator"]
+__all__ = ["PHYSICS", "KinematicSimulator", "Reading", "RobotState", "Simulator", "Twist", "make_simulator"]

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.geometry import Pose2D
-from envs.robots import RobotParams
+from envs.robots import RobotParams, robot_record
 from envs.worlds import World
 
 from .bullet_bodies import build_world, import_pybullet
 from .bullet_robot import BulletRobot
-from .contact import check_start
-from .simulator import Reading, TrueState, Twist
-from .team import check_starts, mates_as_circles
+from .contact import check_starts
+from .drive import check_commands, check_number, make_timing
+from .sensors import TOUCHED, Sensors
+from .simulator import Reading, RobotState, Twist
+from .state import STATE_SIZE, robot_states
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -26,80 +28,77 @@ _NOT_CONNECTED = -1
 """Id that no physics client has."""
 
 
-class BulletTeam:
+class BulletSimulator:
     """Robots in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
 
     The lidar of each sees the others as circles, as under the kinematic physics.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
         import_pybullet()
         self._arguments = robot, float(control_period), num_robots
         self._radius = robot.radius
-        self._period = float(control_period)
-        self.robots = [BulletRobot(robot, control_period) for _ in range(num_robots)]
+        self.timing = make_timing(robot_record(robot).drive, control_period)
+        """How a control period is cut into physics steps."""
+        self._rows = np.zeros((num_robots, STATE_SIZE))
+        self._sensors = Sensors(robot, num_robots)
+        self.robots = [BulletRobot(robot, self.timing, row) for row in self._rows]
         self._client = _NOT_CONNECTED
         self._world: World
+        self._rngs: Sequence[np.random.Generator] = ()
         self._steps = -1
 
-    def __reduce__(self) -> tuple[type["BulletTeam"], tuple[RobotParams, float, int]]:
+    def __reduce__(self) -> tuple[type["BulletSimulator"], tuple[RobotParams, float, int]]:
         """Pickle as a new simulator: what happens in PyBullet stays there."""
-        return BulletTeam, self._arguments
+        return BulletSimulator, self._arguments
 
     @property
-    def states(self) -> list[TrueState]:
-        """The truth about each robot after the last `reset` or `step`."""
+    def states(self) -> list[RobotState]:
+        """Ground truth of each robot; see `Simulator`."""
         self._require_reset()
-        return [robot.state for robot in self.robots]
+        return robot_states(self._rows)
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
-        """Put the robots at rest and return their first readings; see `TeamSimulator`.
-
-        Raises:
-            ValueError: a robot does not fit where it shall start.
-        """
-        circles = world.circles_at(0.0)
-        for pose in poses:
-            check_start(pose, self._radius, world.segments, circles, world.name)
-        check_starts(poses, self._radius)
+        """Place the robots at rest and return their first readings; see `Simulator`."""
+        check_number(len(self.robots), poses=poses, rngs=rngs)
+        check_starts(poses, self._radius, world)
         self._connect()
         if self._steps < 0 or world is not self._world:
             self._build(world)
-        self._circles, self._steps = circles, 0
-        self._place_movers(circles, np.zeros_like(circles))
+        self._circles, self._rngs, self._steps = world.circles_at(0.0), rngs, 0
+        self._place_movers(self._circles, np.zeros_like(self._circles))
         for robot, pose in zip(self.robots, poses, strict=True):
-            robot.lift(pose)
+            robot.move_away(pose)
         self._bullet.performCollisionDetection(physicsClientId=self._client)
-        for robot, pose, rng in zip(self.robots, poses, rngs, strict=True):
-            robot.put_down(pose, rng)
-        return self._read()
+        for robot, pose in zip(self.robots, poses, strict=True):
+            robot.reset_pose(pose)
+        self._sensors.draw(rngs)
+        return self._sense()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive for one control period; see `TeamSimulator`.
-
-        Raises:
-            ValueError: a command holds NaN or infinity.
-            RuntimeError: there was no reset.
-        """
+        """Drive for one control period; see `Simulator`."""
         self._require_reset()
-        for robot, command in zip(self.robots, commands, strict=True):
-            robot.plan(command)
+        check_number(len(self.robots), commands=commands)
+        checked = check_commands(commands)
+        self._sensors.draw(self._rngs)
+        for robot, command, normals in zip(self.robots, checked, self._sensors.normals, strict=True):
+            robot.plan(command, normals)
         self._steps += 1
-        before, substeps = self._circles, self.robots[0].substeps
+        before, (period, substeps) = self._circles, self.timing
         if self._world.movers:
-            self._circles = self._world.circles_at(self._steps * self._period)
+            self._circles = self._world.circles_at(self._steps * period)
         for substep in range(substeps):
             if self._world.movers:
                 travel = self._circles - before
-                self._place_movers(before + substep / substeps * travel, travel / self._period)
+                self._place_movers(before + substep / substeps * travel, travel / period)
             for robot in self.robots:
                 robot.turn_wheels(substep)
             self._bullet.stepSimulation(physicsClientId=self._client)
             for robot in self.robots:
-                robot.feel()
+                robot.update_contacts()
         for robot in self.robots:
-            robot.observe()
-        return self._read()
+            robot.update_state()
+        return self._sense()
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""
@@ -107,14 +106,10 @@ class BulletTeam:
             self._disconnect()
             self._client, self._steps = _NOT_CONNECTED, -1
 
-    def _read(self) -> list[Reading]:
-        time, poses = self._steps * self._period, [robot.state.pose for robot in self.robots]
-        readings = []
-        for k, robot in enumerate(self.robots):
-            mates = mates_as_circles(poses, k, self._radius)
-            circles = np.vstack([self._circles, mates]) if len(mates) else self._circles
-            readings.append(robot.read(time, self._world.segments, circles))
-        return readings
+    def _sense(self) -> list[Reading]:
+        self._sensors.others[:, TOUCHED] = [robot.touched for robot in self.robots]
+        self._sensors.sense(self._rows, self._world.segments, self._circles)
+        return self._sensors.readings(self._steps * self.timing.period)
 
     def _require_reset(self) -> None:
         if self._steps < 0:
@@ -131,7 +126,7 @@ class BulletTeam:
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=self._period / self.robots[0].substeps,
+            fixedTimeStep=self.timing.period / self.timing.substeps,
             numSubSteps=0,
             numSolverIterations=SOLVER_ITERATIONS,
             contactBreakingThreshold=CONTACT_BREAKING,
@@ -152,41 +147,3 @@ class BulletTeam:
             bullet.resetBasePositionAndOrientation(mover, position, [0.0, 0.0, 0.0, 1.0], physicsClientId=client)
             velocity = [*velocities[i, :2].tolist(), 0.0]
             bullet.resetBaseVelocity(mover, velocity, [0.0] * 3, physicsClientId=client)
-
-
-class BulletSimulator:
-    """A robot in a world, moved by PyBullet: a team of one."""
-
-    def __init__(self, robot: RobotParams, control_period: float) -> None:
-        self._team = BulletTeam(robot, control_period, 1)
-
-    @property
-    def state(self) -> TrueState:
-        """The truth after the last `reset` or `step`."""
-        return self._team.states[0]
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """Roll and pitch of the body [rad]."""
-        return self._team.robots[0].tilt
-
-    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
-        """Put the robot at rest at `pose` (world frame) and return its first reading.
-
-        Raises:
-            ValueError: the robot does not fit there.
-        """
-        return self._team.reset(world, [pose], [rng])[0]
-
-    def step(self, command: Twist) -> Reading:
-        """Drive with the commanded twist for one control period and return what the sensors say at its end.
-
-        Raises:
-            ValueError: the command holds NaN or infinity.
-            RuntimeError: there was no reset.
-        """
-        return self._team.step([command])[0]
-
-    def close(self) -> None:
-        """Disconnect from PyBullet. The next reset connects again."""
-        self._team.close()

@@ -6,12 +6,11 @@ from types import ModuleType
 import numpy as np
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import RobotParams
+from envs.robots import RobotParams, robot_record
 
 from .bullet_bodies import CHASSIS_LINK, WHEEL_LINKS, build_robot
-from .drive import Drive, check_command, count_substeps, plan_wheels
-from .sensors import Sensors
-from .simulator import Reading, TrueState, Twist
+from .drive import Timing, plan_wheels
+from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, THETA, V, W, X, Y
 
 _NORMAL_FORCE = 9
 """Entry of a contact point that holds the force between the bodies."""
@@ -26,14 +25,13 @@ class BulletRobot:
     yields is a disturbance of the wheel's rate that the encoder does not see.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float) -> None:
-        self._robot = robot
-        self._drive = Drive.of(robot)
-        self._period = float(control_period)
-        self.substeps = count_substeps(self._drive, self._period)
-        """Steps of physics in a control period."""
-        self._sensors = Sensors(robot)
-        self._rates, self._slips = np.empty((self.substeps, 2)), np.empty((self.substeps, 2))
+    def __init__(self, robot: RobotParams, timing: Timing, row: np.ndarray) -> None:
+        """Prepare a robot whose state is written to `row`, shape (9,), float64; see `state`."""
+        self._robot, self._drive, self._timing, self._row = robot, robot_record(robot).drive, timing, row
+        self._dt = timing.period / timing.substeps
+        self._rates, self._slips = np.empty((timing.substeps, 2)), np.empty((timing.substeps, 2))
+        self.touched = False
+        """Whether the body touched anything during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -47,39 +45,37 @@ class BulletRobot:
         self._bullet, self._client = bullet, client
         self._body = build_robot(bullet, client, self._robot)
 
-    def lift(self, pose: Pose2D) -> None:
-        """Take the robot away from everything, over where it shall stand: contacts remember their impulses."""
+    def move_away(self, pose: Pose2D) -> None:
+        """Reset the wheels high above a pose, where nothing is: contacts remember their impulses."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0, physicsClientId=self._client)
-        self._hold(pose, _OUT_OF_REACH)
+        self._set_pose(pose, _OUT_OF_REACH)
 
-    def put_down(self, pose: Pose2D, rng: np.random.Generator) -> None:
-        """Put the robot at rest; all noise of the episode is drawn from `rng`."""
-        self._hold(pose, self._robot.drive.wheel_radius)
+    def reset_pose(self, pose: Pose2D) -> None:
+        """Place the robot at rest."""
+        self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=self._client)
-        self._rng = rng
-        self._commanded = (0.0, 0.0)
+        self._row[:] = 0.0
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
-        self._touched = False
-        self._noise = self._sensors.draw(rng)
-        self.observe()
+        self.touched = False
+        self.update_state()
 
-    def plan(self, command: Twist) -> None:
+    def plan(self, command: tuple[float, float], normals: np.ndarray) -> None:
         """Plan what the wheels do during the next control period.
 
-        Raises:
-            ValueError: the command holds NaN or infinity.
+        Args:
+            command: twist (v, w), finite [m/s, rad/s].
+            normals: shape (n,), float64, standard normal draws; the first two are for the slip of the wheels.
         """
-        v, w = check_command(command)
-        self._noise = self._sensors.draw(self._rng)
-        normals, rates, slips = self._noise[0], self._rates, self._slips
-        self._commanded = plan_wheels(
-            *self._commanded, v, w, normals[0], normals[1], self._period, self._drive, rates, slips
+        row, rates, slips = self._row, self._rates, self._slips
+        reached = (row[COMMANDED_V], row[COMMANDED_W])
+        row[COMMANDED_V], row[COMMANDED_W] = plan_wheels(
+            reached, command, normals, self._timing, self._drive, rates, slips
         )
-        self._rolled += rates.sum(axis=0) * (self._period / self.substeps)
-        self._slipped += slips.sum(axis=0) * (self._period / self.substeps)
+        self._rolled += rates.sum(axis=0) * self._dt
+        self._slipped += slips.sum(axis=0) * self._dt
         self._targets = (rates + slips).tolist()
-        self._touched = False
+        self.touched = False
 
     def turn_wheels(self, substep: int) -> None:
         """Set the motors for a step of physics."""
@@ -93,33 +89,28 @@ class BulletRobot:
             physicsClientId=self._client,
         )
 
-    def feel(self) -> None:
-        """Take note of whether the body touches anything."""
-        if not self._touched:
+    def update_contacts(self) -> None:
+        """Read from the engine whether the body touches anything."""
+        if not self.touched:
             points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)
-            self._touched = any(point[_NORMAL_FORCE] > 0.0 for point in points)
+            self.touched = any(point[_NORMAL_FORCE] > 0.0 for point in points)
 
-    def observe(self) -> None:
-        """Take note of where the robot truly is."""
+    def update_state(self) -> None:
+        """Read pose, velocity and wheel angles from the engine."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
         linear, angular = self._bullet.getBaseVelocity(self._body, physicsClientId=self._client)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
         theta = math.atan2(rotation[3], rotation[0])
-        speed = linear[0] * math.cos(theta) + linear[1] * math.sin(theta)
-        self.state = TrueState(Pose2D(x, y, float(wrap_angle(theta))), Twist(speed, angular[2]))
+        row = self._row
+        row[X], row[Y], row[THETA] = x, y, wrap_angle(theta)
+        row[V], row[W] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
+        if self._robot.odometry.open_loop:
+            row[LEFT_ANGLE], row[RIGHT_ANGLE] = self._rolled
+        else:
+            left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS, physicsClientId=self._client)
+            row[LEFT_ANGLE], row[RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
-    def read(self, time: float, segments: np.ndarray, circles: np.ndarray) -> Reading:
-        """Return what the sensors say; see `Sensors.read`."""
-        angles, pose, w = self._encoder_angles(), self.state.pose, self.state.twist.w
-        return self._sensors.read(self._noise, time, pose, angles, w, self._touched, segments, circles)
-
-    def _hold(self, pose: Pose2D, height: float) -> None:
+    def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
         position = [pose.x, pose.y, height]
         self._bullet.resetBasePositionAndOrientation(self._body, position, orientation, physicsClientId=self._client)
-
-    def _encoder_angles(self) -> tuple[float, float]:
-        if self._robot.odometry.open_loop:
-            return float(self._rolled[0]), float(self._rolled[1])
-        left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS, physicsClientId=self._client)
-        return left[0] - self._slipped[0], right[0] - self._slipped[1]

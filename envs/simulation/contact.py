@@ -1,16 +1,20 @@
 """Contact of a circular footprint with segments and circles."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D
+from envs.worlds import World
 
 _MAX_PUSHES = 12
 """How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
 _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
+_MIN_GAP = 1e-4
+"""Least gap between the footprints of two robots at the start [m]."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -99,17 +103,31 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
     return x, y, touched, False
 
 
-def check_start(pose: Pose2D, radius: float, segments: np.ndarray, circles: np.ndarray, world: str) -> None:
-    """Refuse a start where the robot does not fit.
+def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
+    """Refuse starts where the robots do not fit.
+
+    Args:
+        poses: of the robots, world frame.
+        radius: of their footprints [m].
+        world: obstacles and movers at time 0.
 
     Raises:
-        ValueError: the pose is not finite, or the footprint of `radius` [m] overlaps a segment or circle there.
+        ValueError: a pose is not finite, or a footprint overlaps an obstacle or touches another footprint.
     """
-    if not np.all(np.isfinite(pose)):
-        raise ValueError(f"start pose must be finite, got {pose}")
-    free = clearance(pose.x, pose.y, segments, circles)
-    if free < radius - _TOLERANCE:
-        raise ValueError(
-            f"the robot does not fit at x = {pose.x:.3f}, y = {pose.y:.3f} in world {world!r}: "
-            f"its footprint has a radius of {radius:.3f} m, and the nearest obstacle is {max(free, 0.0):.3f} m away"
-        )
+    circles = world.circles_at(0.0)
+    for pose in poses:
+        if not np.all(np.isfinite(pose)):
+            raise ValueError(f"start pose must be finite, got {pose}")
+        free = clearance(pose.x, pose.y, world.segments, circles)
+        if free < radius - _TOLERANCE:
+            raise ValueError(
+                f"the robot does not fit at x = {pose.x:.3f}, y = {pose.y:.3f} in world {world.name!r}: "
+                f"its footprint has a radius of {radius:.3f} m, and the nearest obstacle is {max(free, 0.0):.3f} m away"
+            )
+    for b, second in enumerate(poses):
+        for a, first in enumerate(poses[:b]):
+            apart = math.dist(first[:2], second[:2])
+            if apart <= 2.0 * radius + _MIN_GAP:
+                raise ValueError(
+                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint of {radius:.3f} m"
+                )

@@ -1,31 +1,49 @@
-"""A robot as a motion model: wheels that roll and slip, and a circular footprint that slides along obstacles."""
+"""Robots as a motion model: wheels that roll and slip, and a circular footprint that slides along obstacles."""
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import RobotParams
+from envs.robots import RobotParams, pack_robot, robot_record, unpack_robot
 from envs.worlds import World
 
-from .contact import check_start, push_out, select_near
-from .drive import Drive, check_command, count_substeps, plan_wheels
-from .sensors import Sensors
-from .simulator import Reading, TrueState, Twist
+from .contact import check_starts, push_out, select_near
+from .drive import Timing, check_commands, check_number, make_timing, plan_wheels
+from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, Sensors, sense, with_peers
+from .simulator import Reading, RobotState, Twist
+from .state import (
+    COMMANDED_V,
+    COMMANDED_W,
+    LEFT_ANGLE,
+    RIGHT_ANGLE,
+    STATE_SIZE,
+    THETA,
+    V,
+    W,
+    X,
+    Y,
+    robot_states,
+)
 
-X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W = range(9)
-"""Entries of the state: pose in the world frame [m, m, rad], the controller's twist after its ramp [m/s, rad/s], how
-far the wheels have turned since the reset [rad], and the true twist of the base [m/s, rad/s]."""
-STATE_SIZE = 9
-"""Number of entries of the state."""
-ALONE = np.empty((0, 3))
-"""The mates of a robot without any."""
+
+class Obstacles(NamedTuple):
+    """What the robots can run into during a control period, and what their lidars see at its end."""
+
+    segments: np.ndarray
+    """Shape (n, 4), float64: (x0, y0, x1, y1) [m]."""
+    before: np.ndarray
+    """Shape (m, 3), float64: circles at the start of the period, (x, y, radius) [m]."""
+    after: np.ndarray
+    """Shape (m, 3), float64: the same circles at its end; they move evenly in between [m]."""
 
 
 @njit(cache=True, error_model="numpy")
-def advance(state, command_v, command_w, normal_left, normal_right, period, substeps, drive, segments, before, after):
-    """Move the robot for one control period.
+def advance(state, command, normals, timing, drive, obstacles):
+    """Move a robot for one control period.
 
     The command is clipped, ramped and turned into wheel rates as the controller takes the wheels to be; the wheels
     roll as they are, and slip. The base follows the arc of each substep. What the footprint then overlaps pushes it
@@ -33,39 +51,26 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
     Wheels keep turning while the robot is held.
 
     Args:
-        state: shape (9,), float64, changed in place; see `X` and its neighbours.
-        command_v: commanded forward speed [m/s].
-        command_w: commanded yaw rate [rad/s].
-        normal_left: standard normal draw for the left wheel's slip.
-        normal_right: the same for the right wheel.
-        period: control period [s].
-        substeps: into how many equal parts the period is cut.
-        drive: the robot.
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
-        before: shape (m, 3), float64, circles at the start of the period, (x, y, radius) [m].
-        after: shape (m, 3), float64, the same circles at its end; movers move evenly in between [m].
+        state: shape (9,), float64, changed in place; see `state`.
+        command: commanded twist (v, w) [m/s, rad/s].
+        normals: standard normal draws for the slip of the left and the right wheel.
+        timing: `Timing`.
+        drive: `DriveRecord` of the robot.
+        obstacles: `Obstacles`.
 
     Returns:
         Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
-    dt = period / substeps
+    segments, before, after = obstacles
+    substeps = timing.substeps
+    dt = timing.period / substeps
     fastest = drive.max_v * drive.wheel_radius / drive.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * period), segments, near)
+    num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * timing.period), segments, near)
     circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
-    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(
-        state[COMMANDED_V],
-        state[COMMANDED_W],
-        command_v,
-        command_w,
-        normal_left,
-        normal_right,
-        period,
-        drive,
-        rates,
-        slips,
-    )
+    reached = (state[COMMANDED_V], state[COMMANDED_W])
+    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(reached, command, normals, timing, drive, rates, slips)
     touched = False
     for step in range(substeps):
         left = (rates[step, 0] + slips[step, 0]) * drive.wheel_radius * dt
@@ -92,119 +97,112 @@ def advance(state, command_v, command_w, normal_left, normal_right, period, subs
     return touched, hits
 
 
-class KinematicSimulator:
-    """A robot in a world, moved by `advance`. Needs no PyBullet."""
+@njit(cache=True, error_model="numpy")
+def step_robots(states, commands, normals, uniforms, period, substeps, robot, segments, before, after, ranges, others):
+    """Move all robots for one control period, and measure what they sense at its end.
 
-    def __init__(self, robot: RobotParams, control_period: float) -> None:
-        self._robot = robot
-        self.drive = Drive.of(robot)
-        self._period = float(control_period)
-        self.substeps = count_substeps(self.drive, self._period)
-        self._sensors = Sensors(robot)
-        self.row = np.zeros(STATE_SIZE)
-        """Shape (9,), float64: the state that `advance` moves on."""
+    Python calls this once in a step. The arguments are plain, since unpacking named tuples would take a tenth of the
+    whole step.
+
+    Within a period they move one after the other, past peers that rest where they are by then. So no two of them ever
+    overlap, and nobody is pushed around.
+
+    Args:
+        states: shape (num_robots, 9), float64, changed in place; see `state`.
+        commands: shape (num_robots, 2), float64: commanded twists [m/s, rad/s].
+        normals: as for `sense`.
+        uniforms: as for `sense`.
+        period: control period [s].
+        substeps: number of physics steps in it.
+        robot: from `pack_robot`.
+        segments: see `Obstacles`.
+        before: see `Obstacles`.
+        after: see `Obstacles`.
+        ranges: as for `sense`.
+        others: as for `sense`; also contacts are written.
+    """
+    drive, timing, num_fixed = unpack_robot(robot).drive, Timing(period, substeps), before.shape[0]
+    others[:, TOUCHED] = 0.0
+    for k in range(states.shape[0]):
+        circles = Obstacles(
+            segments, with_peers(before, states, k, drive.radius), with_peers(after, states, k, drive.radius)
+        )
+        slip = (normals[k, SLIP_LEFT], normals[k, SLIP_RIGHT])
+        touched, hits = advance(states[k], commands[k], slip, timing, drive, circles)
+        if touched:
+            others[k, TOUCHED] = 1.0
+        for j in range(num_fixed, hits.shape[0]):
+            if hits[j]:  # both robots of a collision feel it
+                peer = j - num_fixed
+                others[peer + (peer >= k), TOUCHED] = 1.0
+    sense(states, normals, uniforms, robot, segments, after, ranges, others)
+
+
+class KinematicSimulator:
+    """Robots in a world, moved by `advance`. Needs no PyBullet."""
+
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
+        record = robot_record(robot)
+        self._radius, self._numbers = record.drive.radius, pack_robot(record)
+        self.timing = make_timing(record.drive, control_period)
+        """How a control period is cut into physics steps."""
+        self.rows = np.zeros((num_robots, STATE_SIZE))
+        """Shape (num_robots, 9), float64: the robots' states; see `state`."""
+        self._commands = np.zeros((num_robots, 2))
+        self._sensors = Sensors(robot, num_robots)
         self._steps = 0
         self._world: World | None = None
-        self.rng = np.random.default_rng(0)
+        self.rngs: Sequence[np.random.Generator] = ()
+        """Each robot's source of noise."""
         self.circles = np.empty((0, 3))
+        """Round obstacles and movers as they are now, shape (m, 3), float64 [m]."""
 
     @property
-    def state(self) -> TrueState:
-        """The truth after the last `reset` or `step`."""
-        x, y, theta, _, _, _, _, v, w = self.row.tolist()
-        return TrueState(Pose2D(x, y, theta), Twist(v, w))
+    def states(self) -> list[RobotState]:
+        """Ground truth of each robot; see `Simulator`."""
+        return robot_states(self.rows)
 
-    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
-        """Put the robot at rest at `pose` (world frame) and return its first reading.
+    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
+        """Place the robots at rest and return their first readings; see `Simulator`."""
+        check_number(len(self.rows), poses=poses, rngs=rngs)
+        check_starts(poses, self._radius, world)
+        self._world, self.rngs, self._steps, self.circles = world, rngs, 0, world.circles_at(0.0)
+        self.rows[:] = 0.0
+        for row, pose in zip(self.rows, poses, strict=True):
+            row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+        self._sensors.draw(rngs)
+        self._sensors.others[:, TOUCHED] = 0.0
+        self._sensors.sense(self.rows, world.segments, self.circles)
+        return self._sensors.readings(0.0)
 
-        Raises:
-            ValueError: the robot does not fit there.
-        """
-        self.place(world, pose, rng)
-        return self.read(bumper=False)
-
-    def step(self, command: Twist) -> Reading:
-        """Drive with the commanded twist for one control period and return what the sensors say at its end.
-
-        Raises:
-            ValueError: the command holds NaN or infinity.
-            RuntimeError: there was no reset.
-        """
-        return self.read(self.move(command)[0])
-
-    def place(self, world: World, pose: Pose2D, rng: np.random.Generator) -> None:
-        """Put the robot at rest at `pose` (world frame); the first part of `reset`.
-
-        Raises:
-            ValueError: the robot does not fit there.
-        """
-        circles = world.circles_at(0.0)
-        check_start(pose, self._robot.radius, world.segments, circles, world.name)
-        self._world, self.rng, self.circles, self._steps = world, rng, circles, 0
-        self.row[:] = 0.0
-        self.row[X], self.row[Y], self.row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
-        self._noise = self._sensors.draw(rng)
-
-    def move(self, command: Twist, mates: np.ndarray = ALONE) -> tuple[bool, np.ndarray]:
-        """Drive with the commanded twist for one control period; the first part of `step`.
-
-        Args:
-            command: the twist.
-            mates: shape (m, 3), float64, other robots, which stand still meanwhile, as circles (x, y, radius) [m].
-
-        Returns:
-            Whether the robot touched anything, and which mates it touched: shape (m,), bool.
-
-        Raises:
-            ValueError: the command holds NaN or infinity.
-            RuntimeError: there was no reset.
-        """
-        if self._world is None:
+    def step(self, commands: Sequence[Twist]) -> list[Reading]:
+        """Drive for one control period; see `Simulator`."""
+        world, sensors = self._world, self._sensors
+        if world is None:
             raise RuntimeError("call reset before step")
-        v, w = check_command(command)
-        self._noise = self._sensors.draw(self.rng)
+        check_number(len(self.rows), commands=commands)
+        self._commands[:] = check_commands(commands)
+        sensors.draw(self.rngs)
         self._steps += 1
-        before = self.circles
-        if self._world.movers:
-            self.circles = self._world.circles_at(self._steps * self._period)
-        touched, hits = advance(
-            self.row,
-            v,
-            w,
-            self._noise[0][0],
-            self._noise[0][1],
-            self._period,
-            self.substeps,
-            self.drive,
-            self._world.segments,
-            _joined(before, mates),
-            _joined(self.circles, mates),
+        period, substeps = self.timing
+        time, before = self._steps * period, self.circles
+        if world.movers:
+            self.circles = world.circles_at(time)
+        step_robots(
+            self.rows,
+            self._commands,
+            sensors.normals,
+            sensors.uniforms,
+            period,
+            substeps,
+            self._numbers,
+            world.segments,
+            before,
+            self.circles,
+            sensors.ranges,
+            sensors.others,
         )
-        return bool(touched), hits[len(before) :]
-
-    def read(self, bumper: bool, mates: np.ndarray = ALONE) -> Reading:
-        """Return what the sensors say; the second part of `reset` and `step`.
-
-        Args:
-            bumper: whether the robot touched anything.
-            mates: see `move`.
-        """
-        assert self._world is not None
-        x, y, theta, _, _, left, right, _, w = self.row.tolist()
-        return self._sensors.read(
-            self._noise,
-            self._steps * self._period,
-            Pose2D(x, y, theta),
-            (left, right),
-            w,
-            bumper,
-            self._world.segments,
-            _joined(self.circles, mates),
-        )
+        return sensors.readings(time)
 
     def close(self) -> None:
         """Release what the simulator holds: nothing."""
-
-
-def _joined(circles: np.ndarray, mates: np.ndarray) -> np.ndarray:
-    return np.vstack([circles, mates]) if len(mates) else circles

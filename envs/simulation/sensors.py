@@ -1,93 +1,72 @@
-"""The robot's sensors and their noise, the same under both physics."""
+"""The robots' sensors and their noise, the same under both physics."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
+from envs.geometry import wrap_angle
 from envs.geometry.raycast import cast_rays
-from envs.robots import LidarParams, RobotParams
+from envs.robots import RobotParams, pack_robot, robot_record, unpack_robot
 
 from .simulator import Reading
+from .state import LEFT_ANGLE, RIGHT_ANGLE, THETA, W, X, Y
 
+SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
+"""Entries of a robot's standard normal draws in a control period; those of the beams follow."""
 OTHER_NORMALS = 4
-"""Normal draws of a control period besides the beams' own: slip of both wheels, gyroscope, compass."""
+"""Number of normal draws before the beams' own."""
+LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(5)
+"""Entries of the measurements beside the scan: encoder counts, gyroscope [rad/s], compass [rad], 1 for contact."""
+NUM_OTHERS = 5
+"""Number of these entries."""
 
 
 @njit(cache=True, error_model="numpy")
-def disturb_ranges(ranges, normals, uniforms, noise_std, resolution, range_min, range_max, dropout):
+def disturb_ranges(ranges, normals, uniforms, lidar):
     """Turn exact ranges into measured ones, in place.
 
     Args:
         ranges: shape (num_beams,), float32 [m], inf where nothing lies within range.
         normals: shape (num_beams,), float64, standard normal draws.
-        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where `dropout` is 0.
-        noise_std: standard deviation of the noise [m].
-        resolution: step of the ranges [m]; 0 for none.
-        range_min: nearest return; what lies or seems nearer becomes NaN [m].
-        range_max: farthest return; what seems farther becomes inf [m].
-        dropout: probability that a beam is lost, and becomes NaN.
+        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where the dropout is 0.
+        lidar: `LidarRecord`. What lies or seems nearer than the least range becomes NaN, what seems beyond the
+            greatest becomes inf, and lost beams become NaN.
     """
     for k in range(ranges.shape[0]):
         exact = float(ranges[k])
-        measured = exact + noise_std * normals[k]
-        if resolution > 0.0:
-            measured = resolution * math.floor(measured / resolution + 0.5)
-        if dropout > 0.0 and uniforms[k] < dropout:
+        measured = exact + lidar.noise_std * normals[k]
+        if lidar.resolution > 0.0:
+            measured = lidar.resolution * math.floor(measured / lidar.resolution + 0.5)
+        if lidar.dropout > 0.0 and uniforms[k] < lidar.dropout:
             ranges[k] = np.nan
-        elif exact == np.inf or measured > range_max:
+        elif exact == np.inf or measured > lidar.range_max:
             ranges[k] = np.inf
-        elif exact < range_min or measured < range_min:
+        elif exact < lidar.range_min or measured < lidar.range_min:
             ranges[k] = np.nan
         else:
             ranges[k] = measured
 
 
-class LidarNumbers(NamedTuple):
-    """The numbers of `LidarParams`, as scalars that Numba takes; units as there."""
-
-    mount_x: float
-    mount_y: float
-    mount_yaw: float
-    angle_min: float
-    angle_increment: float
-    range_min: float
-    range_max: float
-    noise_std: float
-    resolution: float
-    dropout: float
-
-    @classmethod
-    def of(cls, lidar: LidarParams) -> "LidarNumbers":
-        """Collect the numbers of a lidar."""
-        mount = (lidar.mount.x, lidar.mount.y, lidar.mount.yaw)
-        angles = (lidar.angle_min, lidar.angle_increment)
-        noise = (lidar.noise_std, lidar.resolution, lidar.dropout)
-        return cls(*map(float, (*mount, *angles, lidar.range_min, lidar.range_max, *noise)))
-
-
 @njit(cache=True, error_model="numpy")
-def measure_ranges(x, y, theta, normals, uniforms, lidar, segments, circles, ranges):
+def measure_ranges(pose, normals, uniforms, lidar, segments, circles, ranges):
     """Take a scan.
 
     Args:
-        x: position of the base, world frame [m].
-        y: position of the base, world frame [m].
-        theta: heading of the base [rad].
+        pose: (x, y, theta) of the base, world frame [m, m, rad]; further entries are ignored.
         normals: shape (num_beams,), float64, standard normal draws.
-        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where no beams are lost.
-        lidar: the sensor, `LidarNumbers`.
-        segments: shape (n, 4), float64, the world's [m].
-        circles: shape (m, 3), float64, the world's with its movers [m].
+        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where the dropout is 0.
+        lidar: `LidarRecord`.
+        segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
+        circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
         ranges: shape (num_beams,), float32, written; see `Reading`.
     """
-    c, s = math.cos(theta), math.sin(theta)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
     cast_rays(
-        x + c * lidar.mount_x - s * lidar.mount_y,
-        y + s * lidar.mount_x + c * lidar.mount_y,
-        theta + lidar.mount_yaw,
+        pose[0] + c * lidar.mount_x - s * lidar.mount_y,
+        pose[1] + s * lidar.mount_x + c * lidar.mount_y,
+        pose[2] + lidar.mount_yaw,
         lidar.angle_min,
         lidar.angle_increment,
         lidar.range_max,
@@ -95,83 +74,95 @@ def measure_ranges(x, y, theta, normals, uniforms, lidar, segments, circles, ran
         circles,
         ranges,
     )
-    disturb_ranges(
-        ranges,
-        normals,
-        uniforms,
-        lidar.noise_std,
-        lidar.resolution,
-        lidar.range_min,
-        lidar.range_max,
-        lidar.dropout,
-    )
+    disturb_ranges(ranges, normals, uniforms, lidar)
+
+
+@njit(cache=True, error_model="numpy")
+def with_peers(circles, states, index, radius):
+    """Return obstacles and the other robots as circles, shape (m + num_robots - 1, 3), float64 [m].
+
+    Args:
+        circles: shape (m, 3), float64: (x, y, radius) [m].
+        states: shape (num_robots, 9), float64; see `state`.
+        index: of the robot that is left out.
+        radius: of the robots' footprints [m].
+    """
+    count, num_robots = circles.shape[0], states.shape[0]
+    joined = np.empty((count + num_robots - 1, 3))
+    joined[:count] = circles
+    for k in range(num_robots):
+        if k != index:
+            row = count + k - (k > index)
+            joined[row, 0], joined[row, 1], joined[row, 2] = states[k, X], states[k, Y], radius
+    return joined
+
+
+@njit(cache=True, error_model="numpy")
+def sense(states, normals, uniforms, robot, segments, circles, ranges, others):
+    """Measure what all robots sense, but for contact, which the physics knows.
+
+    Args:
+        states: shape (num_robots, 9), float64; see `state`.
+        normals: shape (num_robots, 4 + num_beams), float64, standard normal draws.
+        uniforms: shape (num_robots, num_beams), float64, uniform draws in [0, 1); (num_robots, 0) without dropout.
+        robot: from `pack_robot`.
+        segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
+        circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
+        ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
+        others: shape (num_robots, 5), float64, written; see `LEFT_TICKS`.
+    """
+    drive, lidar, imu, ticks_per_radian = unpack_robot(robot)
+    for k in range(states.shape[0]):
+        state, draws, row = states[k], normals[k], others[k]
+        visible = with_peers(circles, states, k, drive.radius)
+        measure_ranges(state, draws[OTHER_NORMALS:], uniforms[k], lidar, segments, visible, ranges[k])
+        row[LEFT_TICKS] = math.floor(state[LEFT_ANGLE] * ticks_per_radian)
+        row[RIGHT_TICKS] = math.floor(state[RIGHT_ANGLE] * ticks_per_radian)
+        row[YAW_RATE] = state[W] + imu.gyro_std * draws[GYRO]
+        heading = np.nan
+        if imu.has_compass:
+            heading = state[THETA] + imu.compass_std * draws[COMPASS]
+            if imu.compass_resolution > 0.0:
+                heading = imu.compass_resolution * math.floor(heading / imu.compass_resolution + 0.5)
+            heading = wrap_angle(heading)
+        row[HEADING] = heading
 
 
 class Sensors:
-    """Everything that a robot measures.
+    """Noise and measurements of several equal robots.
 
-    All noise of a control period comes from one block of draws, `draw`, taken before the robot moves: the order of
-    draws depends neither on the physics nor on what the robot meets.
+    All noise of a control period is drawn at once, before the robots move: the order of draws depends neither on the
+    physics nor on what the robots meet.
     """
 
-    def __init__(self, robot: RobotParams) -> None:
-        self._robot = robot
-        self._lidar = LidarNumbers.of(robot.lidar)
-        self._ticks_per_radian = robot.odometry.ticks_per_rev / (2.0 * math.pi)
-        self._no_uniforms = np.empty(0)
+    def __init__(self, robot: RobotParams, num_robots: int) -> None:
+        lidar = robot.lidar
+        self._robot = pack_robot(robot_record(robot))
+        self._shape = num_robots, lidar.num_beams
+        self.normals = np.zeros((num_robots, OTHER_NORMALS + lidar.num_beams))
+        """Standard normal draws of this control period, shape (num_robots, 4 + num_beams); see `SLIP_LEFT`."""
+        self.uniforms = np.zeros((num_robots, lidar.num_beams if lidar.dropout > 0.0 else 0))
+        """Uniform draws, shape (num_robots, num_beams), or (num_robots, 0) for a lidar without dropout."""
+        self.ranges = np.empty(self._shape, dtype=np.float32)
+        """Scans, shape (num_robots, num_beams), float32 [m]: a new array in each control period."""
+        self.others = np.zeros((num_robots, NUM_OTHERS))
+        """The other measurements, shape (num_robots, 5); see `LEFT_TICKS`."""
 
-    def draw(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Draw the noise of one control period.
+    def draw(self, rngs: Sequence[np.random.Generator]) -> None:
+        """Draw the noise of a control period, each robot's from its own generator."""
+        for k, rng in enumerate(rngs):
+            rng.standard_normal(out=self.normals[k])
+            if self.uniforms.size:
+                rng.random(out=self.uniforms[k])
+        self.ranges = np.empty(self._shape, dtype=np.float32)
 
-        Returns:
-            Standard normal draws, shape (4 + num_beams,): slip of the left and the right wheel, gyroscope, compass,
-            beams; and uniform draws, shape (num_beams,), or (0,) for a lidar that loses no beams.
-        """
-        lidar = self._robot.lidar
-        normals = rng.standard_normal(OTHER_NORMALS + lidar.num_beams)
-        return normals, rng.random(lidar.num_beams) if lidar.dropout > 0.0 else self._no_uniforms
+    def sense(self, states: np.ndarray, segments: np.ndarray, circles: np.ndarray) -> None:
+        """Measure everything but contact; see the function of this name for the arguments."""
+        sense(states, self.normals, self.uniforms, self._robot, segments, circles, self.ranges, self.others)
 
-    def read(
-        self,
-        noise: tuple[np.ndarray, np.ndarray],
-        time: float,
-        pose: Pose2D,
-        wheel_angles: tuple[float, float],
-        yaw_rate: float,
-        bumper: bool,
-        segments: np.ndarray,
-        circles: np.ndarray,
-    ) -> Reading:
-        """Measure.
-
-        Args:
-            noise: from `draw`.
-            time: since the reset [s].
-            pose: of the base, in the world frame.
-            wheel_angles: how far the left and the right wheel have turned since the reset, as encoders see it [rad].
-            yaw_rate: of the base [rad/s].
-            bumper: whether the body touched anything during the period.
-            segments: shape (n, 4), float64, the world's [m].
-            circles: shape (m, 3), float64, the world's with its movers [m].
-        """
-        normals, uniforms = noise
-        imu = self._robot.imu
-        heading = math.nan
-        if imu.has_compass:
-            heading = pose.theta + imu.compass_std * normals[3]
-            if imu.compass_resolution > 0.0:
-                heading = imu.compass_resolution * math.floor(heading / imu.compass_resolution + 0.5)
-            heading = float(wrap_angle(heading))
-        ranges = np.empty(self._robot.lidar.num_beams, dtype=np.float32)
-        measure_ranges(*pose, normals[OTHER_NORMALS:], uniforms, self._lidar, segments, circles, ranges)
-        return Reading(
-            time=time,
-            ranges=ranges,
-            ticks=(
-                math.floor(wheel_angles[0] * self._ticks_per_radian),
-                math.floor(wheel_angles[1] * self._ticks_per_radian),
-            ),
-            yaw_rate=float(yaw_rate + imu.gyro_std * normals[2]),
-            heading=heading,
-            bumper=bool(bumper),
-        )
+    def readings(self, time: float) -> list[Reading]:
+        """Return the measurements, made `time` [s] after the reset."""
+        return [
+            Reading(time, ranges, (int(left), int(right)), yaw_rate, heading, touched > 0.0)
+            for ranges, (left, right, yaw_rate, heading, touched) in zip(self.ranges, self.others.tolist(), strict=True)
+        ]

@@ -1,6 +1,6 @@
-"""What a simulated robot reports, and what every physics must offer."""
+"""What simulated robots report, and what every physics must offer."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -18,9 +18,8 @@ class Twist(NamedTuple):
     """Yaw rate, counter-clockwise [rad/s]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """Everything the robot's sensors say at the end of one control period. Holds no truth."""
+class Reading(NamedTuple):
+    """Everything that a robot's sensors report at the end of one control period. Holds no ground truth."""
 
     time: float
     """Time since the reset [s]."""
@@ -37,8 +36,8 @@ class Reading:
     """Whether the body touched anything during the period."""
 
 
-class TrueState(NamedTuple):
-    """The truth about the robot. For metrics, rewards, `info` and tests; never for a policy."""
+class RobotState(NamedTuple):
+    """Ground truth of one robot. For metrics, rewards, `info` and tests; never for a policy."""
 
     pose: Pose2D
     """Pose of the robot's base (midpoint of the wheel axle) in the world frame."""
@@ -47,22 +46,32 @@ class TrueState(NamedTuple):
 
 
 class Simulator(Protocol):
-    """A robot in a world. Constructed as `Simulator(robot, control_period=..., ...)`."""
+    """One or several equal robots in a world: they see each other, and collide with each other."""
 
     @property
-    def state(self) -> TrueState:
-        """The truth after the last `reset` or `step`."""
+    def states(self) -> list[RobotState]:
+        """Ground truth of each robot after the last `reset` or `step`."""
         ...
 
-    def reset(self, world: World, pose: Pose2D, rng: np.random.Generator) -> Reading:
-        """Put the robot at rest at `pose` (world frame) and return its first reading.
+    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
+        """Place the robots at rest at poses in the world frame and return their first readings.
 
-        All noise of the episode is drawn from `rng`: same generator state, same bytes.
+        All noise of a robot's episode is drawn from its own generator, so that it does not depend on the others':
+        same generator state, same bytes.
+
+        Raises:
+            ValueError: a robot does not fit there, two of them overlap, or there are not as many poses and generators
+                as robots.
         """
         ...
 
-    def step(self, command: Twist) -> Reading:
-        """Drive with the commanded twist for one control period and return what the sensors say at its end."""
+    def step(self, commands: Sequence[Twist]) -> list[Reading]:
+        """Drive each robot with its commanded twist for one control period and return the readings at its end.
+
+        Raises:
+            ValueError: a command holds NaN or infinity, or there are not as many commands as robots.
+            RuntimeError: there was no reset.
+        """
         ...
 
     def close(self) -> None:

@@ -21,11 +21,11 @@ from benchmarks.speed.targets import targets
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
-from envs.robots import WheelOdometry
+from envs.robots import WheelOdometry, robot_record
 from envs.simulation import Twist, make_simulator
 from envs.simulation.contact import clearance
-from envs.simulation.drive import Drive
-from envs.simulation.kinematic import advance
+from envs.simulation.drive import Timing
+from envs.simulation.kinematic import Obstacles, advance
 from envs.slam import load_params, make_slam
 from envs.slam.cells import counts, probabilities
 from envs.worlds import rasterize
@@ -74,19 +74,20 @@ def drive_both(hall, told_truth, steps):
     own = make_slam("truth" if told_truth else "tinyslam", robot.lidar)
     for slam in (naive, own):
         slam.reset(np.random.default_rng(1))
-    reading, motion = simulator.reset(hall.world, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0)), Pose2D(0, 0, 0)
+    [reading] = simulator.reset(hall.world, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    motion = Pose2D(0.0, 0.0, 0.0)
     wheels.reset(reading.ticks)
     actions = make_actions(1)
     for _ in range(steps):
         new = naive.update(reading.ranges, motion)
         belief = own.update(reading.ranges, motion)
         assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.new_cells.tolist()}
-        truth = simulator.state.pose
+        truth = simulator.states[0].pose
         v, w = next(actions)[0].tolist()
-        reading = simulator.step(Twist(v * robot.max_v, w * robot.max_w))
+        [reading] = simulator.step([Twist(v * robot.max_v, w * robot.max_w)])
         motion = wheels.update(reading.ticks)
         if told_truth:
-            motion = truth.between(simulator.state.pose)
+            motion = truth.between(simulator.states[0].pose)
     return naive, own, truth
 
 
@@ -153,8 +154,8 @@ def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
     state = np.array([7.86, 0.0, 0.4, 0.22, 0.0, 0.0, 0.0, 0.22, 0.0])
     for _ in range(5):
         expected = advance_in_numpy(state, (0.22, 0.5), (0.3, -1.0), 0.1, 6, robot, hall.world.segments, circles)
-        arguments = (0.22, 0.5, 0.3, -1.0, 0.1, 6, Drive.of(robot), hall.world.segments, circles, circles)
-        touched, _ = advance(state, *arguments)
+        obstacles = Obstacles(hall.world.segments, circles, circles)
+        touched, _ = advance(state, (0.22, 0.5), (0.3, -1.0), Timing(0.1, 6), robot_record(robot).drive, obstacles)
         np.testing.assert_allclose(state, expected, atol=1e-12)
     assert touched
 

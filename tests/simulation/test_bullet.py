@@ -33,8 +33,8 @@ make_simulator("kinematic", robot, 0.1)
 assert "pybullet" not in sys.modules
 world = load_world("turtlebot3_world")
 simulator = make_simulator("bullet", robot, 0.1)
-simulator.reset(world, world.spawns[0], np.random.default_rng(0))
-simulator.step(Twist(0.1, 0.0))
+simulator.reset(world, [world.spawns[0]], [np.random.default_rng(0)])
+simulator.step([Twist(0.1, 0.0)])
 simulator.close()
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
@@ -45,8 +45,8 @@ def test_it_can_be_pickled_before_the_first_reset_and_closed_twice(bullet, room)
     simulator = pickle.loads(pickle.dumps(make_simulator(bullet, load_robot("turtlebot3_burger"), 0.1)))
     simulator.close()
     for _ in range(2):
-        simulator.reset(room(3.0), ORIGIN, np.random.default_rng(0))
-        simulator.step(Twist(0.1, 0.0))
+        simulator.reset(room(3.0), [ORIGIN], [np.random.default_rng(0)])
+        simulator.step([Twist(0.1, 0.0)])
         simulator.close()
         simulator.close()
 
@@ -55,14 +55,14 @@ def test_two_simulators_do_not_disturb_each_other(bullet, room):
     robot, world = load_robot("turtlebot3_burger"), room(3.0)
     first, second = (make_simulator(bullet, robot, 0.1) for _ in range(2))
     for simulator in (first, second):
-        simulator.reset(world, ORIGIN, np.random.default_rng(0))
+        simulator.reset(world, [ORIGIN], [np.random.default_rng(0)])
     for _ in range(20):
-        first.step(Twist(0.2, 1.0))
-        second.step(Twist(-0.2, 0.0))
-    assert first.state.pose.theta > 1.0
-    assert second.state.pose.x < -0.3
+        first.step([Twist(0.2, 1.0)])
+        second.step([Twist(-0.2, 0.0)])
+    assert first.states[0].pose.theta > 1.0
+    assert second.states[0].pose.x < -0.3
     second.close()
-    first.step(Twist(0.2, 1.0))
+    first.step([Twist(0.2, 1.0)])
 
 
 def resident_megabytes():
@@ -78,7 +78,7 @@ def test_ever_new_worlds_do_not_fill_the_memory(bullet, room):
         for _ in range(num_worlds):
             corners = rng.uniform(1.0, 9.0, (2000, 2))
             segments = np.hstack([corners, corners + rng.uniform(-0.3, 0.3, corners.shape)])
-            simulator.reset(room(10.0, segments=segments), ORIGIN, rng)
+            simulator.reset(room(10.0, segments=segments), [ORIGIN], [rng])
 
     visit(4)
     before = resident_megabytes()

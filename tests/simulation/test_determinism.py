@@ -19,14 +19,14 @@ def world(room):
 def record(simulator, world, pose, seed, steps=60):
     """Everything that the sensors say and the truth during an episode of random commands."""
     rng = np.random.default_rng(1000 + seed)
-    reading = simulator.reset(world, pose, np.random.default_rng(seed))
+    reading = simulator.reset(world, [pose], [np.random.default_rng(seed)])[0]
     log = []
     for step in range(steps):
         said = (reading.time, reading.ticks, reading.yaw_rate, reading.heading, reading.bumper)
-        log.append(reading.ranges.tobytes() + repr((said, simulator.state)).encode())
+        log.append(reading.ranges.tobytes() + repr((said, simulator.states[0])).encode())
         if step % 10 == 0:
             command = Twist(*rng.uniform(-1, 1, 2))
-        reading = simulator.step(command)
+        reading = simulator.step([command])[0]
     return log
 
 
@@ -39,9 +39,9 @@ def test_an_episode_repeats_after_other_episodes(physics, name, world, room):
     rng = np.random.default_rng(5)
     for episode in range(12):
         pose = NEAR_WALL if episode % 2 else Pose2D(1.15, 0.03, rng.uniform(-3, 3))
-        simulator.reset(world, pose, rng)
+        simulator.reset(world, [pose], [rng])
         for _ in range(rng.integers(0, 12)):
-            simulator.step(Twist(*rng.uniform(-1, 1, 2)))
+            simulator.step([Twist(*rng.uniform(-1, 1, 2))])
         assert record(simulator, world, NEAR_WALL, seed=0) == expected
     record(simulator, room(4.0, segments=[[1, 1, 2, 1.5]]), Pose2D(0.0, 0.0, 1.0), seed=3)
     assert record(simulator, world, NEAR_WALL, seed=0) == expected
@@ -61,8 +61,8 @@ def test_both_physics_draw_the_same_noise(bullet, world):
     readings = []
     for physics in (bullet, "kinematic"):
         simulator = make_simulator(physics, robot, 0.1)
-        simulator.reset(world, NEAR_WALL, np.random.default_rng(4))
-        readings.append([simulator.step(Twist(0.0, 0.0)) for _ in range(3)][-1])
+        simulator.reset(world, [NEAR_WALL], [np.random.default_rng(4)])
+        readings.append([simulator.step([Twist(0.0, 0.0)])[0] for _ in range(3)][-1])
     np.testing.assert_allclose(readings[0].ranges, readings[1].ranges, atol=2e-3)
     assert readings[0].yaw_rate == pytest.approx(readings[1].yaw_rate, abs=1e-4)
     assert readings[0].heading == pytest.approx(readings[1].heading)

@@ -65,7 +65,7 @@ def test_equals_the_plain_physics(room):
     simulator = KinematicSimulator(robot, 0.1)
     rng, copy = np.random.default_rng(3), np.random.default_rng(3)
     pose = Pose2D(0.0, 0.0, 0.3)
-    simulator.reset(world, pose, rng)
+    simulator.reset(world, [pose], [rng])
     size = 4 + robot.lidar.num_beams
     copy.standard_normal(size)
     reached, angles, contacts = [0.0, 0.0], np.zeros(2), 0
@@ -73,7 +73,7 @@ def test_equals_the_plain_physics(room):
     for step in range(200):
         if step % 10 == 0:
             command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
-        reading = simulator.step(command)
+        reading = simulator.step([command])[0]
         pose, reached, turned, touched = plain_advance(
             pose,
             reached,
@@ -87,7 +87,7 @@ def test_equals_the_plain_physics(room):
         )
         angles += turned
         contacts += touched
-        np.testing.assert_allclose(simulator.state.pose, pose, atol=1e-9)
+        np.testing.assert_allclose(simulator.states[0].pose, pose, atol=1e-9)
         assert reading.bumper == touched
         np.testing.assert_array_equal(reading.ticks, np.floor(angles * 4096 / (2 * math.pi) + 1e-9))
     assert 20 < contacts < 180
@@ -97,24 +97,24 @@ def test_it_slides_along_a_wall(room):
     robot = load_robot("turtlebot3_burger")
     robot = replace(robot, drive=replace(robot.drive, slip_std=0.0))
     simulator = KinematicSimulator(robot, 0.1)
-    simulator.reset(room(5.0), Pose2D(0.0, 5.0 - robot.radius - 0.01, math.pi / 6), np.random.default_rng(0))
+    simulator.reset(room(5.0), [Pose2D(0.0, 5.0 - robot.radius - 0.01, math.pi / 6)], [np.random.default_rng(0)])
     for _ in range(100):
-        simulator.step(Twist(0.2, 0.0))
-    x, y, theta = simulator.state.pose
+        simulator.step([Twist(0.2, 0.0)])
+    x, y, theta = simulator.states[0].pose
     assert theta == pytest.approx(math.pi / 6)
     assert y == pytest.approx(5.0 - robot.radius, abs=1e-5)
     assert x == pytest.approx(20 * 0.1 * math.cos(math.pi / 6) * 0.96, rel=0.06)
-    assert simulator.state.twist.v == pytest.approx(0.2 * math.cos(math.pi / 6) ** 2, rel=0.01)
+    assert simulator.states[0].twist.v == pytest.approx(0.2 * math.cos(math.pi / 6) ** 2, rel=0.01)
 
 
 def test_a_robot_too_fast_for_its_size_tunnels_nowhere(room):
     robot = replace(load_robot("raspimouse"), max_v=20.0, max_acc_v=1000.0)
     world = room(30.0, segments=[[2.0, -30.0, 2.0, 30.0]])
     simulator = KinematicSimulator(robot, 0.5)
-    simulator.reset(world, Pose2D(0.0, 0.0, 0.3), np.random.default_rng(0))
+    simulator.reset(world, [Pose2D(0.0, 0.0, 0.3)], [np.random.default_rng(0)])
     for _ in range(6):
-        simulator.step(Twist(20.0, 0.0))
-        assert simulator.state.pose.x <= 2.0 - robot.radius + 1e-5
+        simulator.step([Twist(20.0, 0.0)])
+        assert simulator.states[0].pose.x <= 2.0 - robot.radius + 1e-5
 
 
 def test_a_wedged_robot_stays_where_it_is(room):
@@ -122,11 +122,11 @@ def test_a_wedged_robot_stays_where_it_is(room):
     wedge = [[0.0, -0.3, 2.0, 0.0], [0.0, 0.3, 2.0, 0.0]]
     simulator = KinematicSimulator(robot, 0.1)
     world = room(5.0, segments=wedge)
-    simulator.reset(world, Pose2D(0.3, 0.0, 0.0), np.random.default_rng(0))
+    simulator.reset(world, [Pose2D(0.3, 0.0, 0.0)], [np.random.default_rng(0)])
     for _ in range(100):
-        simulator.step(Twist(0.2, 0.0))
-        assert clearance(*simulator.state.pose[:2], world.segments, world.circles) > robot.radius - 1e-5
-    assert simulator.state.pose.x < 2.0 - robot.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
+        simulator.step([Twist(0.2, 0.0)])
+        assert clearance(*simulator.states[0].pose[:2], world.segments, world.circles) > robot.radius - 1e-5
+    assert simulator.states[0].pose.x < 2.0 - robot.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
 
 
 def test_clearance_is_the_distance_to_the_nearest_thing(room):
@@ -138,11 +138,11 @@ def test_clearance_is_the_distance_to_the_nearest_thing(room):
 @pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan)])
 def test_commands_that_are_no_numbers_are_refused(physics, command, plain):
     simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
-    simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
-    before = simulator.state
+    simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    before = simulator.states[0]
     with pytest.raises(ValueError, match=r"command must be finite, got v = .* w = (nan|inf|0\.0)"):
-        simulator.step(Twist(*command))
-    assert simulator.state == before
+        simulator.step([Twist(*command)])
+    assert simulator.states[0] == before
 
 
 def test_bad_use_is_refused(physics, room):
@@ -151,13 +151,13 @@ def test_bad_use_is_refused(physics, room):
         make_simulator(physics, robot, 0.0)
     simulator = make_simulator(physics, robot, 0.1)
     with pytest.raises(RuntimeError, match="reset"):
-        simulator.step(Twist(0.0, 0.0))
+        simulator.step([Twist(0.0, 0.0)])
     world = room(2.0, circles=[[1.0, 0.0, 0.3]])
     for pose in (Pose2D(1.95, 0.0, 0.0), Pose2D(1.0, 0.1, 0.0)):
         with pytest.raises(ValueError, match=r"does not fit at x = 1\..* world 'test'.* 0\.125 m"):
-            simulator.reset(world, pose, np.random.default_rng(0))
+            simulator.reset(world, [pose], [np.random.default_rng(0)])
     with pytest.raises(ValueError, match="finite"):
-        simulator.reset(world, Pose2D(math.nan, 0.0, 0.0), np.random.default_rng(0))
+        simulator.reset(world, [Pose2D(math.nan, 0.0, 0.0)], [np.random.default_rng(0)])
 
 
 def test_unknown_physics_is_refused():

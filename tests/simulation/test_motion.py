@@ -25,18 +25,18 @@ def gains(robot):
 
 def drive(simulator, world, command, ramp):
     """Drive on after the ramp; return distance along the path, change of yaw, and where that led."""
-    simulator.reset(world, Pose2D(0.0, 0.0, 0.4), np.random.default_rng(0))
+    simulator.reset(world, [Pose2D(0.0, 0.0, 0.4)], [np.random.default_rng(0)])
     for _ in range(math.ceil(10 * ramp) + 2):
-        simulator.step(command)
-    start = simulator.state.pose
+        simulator.step([command])
+    start = simulator.states[0].pose
     distance = yaw = 0.0
     for _ in range(10 * SECONDS):
-        before = simulator.state.pose
-        simulator.step(command)
-        motion = before.between(simulator.state.pose)
+        before = simulator.states[0].pose
+        simulator.step([command])
+        motion = before.between(simulator.states[0].pose)
         distance += motion.x
         yaw += motion.theta
-    return distance, yaw, start.between(simulator.state.pose)
+    return distance, yaw, start.between(simulator.states[0].pose)
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -59,14 +59,14 @@ def test_straight_on_and_on_the_spot(physics, name, plain):
 def test_acceleration_is_limited(physics, plain):
     robot = without_slip(load_robot("turtlebot3_waffle_pi"))
     simulator = make_simulator(physics, robot, 0.1)
-    simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
-    simulator.step(Twist(9.0, 0.0))
-    assert simulator.state.twist.v == pytest.approx(0.1 * robot.max_acc_v, rel=0.02)
+    simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    simulator.step([Twist(9.0, 0.0)])
+    assert simulator.states[0].twist.v == pytest.approx(0.1 * robot.max_acc_v, rel=0.02)
     for _ in range(9):
-        simulator.step(Twist(9.0, 0.0))
-    assert simulator.state.twist.v == pytest.approx(robot.max_v, rel=0.01)
-    simulator.step(Twist(-9.0, 0.0))
-    assert simulator.state.twist.v == pytest.approx(robot.max_v - 0.1 * robot.max_acc_v, rel=0.02)
+        simulator.step([Twist(9.0, 0.0)])
+    assert simulator.states[0].twist.v == pytest.approx(robot.max_v, rel=0.01)
+    simulator.step([Twist(-9.0, 0.0)])
+    assert simulator.states[0].twist.v == pytest.approx(robot.max_v - 0.1 * robot.max_acc_v, rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "raspimouse", "tugbot_original"])
@@ -75,13 +75,13 @@ def test_odometry_errs_as_documented(physics, name, plain):
     forward, turning = gains(robot)
     simulator, odometry = make_simulator(physics, robot, 0.1), WheelOdometry(robot)
     for command in (Twist(robot.max_v, 0.0), Twist(0.0, 0.5 * robot.max_w)):
-        reading = simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+        reading = simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])[0]
         odometry.reset(reading.ticks)
         believed = true = 0.0
         for _ in range(50):
-            before = simulator.state.pose
-            reading = simulator.step(command)
-            motion, truth = odometry.update(reading.ticks), before.between(simulator.state.pose)
+            before = simulator.states[0].pose
+            reading = simulator.step([command])[0]
+            motion, truth = odometry.update(reading.ticks), before.between(simulator.states[0].pose)
             believed += motion.x if command.v else motion.theta
             true += truth.x if command.v else truth.theta
         assert true / believed == pytest.approx(forward if command.v else turning, rel=0.01)
@@ -96,12 +96,12 @@ def test_slip_spreads_as_stated(physics, plain):
     headings, odometry_headings, runs = [], [], 60
     rng = np.random.default_rng(0)
     for _ in range(runs):
-        odometry.reset(simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), rng).ticks)
+        odometry.reset(simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [rng])[0].ticks)
         for _ in range(25):
-            reading = simulator.step(command)
-        headings.append(simulator.state.pose.theta)
+            reading = simulator.step([command])[0]
+        headings.append(simulator.states[0].pose.theta)
         odometry_headings.append(odometry.update(reading.ticks).theta)
-        distance = simulator.state.pose.x
+        distance = simulator.states[0].pose.x
     expected = math.sqrt(2.0) * 0.02 * math.sqrt(distance) / robot.drive.track
     assert np.std(headings) == pytest.approx(expected, rel=3.0 / math.sqrt(2 * runs))
     assert np.abs(odometry_headings).max() < 0.1 * expected
@@ -112,10 +112,10 @@ def test_the_control_period_changes_the_time_of_a_step_alone(physics, plain):
     ends = []
     for period, steps in ((0.1, 30), (0.05, 60), (0.5, 6)):
         simulator = make_simulator(physics, robot, period)
-        simulator.reset(plain, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+        simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
         for _ in range(steps):
-            reading = simulator.step(Twist(0.2, 0.5))
+            reading = simulator.step([Twist(0.2, 0.5)])[0]
         assert reading.time == pytest.approx(3.0)
-        ends.append(simulator.state.pose)
+        ends.append(simulator.states[0].pose)
     np.testing.assert_allclose(ends[1], ends[0], atol=2e-3)
     np.testing.assert_allclose(ends[2], ends[0], atol=2e-3)

@@ -24,12 +24,12 @@ def test_random_commands_lead_to_the_same_place(bullet, name, plain):
     for seed in range(3):
         rng = np.random.default_rng(100 + seed)
         for simulator in simulators:
-            simulator.reset(plain, Pose2D(0.0, 0.0, 0.3), np.random.default_rng(seed))
+            simulator.reset(plain, [Pose2D(0.0, 0.0, 0.3)], [np.random.default_rng(seed)])
         for step in range(200):
             if step % 5 == 0:
                 command = Twist(*rng.uniform([-robot.max_v, -robot.max_w], [robot.max_v, robot.max_w]))
-            readings = [simulator.step(command) for simulator in simulators]
-            a, b = (simulator.state.pose for simulator in simulators)
+            readings = [simulator.step([command])[0] for simulator in simulators]
+            a, b = (simulator.states[0].pose for simulator in simulators)
             assert math.dist(a[:2], b[:2]) < POSITION
             assert abs(wrap_angle(a.theta - b.theta)) < HEADING
             lag = np.abs(np.subtract(readings[0].ticks, readings[1].ticks)).max() * metres_per_tick

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.robots import ImuParams, LidarParams, Mount, load_robot
-from envs.simulation.sensors import Sensors, disturb_ranges
+from envs.robots import ImuParams, LidarParams, Mount, load_robot, robot_record
+from envs.simulation.sensors import TOUCHED, Sensors, disturb_ranges
+from envs.simulation.state import LEFT_ANGLE, RIGHT_ANGLE, STATE_SIZE, THETA, W, X, Y
 
 BOX = np.array([[-2, -3, 4, -3], [4, -3, 4, 5], [4, 5, -2, 5], [-2, 5, -2, -3]], dtype=float)
 NO_CIRCLES = np.empty((0, 3))
@@ -20,9 +21,12 @@ def read(
     lidar=None, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=NO_CIRCLES
 ):
     robot = replace(BURGER, lidar=lidar or LidarParams(num_beams=4, range_max=10.0), imu=imu or ImuParams())
-    sensors = Sensors(robot)
-    noise = sensors.draw(np.random.default_rng(seed))
-    return sensors.read(noise, 1.5, pose, angles, yaw_rate, bumper, BOX, circles)
+    sensors, rows = Sensors(robot, 1), np.zeros((1, STATE_SIZE))
+    rows[0, [X, Y, THETA, LEFT_ANGLE, RIGHT_ANGLE, W]] = *pose, *angles, yaw_rate
+    sensors.draw([np.random.default_rng(seed)])
+    sensors.others[0, TOUCHED] = bumper
+    sensors.sense(rows, BOX, circles)
+    return sensors.readings(1.5)[0]
 
 
 def test_a_perfect_lidar_measures_the_box():
@@ -82,7 +86,8 @@ def test_disturbing_equals_the_plain_formula():
     exact[::7] = np.inf
     normals, uniforms = rng.standard_normal(1000), rng.random(1000)
     ranges = exact.copy()
-    disturb_ranges(ranges, normals, uniforms, 0.05, 0.015, 0.2, 4.0, 0.02)
+    lidar = LidarParams(1000, range_max=4.0, range_min=0.2, noise_std=0.05, resolution=0.015, dropout=0.02)
+    disturb_ranges(ranges, normals, uniforms, robot_record(replace(BURGER, lidar=lidar)).lidar)
     with np.errstate(invalid="ignore"):
         measured = 0.015 * np.floor((exact.astype(float) + 0.05 * normals) / 0.015 + 0.5)
     expected = np.where((exact < 0.2) | (measured < 0.2), np.nan, measured)

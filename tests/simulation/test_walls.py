@@ -32,18 +32,18 @@ def test_a_thin_wall_stops_the_robot(physics, name, room):
     simulator = make_simulator(physics, robot, 0.1)
     one_substep = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius / 60
     for heading, sign in ((0.0, 1), (0.7, 1), (math.pi, -1), (math.pi - 0.3, -1)):
-        simulator.reset(world, Pose2D(WALL - robot.radius - 1.4, 0.0, heading), np.random.default_rng(0))
+        simulator.reset(world, [Pose2D(WALL - robot.radius - 1.4, 0.0, heading)], [np.random.default_rng(0)])
         touched, reached = [], []
         for _ in range(40 + math.ceil(10 * (2.0 / robot.max_v + robot.max_v / robot.max_acc_v))):
-            reading = simulator.step(Twist(sign * robot.max_v, 0.0))
+            reading = simulator.step([Twist(sign * robot.max_v, 0.0)])[0]
             touched.append(reading.bumper)
-            reached.append(farthest(robot, simulator.state.pose))
+            reached.append(farthest(robot, simulator.states[0].pose))
             if physics == "kinematic":
-                free = clearance(*simulator.state.pose[:2], world.segments, world.circles)
+                free = clearance(*simulator.states[0].pose[:2], world.segments, world.circles)
                 assert free > robot.radius - 1e-5
             else:
-                assert farthest(robot, simulator.state.pose) < WALL + 0.001 + one_substep
-                assert max(map(abs, simulator.tilt)) < math.radians(10)
+                assert farthest(robot, simulator.states[0].pose) < WALL + 0.001 + one_substep
+                assert max(map(abs, simulator.robots[0].tilt)) < math.radians(10)
         assert sum(touched) > 10
         first = touched.index(True)
         if heading in (0.0, math.pi):
@@ -53,8 +53,8 @@ def test_a_thin_wall_stops_the_robot(physics, name, room):
 
 def test_driving_freely_touches_nothing(physics, room):
     simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
-    simulator.reset(room(3.0), Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
-    assert not any(simulator.step(Twist(0.2, 0.3)).bumper for _ in range(100))
+    simulator.reset(room(3.0), [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    assert not any(simulator.step([Twist(0.2, 0.3)])[0].bumper for _ in range(100))
 
 
 def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
@@ -62,16 +62,16 @@ def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
     path = np.array([[1.5, 0.03], [-3.0, 0.03], [-3.0, 3.0], [1.5, 3.0]])
     world = room(5.0, movers=[Mover(radius=0.25, waypoints=path, speed=0.8)])
     simulator = make_simulator(physics, robot, 0.1)
-    simulator.reset(world, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+    simulator.reset(world, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
     touched = 0
     nearest = robot.radius if physics == "kinematic" else robot.body.center[0] + 0.5 * robot.body.size[0]
     for _ in range(60):
-        reading = simulator.step(Twist(0.0, 0.0))
+        reading = simulator.step([Twist(0.0, 0.0)])[0]
         touched += reading.bumper
-        gap = math.dist(world.movers[0].position(reading.time), simulator.state.pose[:2])
+        gap = math.dist(world.movers[0].position(reading.time), simulator.states[0].pose[:2])
         assert gap > 0.25 + nearest - 0.01
     assert touched >= 3
-    assert math.hypot(*simulator.state.pose[:2]) > 0.2
+    assert math.hypot(*simulator.states[0].pose[:2]) > 0.2
     assert np.nanmin(reading.ranges) < 3.5
 
 
@@ -83,11 +83,11 @@ def test_a_wall_of_many_pieces_is_smooth(physics, name, room):
     ends = np.arange(-4.0, 4.01, 0.05)
     world = room(5.0, segments=[[x, 1.0, x + 0.05, 1.0] for x in ends])
     simulator = make_simulator(physics, robot, 0.1)
-    simulator.reset(world, Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25), np.random.default_rng(0))
+    simulator.reset(world, [Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25)], [np.random.default_rng(0)])
     seconds = 3.0 / robot.max_v
-    touched = [simulator.step(Twist(robot.max_v, 0.0)).bumper for _ in range(round(10 * seconds))]
+    touched = [simulator.step([Twist(robot.max_v, 0.0)])[0].bumper for _ in range(round(10 * seconds))]
     assert np.mean(touched) > 0.5
-    x, y, theta = simulator.state.pose
+    x, y, theta = simulator.states[0].pose
     forward = robot.drive.wheel_radius / robot.odometry.wheel_radius
     assert 0.9 * math.cos(0.25) * 3.0 * forward < x + 3.0 < 1.01 * 3.0 * forward
     assert 0.0 < y < 1.0
