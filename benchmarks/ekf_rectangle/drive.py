@@ -80,7 +80,7 @@ def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
         ended = terminated or truncated
         rows.append((info["time"], info["deviation"], env.true_pose))
         estimates[DRIVER].append(env.estimate)
-        estimates["amcl"].append(env.fused.located)
+        estimates["amcl"].append(env.fused.localized)
         for name, ekf in listeners.items():
             for measurement in env.fused.measurements:
                 if measurement.kind in FUSIONS[name]:

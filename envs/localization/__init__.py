@@ -1,4 +1,4 @@
-"""Localisation on a known map."""
+"""Localization on a known map."""
 
 from .amcl import Amcl
 from .localizer import Localizer, PoseEstimate

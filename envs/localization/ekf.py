@@ -1,10 +1,10 @@
-"""An extended Kalman filter over pose and velocity that survives late, missing and wrong measurements.
+"""An extended Kalman filter over pose and velocity that tolerates late, missing and wrong measurements.
 
-State, prediction and measurements are those of seed 4 (equations 1 to 10): position, heading, forward speed and yaw
-rate; a map's pose, wheel encoders and a compass, each whenever it has something to say. Three things are done
-otherwise: covariances are corrected in Joseph's form, which keeps them positive definite; the step from one measurement
-to the next is cut into short ones, because equation (3) drives straight for a whole step; and measurements are put in
-order by the time at which they were taken, not by the time at which they arrive.
+State (position, heading, forward speed, yaw rate), prediction and measurements (pose on the map, wheel encoders,
+compass, each at its own rate) are those of Nguyen et al., "A study and design of localization system for mobile robot
+based on ROS" (2021), equations 1 to 10. Three things differ: covariances are updated in Joseph's form, which keeps them
+positive definite; predictions are cut into short steps, because equation (3) drives straight for a whole step; and
+measurements are ordered by the time at which they were taken, not by that of their arrival.
 """
 
 import bisect
@@ -23,7 +23,7 @@ from .ekf_kernels import STATE_SIZE, THETA, V, W, X, Y, correct, innovation_of, 
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""What can be measured."""
+"""Kinds of measurement."""
 MEASURED: dict[str, np.ndarray] = {
     "map": np.array([X, Y, THETA]),
     "encoder": np.array([V, W]),
@@ -31,30 +31,30 @@ MEASURED: dict[str, np.ndarray] = {
 }
 """Entries of the state that each kind measures: the rows of H in equations (5), (7) and (9)."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "unusable"]
-"""What became of a measurement; `EkfParams` tells what leads to which."""
+"""Outcome of a measurement; see `EkfParams`."""
 
 
 @dataclass(frozen=True, slots=True)
 class EkfParams:
-    """How much the filter trusts its model, and whom it does not believe."""
+    """Process noise and innovation gating."""
 
     acceleration: float = 0.3
-    """Root of the spectral density of forward acceleration [m/s2/sqrt(Hz)]: by how much the speed wanders in 1 s."""
+    """Root of the spectral density of forward acceleration [m/s2/sqrt(Hz)]: the speed's deviation after 1 s."""
     angular_acceleration: float = 0.6
-    """The same for the yaw rate [rad/s2/sqrt(Hz)]."""
+    """Root of the spectral density of angular acceleration [rad/s2/sqrt(Hz)]."""
     position_drift: float = 0.001
-    """By how much the position wanders in 1 s beside what the speed does, along either axis [m]."""
+    """Standard deviation of the position after 1 s from sources other than the speed, along either axis [m]."""
     heading_drift: float = 0.0005
-    """By how much the heading wanders in 1 s beside what the yaw rate does [rad]."""
+    """Standard deviation of the heading after 1 s from sources other than the yaw rate [rad]."""
     max_step: float = 0.002
     """Longest step of the prediction [s]."""
     horizon: float = 1.0
-    """How late a measurement may come [s]. Later ones are refused, and counted as `too_old`."""
+    """How late a measurement may arrive [s]. Later ones are rejected, and counted as `too_old`."""
     gate: float = 0.999
-    """Share of true measurements that the chi-square gate lets pass; what it stops is counted as `gated`."""
+    """Share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`."""
     patience: float = 2.0
-    """Once everything of a kind has been stopped for this long, the filter takes itself to be wrong: it forgets what it
-    believed of what that kind measures, and takes the measurement, which is counted as `recovered` [s]."""
+    """Once all measurements of a kind have been gated for this long [s], the filter takes itself to have diverged: it
+    inflates the covariance of what that kind measures and accepts the next one, which is counted as `recovered`."""
 
     def __post_init__(self) -> None:
         for name in ("acceleration", "angular_acceleration", "position_drift", "heading_drift", "max_step"):
@@ -69,12 +69,12 @@ class EkfParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """Something that a sensor says of the state."""
+    """Measurement of a part of the state."""
 
     time: float
     """When it was taken, by the clock that all measurements share [s]."""
     kind: Kind
-    """Which sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
+    """Sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
     values: np.ndarray
     """Shape (k,), float64 [m, rad, m/s, rad/s]; with NaN or infinity in it the measurement is `unusable`."""
     covariance: np.ndarray
@@ -95,12 +95,12 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What the filter believes."""
+    """State estimate."""
 
     time: float
-    """Of what moment [s]."""
+    """Time of the estimate [s]."""
     pose: Pose2D
-    """Of the base, in the map frame."""
+    """Pose of the base in the map frame."""
     v: float
     """Forward speed [m/s]."""
     w: float
@@ -111,31 +111,31 @@ class Estimate:
 
 @dataclass(slots=True, eq=False)
 class _Moment:
-    """The filter right after a measurement."""
+    """State of the filter after a measurement."""
 
     time: float
     measurement: Measurement | None
     verdict: Verdict = "accepted"
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
-    stopped_since: dict[str, float] = field(default_factory=dict)
-    """For each kind of which nothing passes the gate: since when [s]."""
+    gated_since: dict[str, float] = field(default_factory=dict)
+    """By kind: since when all of its measurements have been gated [s]."""
 
     @property
     def order(self) -> tuple[float, int]:
-        """By what moments are sorted: time, and at the same instant the kind; a reset comes first."""
+        """Sort key: time, then kind; a reset comes first."""
         return self.time, -1 if self.measurement is None else KINDS.index(self.measurement.kind)
 
 
 class Ekf:
-    """Fuses measurements into a pose with its covariance, whatever their order.
+    """Fuses measurements, in whatever order they arrive, into a pose with its covariance.
 
-    The filter remembers its last `horizon` seconds. A late measurement is put where it belongs, and what came after it
-    is done again, so that the result is that of measurements in order, to the last bit.
+    The filter keeps its last `horizon` seconds. A late measurement is inserted at its time and later ones are applied
+    again, so that the result equals that of measurements in order, to the last bit.
     """
 
     def __init__(self, params: EkfParams = EkfParams()) -> None:
-        """Make a filter that believes to stand at the origin at time 0, within a metre and a radian; see `reset`."""
+        """Build a filter at the origin at time 0, with variances of one in SI units; see `reset`."""
         self.params = params
         drift, turn = params.position_drift, params.heading_drift
         self._noise = np.square([drift, drift, turn, params.acceleration, params.angular_acceleration])
@@ -143,14 +143,14 @@ class Ekf:
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
-        """Forget everything and start anew; also what to do once the clock has been set back.
+        """Start anew; also necessary after the clock was set back.
 
         Args:
-            pose: of the base, in the map frame.
+            pose: pose of the base in the map frame.
             covariance: shape (5, 5), float64, of x, y, heading, speed and yaw rate.
             v: forward speed [m/s].
             w: yaw rate [rad/s].
-            time: of all this [s].
+            time: time of this state [s].
 
         Raises:
             ValueError: something is not finite, or the covariance is not symmetric and positive definite.
@@ -165,12 +165,12 @@ class Ekf:
 
     @property
     def time(self) -> float:
-        """Time of the newest measurement that was not refused, or of the reset [s]."""
+        """Time of the newest measurement that was not rejected, or of the reset [s]."""
         return self._moments[-1].time
 
     @property
     def counts(self) -> dict[str, dict[Verdict, int]]:
-        """For each kind how many measurements met with which verdict since the reset."""
+        """Number of measurements since the reset, by kind and verdict."""
         counts = {kind: Counter(counter) for kind, counter in self._counts.items()}
         for moment in self._moments:
             if moment.measurement is not None:
@@ -178,7 +178,10 @@ class Ekf:
         return {kind: dict(counter) for kind, counter in counts.items()}
 
     def add(self, measurement: Measurement) -> Verdict:
-        """Take in a measurement and say what became of it.
+        """Apply a measurement.
+
+        Returns:
+            Whether it was used.
 
         Raises:
             ValueError: its covariance is not symmetric and positive definite.
@@ -191,36 +194,34 @@ class Ekf:
             self._counts[measurement.kind]["too_old"] += 1
             return "too_old"
         added = _Moment(measurement.time, measurement)
-        place = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
-        self._moments.insert(place, added)
-        for k in range(place, len(self._moments)):
-            self._follow(self._moments[k - 1], self._moments[k])
-        self._forget()
+        index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
+        self._moments.insert(index, added)
+        for k in range(index, len(self._moments)):
+            self._apply(self._moments[k - 1], self._moments[k])
+        self._prune()
         return added.verdict
 
     def estimate(self, time: float | None = None) -> Estimate:
-        """Return what the filter believes of a moment, by default of that of the newest measurement.
+        """Return the estimate at a time [s], by default that of the newest measurement.
 
-        Later moments are predicted. For earlier ones only what was measured until then counts.
+        Later times are predicted; for earlier ones only measurements until then count.
 
         Raises:
-            ValueError: the moment lies before what the filter remembers.
+            ValueError: the filter does not remember the time any more.
         """
         time = self.time if time is None else time
-        place = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
-        if place == 0 or not math.isfinite(time):
-            raise ValueError(
-                f"the filter remembers from {self._moments[0].time:.3f} s on, it cannot tell of {time!r} s"
-            )
-        before = self._moments[place - 1]
+        index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
+        if index == 0 or not math.isfinite(time):
+            raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
+        before = self._moments[index - 1]
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
             predict(state, covariance, time - before.time, self._noise, self.params.max_step)
         x, y, theta, v, w = state.tolist()
         return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
 
-    def _follow(self, before: _Moment, after: _Moment) -> None:
-        """Predict from one moment to the next and take the measurement of that one in, if it passes."""
+    def _apply(self, before: _Moment, after: _Moment) -> None:
+        """Predict from one moment to the next, and update by the measurement of that one if it passes the gate."""
         measurement = after.measurement
         assert measurement is not None
         kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
@@ -228,23 +229,23 @@ class Ekf:
         if after.time > before.time:
             predict(state, covariance, after.time - before.time, self._noise, self.params.max_step)
         innovation, spread, length = innovation_of(state, covariance, measured, measurement.values, noise)
-        after.state, after.covariance, after.stopped_since = state, covariance, dict(before.stopped_since)
+        after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
         if length > self._gates[kind]:
-            since = after.stopped_since.setdefault(kind, after.time)
+            since = after.gated_since.setdefault(kind, after.time)
             if after.time - since < self.params.patience or after.time == since:
                 after.verdict = "gated"
                 return
-            # As unsure as the surprise is large: the measurement then counts for all that it measures.
+            # With a prior as uncertain as the innovation is large, the measurement decides.
             covariance[measured, measured] += innovation**2
             spread[np.diag_indices(len(measured))] += innovation**2
             after.verdict = "recovered"
         else:
             after.verdict = "accepted"
-        after.stopped_since.pop(kind, None)
+        after.gated_since.pop(kind, None)
         after.covariance = correct(state, covariance, measured, innovation, spread, noise)
 
-    def _forget(self) -> None:
-        """Drop what no measurement can come before any more; the last moment before the horizon stays as a start."""
+    def _prune(self) -> None:
+        """Drop moments before the horizon but for the last one, from which late measurements are predicted."""
         oldest = self.time - self.params.horizon
         keep = bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1
         for moment in self._moments[: max(keep, 0)]:
@@ -254,7 +255,7 @@ class Ekf:
 
 
 def _require_covariance(covariance: np.ndarray, size: int) -> None:
-    """Refuse what is no covariance of `size` values."""
+    """Raise a ValueError unless this is a covariance of `size` values."""
     if covariance.shape == (size, size) and np.abs(covariance - covariance.T).max() <= 1e-9 * np.abs(covariance).max():
         with contextlib.suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(covariance)

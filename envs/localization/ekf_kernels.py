@@ -1,4 +1,4 @@
-"""The arithmetic of the Kalman filter in `ekf.py`: predict, compare, correct."""
+"""Kernels of the Kalman filter in `ekf.py`: prediction, innovation, update."""
 
 import math
 
@@ -12,18 +12,18 @@ X, Y, THETA, V, W = range(5)
 STATE_SIZE = 5
 """Number of entries of the state."""
 MAX_STEPS = 5000
-"""Into how many steps a prediction is cut at most; after a long silence they become longer."""
+"""Greatest number of steps of a prediction; after a long time without measurements they become longer."""
 
 
 @njit(cache=True, error_model="numpy")
 def predict(state, covariance, duration, noise, max_step):
-    """Move the state and its covariance on, in place: equations (2) and (3), and P = F P F^T + Q.
+    """Predict the state and its covariance in place: equations (2) and (3), and P = F P F^T + Q.
 
     Args:
         state: shape (5,), float64.
         covariance: shape (5, 5), float64.
-        duration: how far into the future [s].
-        noise: shape (5,), float64, spectral densities of what disturbs the state [unit^2/s].
+        duration: time to predict [s].
+        noise: shape (5,), float64, spectral densities of the process noise [unit^2/s].
         max_step: longest step [s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
@@ -49,7 +49,7 @@ def predict(state, covariance, duration, noise, max_step):
 
 @njit(cache=True, error_model="numpy")
 def innovation_of(state, covariance, measured, values, noise):
-    """Compare a measurement with what the state leads to expect.
+    """Compute the innovation of a measurement.
 
     Args:
         state: shape (5,), float64.
@@ -59,8 +59,8 @@ def innovation_of(state, covariance, measured, values, noise):
         noise: shape (k, k), float64, its covariance R.
 
     Returns:
-        The innovation, shape (k,), its heading wrapped; its covariance S, shape (k, k); and its squared Mahalanobis
-        length, which is chi-square distributed with k degrees of freedom where all is well.
+        The innovation, shape (k,), its heading wrapped; its covariance S, shape (k, k); and its normalised innovation
+        squared (NIS), which is chi-square distributed with k degrees of freedom if the filter is consistent.
     """
     size = measured.shape[0]
     innovation, spread = np.empty(size), np.empty((size, size))
@@ -75,14 +75,14 @@ def innovation_of(state, covariance, measured, values, noise):
 
 @njit(cache=True, error_model="numpy")
 def correct(state, covariance, measured, innovation, spread, noise):
-    """Take a measurement in: the state is changed in place, the covariance in Joseph's form is returned.
+    """Update the state in place by a measurement; return the covariance, in Joseph's form.
 
     Args:
         state: shape (5,), float64.
         covariance: shape (5, 5), float64.
         measured: shape (k,), int64, entries of the state that are measured.
         innovation: shape (k,), float64, from `innovation_of`.
-        spread: shape (k, k), float64, the same.
+        spread: shape (k, k), float64, its covariance S.
         noise: shape (k, k), float64, covariance R of the measurement.
     """
     size = measured.shape[0]

@@ -1,4 +1,4 @@
-"""What every localiser offers, and what it answers."""
+"""The interface of localizers, and their estimate."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,29 +10,29 @@ from envs.geometry import OccupancyGrid, Pose2D
 
 @dataclass(slots=True)
 class PoseEstimate:
-    """Where a localiser takes the robot to be, in the frame of the map.
+    """Estimate of the robot's pose in the frame of the map.
 
-    Between two corrections by a scan, poses move along with odometry; all else stays as the last correction left it.
+    Between two corrections by a scan, poses follow odometry; all else stays as the last correction left it.
     """
 
     pose: Pose2D
-    """The answer: pose of the robot's base. For a cloud of particles the mean of its heaviest cluster."""
+    """Pose of the robot's base. For a particle filter the mean of the heaviest cluster."""
     covariance: np.ndarray
     """Shape (3, 3), float64: covariance of x, y, heading around `pose`, map frame [m, m, rad]."""
     weight: float
-    """Share of all weight that stands behind `pose`, from 0 to 1: that of the cluster."""
+    """Share of the cluster in the weight of all particles, from 0 to 1."""
     mean: Pose2D
-    """Weighted mean of the whole cloud. Between two hypotheses it lies where neither is."""
+    """Weighted mean of all particles. With two hypotheses it lies between them, where the robot is not."""
     mean_covariance: np.ndarray
-    """Shape (3, 3), float64: covariance of the whole cloud around `mean`."""
+    """Shape (3, 3), float64: covariance of all particles around `mean` [m, m, rad]."""
     fit: float
-    """Share of the hits of recent scans that lie near an obstacle of the map if seen from `pose`; NaN while
-    no hypothesis has won, and before the first scan with enough hits."""
+    """Share of the hits of recent scans that lie near an obstacle of the map as seen from `pose`; NaN until the filter
+    has converged, and before the first scan with enough hits."""
     is_lost: bool
-    """Whether `pose` must not be trusted: no hypothesis has won yet, too few scans have confirmed one
-    that came from nowhere, or scans and map do not belong together there."""
+    """Whether `pose` must not be trusted: the filter has not converged, too few scans have confirmed a pose found by
+    global localization, or the map does not explain the scans."""
     is_corrected: bool
-    """Whether the last scan was used to correct the estimate; else odometry alone has moved it."""
+    """Whether the last scan was used; else the estimate followed odometry alone."""
 
 
 class Localizer(Protocol):
@@ -54,10 +54,10 @@ class Localizer(Protocol):
         """Forget everything, and start on a map.
 
         Args:
-            occupancy: the map; it is not kept alive.
-            pose: where the robot is (map frame), about; None for anywhere on the map's free space.
-            rng: later noise is drawn from it.
-            covariance: shape (3, 3), of `pose` [m, m, rad]; None leaves it to the params.
+            occupancy: the map; it is copied.
+            pose: initial pose of the base (map frame); None for global localization.
+            rng: source of all later noise.
+            covariance: shape (3, 3), of `pose` [m, m, rad]; None for a default of the params.
 
         Raises:
             ValueError: if the map has no free cell, or `pose` lies outside of it or on a cell that is not free.
@@ -65,7 +65,7 @@ class Localizer(Protocol):
         ...
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
-        """Take in one scan.
+        """Update by one scan.
 
         Args:
             ranges: shape (num_beams,), float32 [m], as in `Reading.ranges`: +inf for no return, NaN for a beam to

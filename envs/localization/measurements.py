@@ -1,4 +1,4 @@
-"""What sensors say, as measurements for the filter: values, a time, and a covariance that follows from the sensor."""
+"""Readings of wheel encoders and compass as measurements for the filter, with the covariances of the sensors."""
 
 import math
 
@@ -9,15 +9,15 @@ from envs.robots import RobotParams
 
 from .ekf import Measurement
 
-LEAST_HEADING_STD = 1e-4
-"""Standard deviation of a compass that errs by nothing [rad]."""
+MIN_HEADING_STD = 1e-4
+"""Standard deviation of a perfect compass [rad]."""
 
 
 class WheelMeter:
-    """Turns encoder counts into speed and yaw rate, with the wheels as the controller takes them to be.
+    """Turns encoder counts into speed and yaw rate, with the wheel radius and track of the robot's controller.
 
-    Counts tell the mean over the time since the last call, so that the measurement is of the middle of that time. Its
-    covariance is that of two wheels, each of which may slip, and may have its count cut off at either end.
+    Counts give the mean over the period since the last call, so the measurement's time is the middle of the period. Its
+    covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
     """
 
     def __init__(self, robot: RobotParams) -> None:
@@ -30,7 +30,7 @@ class WheelMeter:
         self._time, self._ticks = time, ticks
 
     def update(self, time: float, ticks: tuple[int, int]) -> Measurement:
-        """Return what the wheels did since the last call.
+        """Return speed and yaw rate since the last call.
 
         Args:
             time: now [s].
@@ -44,8 +44,8 @@ class WheelMeter:
             raise ValueError(f"time must go on between two encoder readings, got {time!r} s after {self._time!r} s")
         left, right = ((now - before) * self._metres_per_tick for now, before in zip(ticks, self._ticks))
         self._time, self._ticks = time, ticks
-        cut_off = self._metres_per_tick**2 / 6.0
-        left_variance, right_variance = (cut_off + self._slip_variance * abs(rolled) for rolled in (left, right))
+        quantisation = self._metres_per_tick**2 / 6.0
+        left_variance, right_variance = (quantisation + self._slip_variance * abs(rolled) for rolled in (left, right))
         both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
         track = self._track
         return Measurement(
@@ -61,8 +61,8 @@ class CompassMeter:
 
     def __init__(self, robot: RobotParams) -> None:
         imu = robot.imu
-        # A value rounded to a step errs evenly over that step, by step / sqrt(12) in the root mean square.
-        self._variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + LEAST_HEADING_STD**2
+        # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
+        self._variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
         self._max_w, self._max_acc_w = robot.max_w, robot.max_acc_w
 
     def reset(self, time: float, north: float) -> None:
@@ -80,7 +80,7 @@ class CompassMeter:
 
         Args:
             time: now [s].
-            reading: of the compass [rad]; with NaN the measurement has NaN, too.
+            reading: of the compass [rad]; NaN gives a measurement with NaN.
 
         Raises:
             ValueError: no time has passed since the last call.

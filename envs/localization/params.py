@@ -1,6 +1,7 @@
-"""Parameters of AMCL, and the presets that come with it."""
+"""Parameters of AMCL, and their presets."""
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -11,23 +12,23 @@ SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmclParams:
-    """Everything that AMCL can be told. Defaults are Nav2's, with its names where they do not mislead."""
+    """Parameters of AMCL. Defaults are Nav2's, with its names where they do not mislead."""
 
     min_particles: int = 500
     """Least number of particles."""
     max_particles: int = 2000
-    """Greatest number of particles, and the number to start with around a given pose."""
+    """Greatest number of particles, and the number to start with around an initial pose."""
     global_particles: int | None = None
-    """Particles to start with where nothing is known of the pose; None for `max_particles`. The first scan that is
-    used leaves `max_particles` of them at most."""
+    """Particles to start global localization with; None for `max_particles`. From the first used scan on there are at
+    most `max_particles`."""
     kld_err: float = 0.05
-    """How far the cloud's distribution may be from the true one (Kullback-Leibler); Nav2's `pf_err`."""
+    """Bound of the Kullback-Leibler divergence between the particles and the true distribution; Nav2's `pf_err`."""
     kld_z: float = 0.99
-    """Upper quantile of the standard normal for that promise; Nav2's `pf_z`, which is used as a quantile there too."""
+    """Upper quantile of the standard normal with which the bound holds; Nav2's `pf_z`, a quantile there too."""
     bin_size: float = 0.5
-    """Side of the bins whose number decides how many particles are needed [m]."""
+    """Side of the histogram bins of KLD-sampling and clustering [m]."""
     bin_angle: float = math.radians(10.0)
-    """Their size in heading [rad]; rounded so that a whole number fills the turn."""
+    """Size of the bins in heading [rad]; rounded so that a whole number fills the turn."""
     alpha1: float = 0.2
     """Variance of a rotation per squared rotation."""
     alpha2: float = 0.2
@@ -37,53 +38,53 @@ class AmclParams:
     alpha4: float = 0.2
     """Variance of a translation per squared rotation [m2/rad2]."""
     sensor: SensorModel = "likelihood_field"
-    """How scans are weighed; see `docs/localization.md`."""
+    """Sensor model; see `docs/localization.md`."""
     max_beams: int = 60
     """Beams of a scan that are used, evenly spread."""
     max_range: float | None = None
     """Readings from this on count as no return [m]; None takes the lidar's range."""
     z_hit: float = 0.5
-    """Weight of readings that end at a known obstacle."""
+    """Weight of readings at an obstacle of the map."""
     z_short: float = 0.05
-    """Weight of readings that end before it (`beam`)."""
+    """Weight of readings in front of it (`beam`)."""
     z_max: float = 0.05
     """Weight of readings without a return (`beam`)."""
     z_rand: float = 0.5
-    """Weight of readings that end anywhere."""
+    """Weight of random readings."""
     sigma_hit: float = 0.2
-    """Spread of readings around the obstacle [m]."""
+    """Standard deviation of readings around the obstacle [m]."""
     lambda_short: float = 0.1
     """Rate at which readings before the obstacle become rarer with their range [1/m] (`beam`)."""
     max_distance: float = 2.0
-    """Distance to the nearest obstacle beyond which distances are all the same [m]; `laser_likelihood_max_dist`."""
+    """Upper limit of the distance to the nearest obstacle [m]; Nav2's `laser_likelihood_max_dist`."""
     squash: float = 1.0
-    """The log likelihood of a whole scan is divided by this, because its beams are not as independent as
-    `likelihood_field_prob` takes them to be, which alone uses it; 1 for Nav2, 2.2 in MIT's filter for race cars."""
+    """Divisor of a scan's log likelihood, because beams are not as independent as `likelihood_field_prob`, which alone
+    uses it, assumes; 1 in Nav2, 2.2 in MIT's filter for race cars."""
     update_min_d: float = 0.25
     """A scan is used once the robot is this far from where the last one was used [m]..."""
     update_min_a: float = 0.2
     """... or has turned by this much since [rad]."""
     resample_interval: int = 1
-    """Used scans per resampling."""
+    """Number of used scans per resampling."""
     alpha_slow: float = 0.0
-    """Rate at which the long-term average of the likelihood follows; 0 for no random particles."""
+    """Rate of the long-term average of the likelihood; 0 for no injection of random particles."""
     alpha_fast: float = 0.0
-    """The same for the short-term average."""
+    """Rate of the short-term average of the likelihood."""
     initial_std: float = 0.5
-    """Spread around the pose given at the start, per axis [m]."""
+    """Standard deviation of the initial position, per axis [m]."""
     initial_std_theta: float = math.radians(15.0)
-    """The same for its heading [rad]."""
+    """Standard deviation of the initial heading [rad]."""
     lost_distance: float = 0.2
-    """A hit farther than this from every obstacle of the map is not explained by it [m]."""
+    """The map explains hits within this distance of an obstacle [m]."""
     lost_fit: float = 0.5
     """The filter is lost where the map explains less than this share of the hits of recent scans."""
     lost_updates: int = 5
-    """How many used scans count as recent. A pose that nobody has told the filter is not trusted before so many fit."""
+    """Number of used scans that count as recent. After global localization so many must fit before the pose counts."""
     lost_spread: float = 0.5
     """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
     square) [m], or while that cluster holds less than half of the weight."""
     relocalize: bool = False
-    """Whether a filter that the map has not explained for `lost_updates` used scans starts over, from anywhere."""
+    """Whether global localization starts anew once the map has not explained `lost_updates` used scans."""
 
     def __post_init__(self) -> None:
         for field in ("min_particles", "max_beams", "resample_interval", "lost_updates"):
@@ -112,7 +113,7 @@ class AmclParams:
 
     @property
     def most_particles(self) -> int:
-        """Greatest number of particles at any time."""
+        """Greatest number of particles at any time, with those of global localization."""
         return max(self.max_particles, self.global_particles or 0)
 
 
@@ -134,7 +135,7 @@ PRESETS: dict[str, AmclParams] = {
         lost_updates=10,
         relocalize=True,
     ),
-    "seed2": AmclParams(
+    "turtlebot3": AmclParams(
         max_particles=3000,
         kld_err=0.02,
         alpha1=0.1,
@@ -146,14 +147,17 @@ PRESETS: dict[str, AmclParams] = {
         update_min_d=0.2,
     ),
 }
-"""Params by name: `nav2` as Nav2's AMCL comes, `seed2` from the launch file that seed 2 drives its robot with, and
-`default` for the environments."""
+"""Parameters by name: `nav2` are Nav2's defaults, `turtlebot3` those of TurtleBot3's launch file for AMCL, which Nguyen
+et al., "SLAM for mobile robots" (2022), drive their robot with, and `default` those of the environments."""
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:
-    """Return params by the name of a preset, by `module:attribute`, or as they are.
+    """Return parameters by the name of a preset, by `module:attribute`, or as they are.
 
     Raises:
         ValueError: for an unknown name.
     """
+    if preset == "seed2":
+        warnings.warn("AMCL's preset 'seed2' is now called 'turtlebot3'", DeprecationWarning, stacklevel=2)
+        preset = "turtlebot3"
     return resolve(preset, PRESETS, "AMCL preset")

@@ -15,12 +15,12 @@ from envs.worlds import World, rasterize
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 LIDAR = LidarParams(180, 6.0)
-# An L-shaped room with a pillar: no two places in it look alike.
+# An L-shaped room with a pillar: no two poses in it look alike.
 CORNERS = [(0, 0), (7, 0), (7, 3), (4, 3), (4, 5), (0, 5)]
 SEGMENTS = np.array([(*a, *b) for a, b in zip(CORNERS, CORNERS[1:] + CORNERS[:1])], dtype=float) + 0.025
 CIRCLES = np.array([[2.0, 3.5, 0.3]])
-PLACE = World("room", SEGMENTS, CIRCLES, (Pose2D(1.0, 1.0, 0.0),), (0.0, 0.0, 7.05, 5.05))
-MAP = rasterize(PLACE, 0.05)
+ROOM = World("room", SEGMENTS, CIRCLES, (Pose2D(1.0, 1.0, 0.0),), (0.0, 0.0, 7.05, 5.05))
+MAP = rasterize(ROOM, 0.05)
 PARAMS = replace(PRESETS["default"], global_particles=20_000)
 SURE = np.diag([0.05**2, 0.05**2, 0.05**2])
 
@@ -95,7 +95,7 @@ def test_tracking(sensor):
     assert amcl.weights.sum() == pytest.approx(1.0)
 
 
-def test_waking_up_anywhere_and_the_cloud_shrinks():
+def test_global_localization_and_the_cloud_shrinks():
     amcl = Amcl(LIDAR, PARAMS)
     first = amcl.reset(MAP, None, np.random.default_rng(1))
     assert first.is_lost
@@ -118,7 +118,7 @@ def test_waking_up_anywhere_and_the_cloud_shrinks():
     ],
     ids=["start over", "random particles"],
 )
-def test_carried_off(changes):
+def test_a_kidnapped_robot_relocalizes(changes):
     amcl = Amcl(LIDAR, replace(PARAMS, **changes))
     amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(2), covariance=SURE)
     _, estimate = _follow(amcl, 60)
@@ -143,7 +143,7 @@ def test_without_recovery_it_stays_lost_and_says_so():
     assert estimate.is_lost
 
 
-def test_a_map_of_another_place_makes_it_lost_and_the_right_one_does_not():
+def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
     # A narrow zigzag: nothing in it looks like the room of the map.
     x = np.linspace(-1.0, 4.0, 21)
     teeth = np.stack([x, 0.6 + 0.35 * (np.arange(21) % 2)], axis=1)
@@ -291,7 +291,9 @@ def test_params_refuse_nonsense(change, complaint):
 
 def test_presets():
     assert load_preset("nav2") == AmclParams()
-    assert load_preset("seed2").max_beams == 180
+    assert load_preset("turtlebot3").max_beams == 180
+    with pytest.warns(DeprecationWarning, match="turtlebot3"):
+        assert load_preset("seed2") is load_preset("turtlebot3")
     assert load_preset(PARAMS) is PARAMS
     with pytest.raises(ValueError, match=r"unknown AMCL preset 'ros'.*nav2"):
         load_preset("ros")
