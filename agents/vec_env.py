@@ -83,7 +83,8 @@ class GymnasiumVecEnv(VecEnv):
 
     def get_images(self) -> list[np.ndarray | None]:
         """Return a picture of each sub-environment."""
-        return list(self.env.render() or [None] * self.num_envs)
+        pictures: Any = self.env.render()
+        return list(pictures or [None] * self.num_envs)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the sub-environments.

@@ -151,6 +151,6 @@ def test_its_episodes_pass_for_monitored_ones(recwarn):
     model = PPO("MultiInputPolicy", env, n_steps=16, seed=0)
     returns, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
     assert lengths == [10] * 4
-    assert all(value > 0 for value in returns)
+    assert len(set(returns)) == 4
     assert not [w for w in recwarn if "Monitor" in str(w.message)]
     env.close()
