@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry.lines import cells_along, longest_step
+from envs.geometry.lines import cell_along, longest_step
 
 
 @njit(cache=True, error_model="numpy")
@@ -28,7 +28,8 @@ def _view(free, row, col, reach, sample_of, words):
     num_lines = max(8, math.ceil(2.0 * math.pi * reach))
     for k in range(num_lines):
         d_row, d_col = longest_step(2.0 * math.pi * k / num_lines)
-        for i, j in cells_along(row, col, d_row, d_col, int(reach / math.hypot(d_row, d_col))):
+        for step in range(1, int(reach / math.hypot(d_row, d_col)) + 1):
+            i, j = cell_along(row, col, d_row, d_col, step)
             if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
                 break
             sample = sample_of[i, j]

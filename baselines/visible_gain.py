@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import OccupancyGrid
-from envs.geometry.lines import cells_along
+from envs.geometry.lines import cell_along
 
 OCCUPIED_FROM = 50
 """Occupancy from which a cell stops a ray [percent]."""
@@ -32,7 +32,9 @@ def _count_visible(data, row, col, reach, seen):
     left, right = max(col - reach, 0), min(col + reach + 1, width)
     for k in range(num_rays):
         angle = 2.0 * math.pi * k / num_rays
-        for r, c in cells_along(row, col, math.sin(angle), math.cos(angle), reach):
+        d_row, d_col = math.sin(angle), math.cos(angle)
+        for step in range(1, reach + 1):
+            r, c = cell_along(row, col, d_row, d_col, step)
             if r < 0 or c < 0 or r >= height or c >= width or data[r, c] >= OCCUPIED_FROM:
                 break
             if data[r, c] < 0 and not seen[r, c]:

@@ -9,7 +9,8 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.lines import cells_along, longest_step
+from envs.geometry.lines import cell_along, longest_step
+from envs.navigation.costmap import squared_distances
 from envs.robots import RobotParams
 from envs.slam import Belief
 from envs.worlds import World, rasterize
@@ -58,13 +59,13 @@ class ExplorableArea:
         Raises:
             ValueError: if movers leave no room anywhere.
         """
-        if not (self.roomy & ~self.near_movers).any():
+        cells, blocked = np.flatnonzero(self.roomy), self.near_movers.ravel()
+        if blocked[cells].all():
             raise ValueError("there is no free pose for the robot: movers cover all that it can reach at time 0")
-        cells = np.argwhere(self.roomy)
         cell = cells[rng.integers(len(cells))]
-        while self.near_movers[tuple(cell)]:
+        while blocked[cell]:
             cell = cells[rng.integers(len(cells))]
-        x, y = self.walls.centers(cell)
+        x, y = self.walls.centers(np.array(divmod(int(cell), self.roomy.shape[1])))
         return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
@@ -83,7 +84,8 @@ def _sees(free, goals, row, col, reach):
     for k in range(NUM_DIRECTIONS):
         # The golden angle: any few directions in sequence look all around.
         d_row, d_col = longest_step(2.399963229728653 * k)
-        for i, j in cells_along(row, col, d_row, d_col, int(reach / math.hypot(d_row, d_col))):
+        for step in range(1, int(reach / math.hypot(d_row, d_col)) + 1):
+            i, j = cell_along(row, col, d_row, d_col, step)
             if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
                 break
             if goals[i, j]:
@@ -117,7 +119,9 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     """
     walls = rasterize(world, resolution)
     free = walls.data == 0
-    clearance = ndimage.distance_transform_edt(free) * resolution
+    # Exact as far as it is compared with: the whole transform takes half of a reset of a large world.
+    reach = math.ceil(robot.radius / resolution) + 2
+    clearance = np.sqrt(squared_distances(~free, reach)) * resolution
     labels, _ = ndimage.label(clearance > robot.radius)
     row, col = walls.cells(np.array(world.spawns[0][:2]))
     label = labels[row, col]
@@ -132,8 +136,10 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     if not roomy.any():
         roomy = standable
     # Only free cells in one piece with a standable one can see any.
-    pieces, _ = ndimage.label(free, np.ones((3, 3), dtype=bool))
-    candidates = free & np.isin(pieces, np.unique(pieces[standable]))
+    pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
+    touches = np.zeros(num_pieces + 1, dtype=bool)
+    touches[pieces[standable]] = True
+    candidates = free & touches[pieces]
     explorable = _visible_from(free, standable, candidates, robot.lidar.range_max / resolution)
     return ExplorableArea(walls, explorable, standable, roomy, _near_movers(world, walls, robot.radius))
 

@@ -8,7 +8,7 @@ from numba import njit
 
 from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
-from envs.geometry.lines import cells_along
+from envs.geometry.lines import cell_along
 from envs.geometry.pose import distance
 from envs.observation import Trail
 from envs.robots import RobotParams, WheelOdometry
@@ -200,4 +200,4 @@ def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
     (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
     num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)
     step = (goal_row - row) / num_steps, (goal_col - col) / num_steps
-    return all(walls.data[cell] == 0 for cell in [(row, col), *cells_along(row, col, *step, num_steps)])
+    return all(walls.data[cell_along(row, col, *step, k)] == 0 for k in range(num_steps + 1))

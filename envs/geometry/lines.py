@@ -1,6 +1,6 @@
 """Lines through grids: the cells that they cross, for kernels and for Python.
 
-There are two walks. `Walk` visits every cell that a line crosses: what a beam or a wall touches. `cells_along` visits
+There are two walks. `Walk` visits every cell that a line crosses: what a beam or a wall touches. `cell_along` takes
 one cell per step in a direction, and passes between two cells that touch at a corner: what can be seen, twice as fast.
 """
 
@@ -68,8 +68,8 @@ def next_cell(walk):
 
 
 @njit(cache=True, error_model="numpy")
-def cells_along(row, col, d_row, d_col, num_steps):
-    """Yield (row, column) of the cells at whole steps in a direction from a cell's centre, without that cell.
+def cell_along(row, col, d_row, d_col, num_steps):
+    """Return (row, column) of the cell that lies some steps in a direction from a cell's centre.
 
     Args:
         row: row of the first cell.
@@ -78,8 +78,7 @@ def cells_along(row, col, d_row, d_col, num_steps):
         d_col: columns per step, from -1 to 1. Where the greater of both is 1, no column or row is left out.
         num_steps: how many.
     """
-    for k in range(1, num_steps + 1):
-        yield math.floor(row + 0.5 + k * d_row), math.floor(col + 0.5 + k * d_col)
+    return math.floor(row + 0.5 + num_steps * d_row), math.floor(col + 0.5 + num_steps * d_col)
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from envs.geometry.lines import cells_along
+from envs.geometry.lines import cell_along
 
 OCCUPIED_FROM = 50
 """Occupancy from which a cell blocks the view [percent]."""
@@ -12,7 +12,9 @@ OCCUPIED_FROM = 50
 def is_visible(data, row0, col0, row1, col1):
     """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0))
-    for row, col in cells_along(row0, col0, (row1 - row0) / steps, (col1 - col0) / steps, steps - 1):
+    d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
+    for k in range(1, steps):
+        row, col = cell_along(row0, col0, d_row, d_col, k)
         if data[row, col] >= OCCUPIED_FROM:
             return False
     return True

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.lines import cells_along, longest_step, next_cell, start_walk
+from envs.geometry.lines import cell_along, longest_step, next_cell, start_walk
 
 
 def crossed(x0, y0, x1, y1):
@@ -41,10 +41,9 @@ def test_a_walk_visits_what_dense_samples_of_its_line_fall_into():
         assert (np.abs(np.diff(cells, axis=0)).sum(axis=1) == 1).all()
 
 
-def test_cells_along_a_direction_are_neighbours_up_to_the_end():
-    assert list(cells_along(2, 3, 1.0, 0.0, 2)) == [(3, 3), (4, 3)]
-    assert list(cells_along(0, 0, 0.5, -1.0, 3)) == [(1, -1), (1, -2), (2, -3)]
-    assert list(cells_along(0, 0, 0.0, 0.0, 0)) == []
+def test_cells_along_a_direction_follow_each_other():
+    assert [cell_along(2, 3, 1.0, 0.0, k) for k in range(3)] == [(2, 3), (3, 3), (4, 3)]
+    assert [cell_along(0, 0, 0.5, -1.0, k) for k in (1, 2, 3)] == [(1, -1), (1, -2), (2, -3)]
 
 
 def test_the_longest_step_leaves_out_no_row_or_column():

@@ -113,11 +113,12 @@ def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corrido
     """Open doors until all rooms hang together, through corridors where there are any, and a few more."""
     every = rooms + corridors
     pairs: list[tuple[float, int, int, tuple[bool, int, int]]] = []
-    for j in range(len(every)):
-        for i in range(j):
-            if wall := _shared_wall(every[i], every[j]):
-                to_corridor = j >= len(rooms)
-                pairs.append((float(rng.random()) - to_corridor, i, j, wall))
+    x0, y0, x1, y1 = np.array(every).T
+    touching = (x1[:, None] + _INNER == x0) | (y1[:, None] + _INNER == y0)
+    for j, i in np.argwhere(np.tril(touching | touching.T, -1)).tolist():
+        if wall := _shared_wall(every[i], every[j]):
+            to_corridor = j >= len(rooms)
+            pairs.append((float(rng.random()) - to_corridor, i, j, wall))
     group = list(range(len(every)))
     for _, i, j, wall in sorted(pairs):
         if group[i] != group[j]:
