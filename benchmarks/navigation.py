@@ -39,7 +39,7 @@ from envs.navigation import (
 
 WORLDS = ("turtlebot3_house", "tugbot_warehouse")
 REPEATS = 15
-"""Each cost is the least of so many runs: whatever else the machine does only ever adds."""
+"""Each cost is the least of so many runs: other work of the machine only adds to it."""
 
 
 @lru_cache(maxsize=4)
@@ -54,7 +54,7 @@ def _drive(task: tuple[str, str, str, str, int]) -> Drive:
 
 
 def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
-    """Boil drives down to measures by name.
+    """Summarise drives by measures by name; times are NaN where no goal was reached.
 
     Args:
         drives: at least one.
@@ -146,8 +146,14 @@ def table(results: dict[str, dict[str, Any]]) -> Table:
     shown = Table("measure", *results)
     for measure in next(iter(results.values())):
         values = [result[measure] for result in results.values()]
-        shown.add_row(measure, *(f"{v:.3g}" if isinstance(v, float) else str(v) for v in values))
+        shown.add_row(measure, *(_text(value) for value in values))
     return shown
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return "never" if math.isnan(value) else f"{value:.3g}"
+    return str(value)
 
 
 def main(

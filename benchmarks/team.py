@@ -1,7 +1,7 @@
 """How much faster several robots explore than one, and a picture of a team's map.
 
-Robots of a team start near each other, share one map, and are sent out by `baselines.rrt.team`. The same seed is the
-same place and the same start for every number of robots, so times are compared pair by pair. Run
+Robots of a team start near each other, share one map, and explore by `baselines.rrt.team`. The same seed is the same
+world and the same start for every number of robots, so times are compared pair by pair. Run
 `python -m benchmarks.team --help`.
 """
 
@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
+from benchmarks.arena.measures import Measure
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
@@ -32,6 +33,8 @@ ROOMS_SIZE = (20.0, 20.0)
 """Outer size of the worlds of procedural families, whose test seeds are taken [m]."""
 MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""
+TIME = Measure("time_to_95", "time to 95 %", "s", False, 0)
+SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, 2)
 
 Task = tuple[str, int, int, str, str]
 """World, number of robots, seed, physics, SLAM."""
@@ -121,38 +124,47 @@ def values(rows: list[Row], name: str, world: str, num_robots: int) -> np.ndarra
     return np.array([float(row[name]) for row in sorted(chosen, key=lambda row: row["seed"])])
 
 
+def times(rows: list[Row], world: str, num_robots: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times to 95 % [s], the time limit where it was never reached, and whether it was reached."""
+    reached = values(rows, "explored_fraction", world, num_robots) >= MARK
+    limits = values(rows, "time_limit", world, num_robots)
+    return np.where(reached, values(rows, "time_to_95", world, num_robots), limits), reached
+
+
 def speed_up(rows: list[Row], worlds: tuple[str, ...], num_robots: int) -> Estimate:
-    """Return the interquartile mean of T(1) / T(n), pair by pair, with its interval."""
-    return estimate(
-        [values(rows, "time_to_95", world, 1) / values(rows, "time_to_95", world, num_robots) for world in worlds]
-    )
+    """Return the interquartile mean of T(1) / T(n), pair by pair, with its interval.
+
+    Where one robot alone never reached 95 %, the ratio is a lower bound.
+    """
+    alone = [times(rows, world, 1) for world in worlds]
+    ratios = [time / times(rows, world, num_robots)[0] for world, (time, _) in zip(worlds, alone)]
+    return estimate(ratios, [reached for _, reached in alone] if num_robots > 1 else None)
 
 
 def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> Table:
     """Show worlds and numbers of robots side by side."""
     shown = Table("world", "robots", "time to 95 %, s", "T(1) / T(n)", "reached", "path of all, m", "contacts")
-    for places in [*((world,) for world in worlds), *([worlds] if len(worlds) > 1 else [])]:
+    for pooled in [*((world,) for world in worlds), *([worlds] if len(worlds) > 1 else [])]:
         for num in robots:
-            times = [values(rows, "time_to_95", world, num) for world in places]
-            fractions = np.concatenate([values(rows, "explored_fraction", world, num) for world in places])
+            taken, reached = zip(*(times(rows, world, num) for world in pooled))
             paths, contacts = (
-                np.concatenate([values(rows, name, world, num) for world in places])
+                np.concatenate([values(rows, name, world, num) for world in pooled])
                 for name in ("path_length", "collisions")
             )
             shown.add_row(
-                places[0] if len(places) == 1 else "all",
+                pooled[0] if len(pooled) == 1 else "all",
                 str(num),
-                _text(estimate(times), 0),
-                _text(speed_up(rows, places, num), 2) if 1 in robots else "",
-                f"{np.count_nonzero(fractions >= MARK)} of {len(fractions)}",
+                _text(estimate(taken, reached), TIME),
+                _text(speed_up(rows, pooled, num), SPEED_UP) if 1 in robots else "",
+                f"{np.concatenate(reached).sum()} of {len(paths)}",
                 f"{np.median(paths):.0f}",
                 f"{contacts.sum():.0f}",
             )
     return shown
 
 
-def _text(numbers: Estimate, digits: int) -> str:
-    return f"{numbers.iqm:.{digits}f} [{numbers.low:.{digits}f}, {numbers.high:.{digits}f}]"
+def _text(numbers: Estimate, measure: Measure) -> str:
+    return "{} [{}]".format(*measure.texts(numbers))
 
 
 def draw(env: ExploreTeamEnv, time: float) -> Figure:

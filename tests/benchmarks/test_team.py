@@ -1,6 +1,7 @@
 """The comparison of teams of different sizes."""
 
 import csv
+import math
 from dataclasses import fields
 
 import numpy as np
@@ -15,7 +16,11 @@ TASKS = [("rooms", num, seed, "kinematic", "tinyslam") for num in (1, 2) for see
 
 def rows_of(times):
     names = ("world", "num_robots", "seed", "physics", "slam")
-    return [dict(zip(names, task, strict=True)) | {"time_to_95": time} for task, time in zip(TASKS, times, strict=True)]
+    return [
+        dict(zip(names, task, strict=True))
+        | {"time_to_95": time, "time_limit": 600.0, "explored_fraction": 0.96 if math.isfinite(time) else 0.9}
+        for task, time in zip(TASKS, times, strict=True)
+    ]
 
 
 def test_speed_ups_are_taken_pair_by_pair():
@@ -24,6 +29,21 @@ def test_speed_ups_are_taken_pair_by_pair():
     # 300 / 100 and 100 / 80, not the ratio of the means.
     assert team.speed_up(rows, ("rooms",), 2).iqm == pytest.approx((3.0 + 1.25) / 2)
     assert team.speed_up(rows, ("rooms",), 1).iqm == 1.0
+
+
+@pytest.mark.parametrize(
+    ("times", "shown", "ratio"),
+    [
+        ([math.inf, math.inf, 100.0, 100.0], ["> 600 [never]", "100 [100 to 100]"], "> 6.00 [never]"),
+        ([100.0, 300.0, math.inf, math.inf], ["200 [100 to 300]", "> 600 [never]"], "0.33 [0.17 to 0.50]"),
+    ],
+)
+def test_marks_that_were_never_reached_are_shown_as_such(times, shown, ratio):
+    rows = [row | {"path_length": 10.0, "collisions": 0} for row in rows_of(times)]
+    cells = [list(column.cells) for column in team.table(rows, ("rooms",), (1, 2)).columns]
+    assert cells[2] == shown
+    assert cells[3][1] == ratio
+    assert cells[4] == [f"{sum(map(math.isfinite, times[k : k + 2]))} of 2" for k in (0, 2)]
 
 
 def test_episodes_that_are_in_the_file_are_not_run_again(tmp_path, monkeypatch):
