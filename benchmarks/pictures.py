@@ -59,7 +59,7 @@ def _palette() -> Image.Image:
 
     A palette made from the pictures would give large even areas a slightly different colour.
     """
-    lines = (style.TRUE, style.BELIEVED, style.PLAN, style.FRONTIER, style.INK)
+    lines = (style.TRUE, style.ESTIMATED, style.PLAN, style.FRONTIER, style.INK)
     seen = _mixture(style.LIDAR, style.FLOOR, style.SEEN_ALPHA / 255)
     beam = _mixture(style.LIDAR, style.FLOOR, style.BEAM_ALPHA / 255)
     colours = [style.PAPER, style.MUTED, style.RULE, style.SOLID, style.WALL, style.OCCUPIED, style.MOVER, style.LIDAR]

@@ -195,7 +195,7 @@ class ExploreEnv(RobotEnv):
             belief=self.belief,
             ranges=self.reading.ranges,
             trail=self._true_trail.positions,
-            believed_trail=self.trail.positions,
+            estimated_trail=self.trail.positions,
             plan=self.plan,
             explored_fraction=self.coverage.explored_fraction,
             time=self.reading.time,

@@ -199,7 +199,7 @@ class ExploreTeamEnv(DrivenEnv):
     def scene(self) -> Scene:
         """Return this moment for drawing: the truth beside what the robots believe."""
         first, *mates = (self._scene_of(member, plan) for member, plan in zip(self.members, self.plans, strict=True))
-        first.mates = tuple(mates)
+        first.peers = tuple(mates)
         return first
 
     def close(self) -> None:
@@ -290,7 +290,7 @@ class ExploreTeamEnv(DrivenEnv):
             belief=member.slam.belief,
             ranges=member.reading.ranges,
             trail=member.true_trail.positions,
-            believed_trail=member.trail.positions,
+            estimated_trail=member.trail.positions,
             plan=plan,
             explored_fraction=self.coverage.explored_fraction,
             time=self.time,

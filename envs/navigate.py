@@ -258,7 +258,7 @@ class NavigateEnv(RobotEnv):
             world=self.world,
             robot=self.robot,
             pose=self.map_pose.between(self._state.pose),
-            believed_pose=self.estimate.pose,
+            estimated_pose=self.estimate.pose,
             is_lost=self.estimate.is_lost,
             particles=getattr(self.localizer, "particles", np.empty((0, 3))),
             grid=self.belief.grid,

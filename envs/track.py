@@ -233,7 +233,7 @@ class TrackEnv(RobotEnv):
             world=self.world,
             robot=self.robot,
             pose=self.true_pose,
-            believed_pose=self.estimate.pose,
+            estimated_pose=self.estimate.pose,
             is_lost=self.localizer.estimate.is_lost,
             particles=self.localizer.particles,
             grid=self.map.grid,

@@ -247,6 +247,6 @@ def test_the_picture_shows_the_goal_and_the_particles():
     env.reset(seed=0)
     picture = env.render()
     assert picture.shape == (720, 1280, 3)
-    for colour in (style.FRONTIER, style.BELIEVED, style.TRUE):
+    for colour in (style.FRONTIER, style.ESTIMATED, style.TRUE):
         assert (picture[120:660] == colour).all(axis=-1).sum() > 10
     env.close()

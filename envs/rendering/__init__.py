@@ -1,4 +1,4 @@
-"""Pictures of a robot that explores: the truth beside what it believes."""
+"""Pictures of episodes: the ground truth beside the robot's map and pose estimate."""
 
 from .renderer import Renderer
 from .scene import Scene

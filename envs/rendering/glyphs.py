@@ -13,7 +13,7 @@ from .style import PAPER, RULE, Colour
 from .view import View
 
 MIN_ROBOT_RADIUS = 25.0
-"""Robots are enlarged to at least this size, to be found in large places [px]."""
+"""Robots are enlarged to at least this size, to be found in large worlds [px]."""
 
 
 def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int) -> None:
@@ -55,7 +55,7 @@ def draw_robot(
 
     Args:
         surface: drawn on.
-        view: places the world on it.
+        view: maps the world onto it.
         robot: gives the footprint.
         pose: pose of the base, world frame.
         colour: of the body.
@@ -67,16 +67,16 @@ def draw_robot(
     enlarged = max(1.0, MIN_ROBOT_RADIUS / (radius * view.scale))
     arrow = np.array([(0.55, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)]) * radius + centre
 
-    def place(outline: np.ndarray) -> list[list[float]]:
+    def on_surface(outline: np.ndarray) -> list[list[float]]:
         return view.pixels(pose.transform(enlarged * outline)).tolist()
 
     if ghost:
-        pygame.draw.polygon(surface, colour, place(body), 4)
-        pygame.draw.lines(surface, colour, False, place(np.array([centre, centre + (1.7 * radius, 0.0)])), 4)
+        pygame.draw.polygon(surface, colour, on_surface(body), 4)
+        pygame.draw.lines(surface, colour, False, on_surface(np.array([centre, centre + (1.7 * radius, 0.0)])), 4)
         return
-    pygame.draw.polygon(surface, colour, place(body))
-    pygame.draw.polygon(surface, PAPER, place(body), 2)
-    pygame.draw.polygon(surface, PAPER, place(arrow))
+    pygame.draw.polygon(surface, colour, on_surface(body))
+    pygame.draw.polygon(surface, PAPER, on_surface(body), 2)
+    pygame.draw.polygon(surface, PAPER, on_surface(arrow))
 
 
 def draw_mark(surface: pygame.Surface, x: int, y: int, colour: Colour, mark: str) -> None:

@@ -1,4 +1,4 @@
-"""The picture of a robot that finds its way on a known map: what it believes, over the map, with where it truly is."""
+"""The picture of navigation on a known map: pose estimate, particles, plan and true pose, over the map."""
 
 import math
 
@@ -18,13 +18,13 @@ from .view import View
 LEGEND = (
     ("true path", style.TRUE, "line"),
     ("true pose", style.TRUE, "ring"),
-    ("believed pose", style.BELIEVED, "box"),
-    ("particles", style.BELIEVED, "disc"),
+    ("estimated pose", style.ESTIMATED, "box"),
+    ("particles", style.ESTIMATED, "disc"),
     ("lidar", style.LIDAR, "disc"),
     ("plan", style.PLAN, "dashes"),
     ("goal", style.FRONTIER, "ring"),
 )
-"""What is drawn, its colour, and the kind of mark that stands for it."""
+"""What is drawn, its colour, and the kind of mark in the legend."""
 MAX_PARTICLES = 3000
 """Particles that are drawn at most."""
 
@@ -62,7 +62,7 @@ class NavigationPicture:
         draw_path(surface, view.pixels(np.vstack([scene.trail, scene.pose[:2]])), style.TRUE, 4)
         step = max(1, len(scene.particles) // MAX_PARTICLES)
         for x, y in view.pixels(scene.particles[::step, :2]).tolist():
-            pygame.draw.circle(surface, style.BELIEVED, (x, y), 3)
+            pygame.draw.circle(surface, style.ESTIMATED, (x, y), 3)
         if scene.plan is not None:
             draw_dashes(surface, view.pixels(scene.plan), style.PLAN, 5)
         if scene.goal is not None:
@@ -74,7 +74,7 @@ class NavigationPicture:
         for end in view.pixels(ends)[np.isfinite(scene.ranges)].tolist():
             pygame.draw.circle(surface, style.LIDAR, end, 4)
         if not scene.is_lost:
-            draw_robot(surface, view, scene.robot, scene.believed_pose, style.BELIEVED)
+            draw_robot(surface, view, scene.robot, scene.estimated_pose, style.ESTIMATED)
         draw_robot(surface, view, scene.robot, scene.pose, style.TRUE, ghost=True)
 
     def _draw_header(self, scene: NavigationScene) -> None:
@@ -82,8 +82,8 @@ class NavigationPicture:
         left, right = self._box.left, self._box.right
         text.number(frame, scene.world.name, topleft=(left, 14))
         text.label(frame, scene.robot.name, topleft=(left, 46))
-        text.title(frame, "Where am I?" if scene.is_lost else "Localised", topleft=(left, 70))
-        error = scene.pose.between(scene.believed_pose)
+        text.title(frame, "Not localized" if scene.is_lost else "Localized", topleft=(left, 70))
+        error = scene.pose.between(scene.estimated_pose)
         for label, value in (
             ("collisions", f"{scene.collisions}"),
             ("position error", f"{100 * math.hypot(error.x, error.y):.0f} cm"),

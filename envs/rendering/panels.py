@@ -1,4 +1,4 @@
-"""The two halves of the picture: what is, and what is believed."""
+"""The two halves of the picture: the ground truth, and the robot's map and pose estimate."""
 
 import math
 
@@ -20,7 +20,7 @@ SUPERSAMPLING = 2
 """Panels are drawn this many times as large as they are shown; scaling down smooths every edge."""
 _NO_ALPHA_MASK = (0xFF0000, 0xFF00, 0xFF, 0)
 _VISIBLE_SIDE = 4
-"""Occupied cells are drawn at least this large, so that walls do not fade in large places [px]."""
+"""Occupied cells are drawn at least this large, so that walls do not fade in large worlds [px]."""
 _SOLID_MARK = (255, 255, 255)
 
 
@@ -30,25 +30,25 @@ def new_surface(size: tuple[int, int]) -> pygame.Surface:
 
 
 class TruthPanel:
-    """Walls and bodies, the robot where it is, its beams, and where it has been."""
+    """The ground truth: walls and bodies, the robot at its true pose, its beams, and its true path."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
         self._surface = new_surface(size)
         self._beams = pygame.Surface(size, pygame.SRCALPHA, 32)
-        self._place: tuple[World, pygame.Surface] | None = None
+        self._static: tuple[World, pygame.Surface] | None = None
 
     def draw(self, scene: Scene, view: View) -> pygame.Surface:
-        """Draw the truth of a scene."""
-        if self._place is None or self._place[0] is not scene.world:
-            self._place = scene.world, _draw_place(scene.world, view)
-        self._surface.blit(self._place[1], (0, 0))
+        """Draw the ground truth of a scene."""
+        if self._static is None or self._static[0] is not scene.world:
+            self._static = scene.world, _draw_static(scene.world, view)
+        self._surface.blit(self._static[1], (0, 0))
         for mover in scene.world.movers:
             centre = view.pixels(np.array(mover.position(scene.time)))[0]
             pygame.draw.circle(self._surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
-        for one in (scene, *scene.mates):
+        for one in (scene, *scene.peers):
             self._draw_beams(one, view)
-        for one in (scene, *scene.mates):
+        for one in (scene, *scene.peers):
             draw_path(self._surface, view.pixels(np.vstack([one.trail, one.pose[:2]])), style.TRUE, 4)
             draw_robot(self._surface, view, one.robot, one.pose, style.TRUE)
         return self._surface
@@ -82,8 +82,8 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
     return sensor, sensor + ranges[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
 
 
-def _draw_place(world: World, view: View) -> pygame.Surface:
-    """Draw what stands still: the floor that can be reached from the spawns, the outside, and solid between them."""
+def _draw_static(world: World, view: View) -> pygame.Surface:
+    """Draw what does not move: the floor that can be reached from the spawns, the outside, and solid between them."""
     lines = new_surface(view.size)
     for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
         pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
@@ -96,13 +96,13 @@ def _draw_place(world: World, view: View) -> pygame.Surface:
     edge = solid & ndimage.binary_dilation(~solid, iterations=4)
     colours = np.full((*labels.shape, 3), style.OUTSIDE, dtype=np.uint8)
     colours[floor], colours[solid], colours[edge] = style.FLOOR, style.SOLID, style.WALL
-    place = new_surface(view.size)
-    pygame.surfarray.blit_array(place, colours)
-    return place
+    surface = new_surface(view.size)
+    pygame.surfarray.blit_array(surface, colours)
+    return surface
 
 
-class BeliefPanel:
-    """The map, its frontiers, where the robot believes to be and wants to go, and where it really is."""
+class EstimatePanel:
+    """The map with its frontiers, the estimated pose and path, the plan, and the true pose as an outline."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
@@ -111,7 +111,7 @@ class BeliefPanel:
         self._palette = np.array([self._surface.map_rgb(tuple(colour)) for colour in colours.tolist()], dtype=np.uint32)
 
     def draw(self, scene: Scene, view: View) -> pygame.Surface:
-        """Draw the belief of a scene, carried into the world frame."""
+        """Draw the map and the estimates of a scene, carried into the world frame."""
         surface, start, grid = self._surface, scene.start, scene.belief.grid
         view.paint_grid(grid, start, self._palette, pygame.surfarray.pixels2d(surface).T)
         side = grid.resolution * view.scale
@@ -120,12 +120,12 @@ class BeliefPanel:
             _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
         frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
         _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
-        for one in (scene, *scene.mates):
-            trail = np.vstack([one.believed_trail, one.belief.pose[:2]])
-            draw_path(surface, view.pixels(start.transform(trail)), style.BELIEVED, 4)
+        for one in (scene, *scene.peers):
+            trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
+            draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
             if one.plan is not None:
                 draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
-            draw_robot(surface, view, one.robot, one.believed_pose, style.BELIEVED)
+            draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
             draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
         return surface
 
@@ -136,7 +136,7 @@ def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
 
 
 def _draw_dots(surface: pygame.Surface, pixels: np.ndarray, diameter: int, colour: style.Colour) -> None:
-    """Draw a disc at each of the places, shape (n, 2) [px]."""
+    """Draw a disc at each of the positions, shape (n, 2) [px]."""
     disc = pygame.Surface((diameter, diameter), pygame.SRCALPHA, 32)
     pygame.draw.circle(disc, colour, (diameter / 2, diameter / 2), diameter / 2)
     surface.fblits([(disc, corner) for corner in np.round(pixels - diameter / 2).astype(int).tolist()])

@@ -1,4 +1,4 @@
-"""The whole picture: two panels of the same place at the same scale, numbers above, a legend below."""
+"""The whole picture: two panels of the same world at the same scale, numbers above, a legend below."""
 
 import math
 from pathlib import Path
@@ -8,14 +8,14 @@ import pygame
 
 from . import style
 from .glyphs import draw_mark
-from .panels import SUPERSAMPLING, BeliefPanel, TruthPanel, new_surface
+from .panels import SUPERSAMPLING, EstimatePanel, TruthPanel, new_surface
 from .scene import Scene
 from .view import View
 
 GAP = 16
 HEADER = 108
 FOOTER = 40
-TITLES = ("The place as it is", "What the robot believes")
+TITLES = ("Ground truth", "Map and pose estimate")
 LEGENDS = (
     (
         ("robot and its path", style.TRUE, "line"),
@@ -24,7 +24,7 @@ LEGENDS = (
         ("moving", style.MOVER, "disc"),
     ),
     (
-        ("believed path", style.BELIEVED, "line"),
+        ("estimated path", style.ESTIMATED, "line"),
         ("true pose", style.TRUE, "ring"),
         ("plan", style.PLAN, "dashes"),
         ("frontier", style.FRONTIER, "disc"),
@@ -33,7 +33,7 @@ LEGENDS = (
         ("unknown", style.UNKNOWN, "box"),
     ),
 )
-"""For each panel: what is drawn, its colour, and the kind of mark that stands for it."""
+"""For each panel: what is drawn, its colour, and the kind of mark in the legend."""
 
 
 class Typesetter:
@@ -47,21 +47,21 @@ class Typesetter:
         self._bold = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.BODY)
         self._large = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.LARGE)
 
-    def label(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
-        """Write a small muted text; `place` anchors it as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
-        return _blit(surface, self._small.render(text, True, style.MUTED), place)
+    def label(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
+        """Write a small muted text; `anchor` positions it as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
+        return _blit(surface, self._small.render(text, True, style.MUTED), anchor)
 
-    def title(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
+    def title(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
         """Write the title of a panel, anchored like a label."""
-        return _blit(surface, self._bold.render(text, True, style.INK), place)
+        return _blit(surface, self._bold.render(text, True, style.INK), anchor)
 
-    def number(self, surface: pygame.Surface, text: str, **place: tuple[int, int]) -> pygame.Rect:
+    def number(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
         """Write something large, anchored like a label."""
-        return _blit(surface, self._large.render(text, True, style.INK), place)
+        return _blit(surface, self._large.render(text, True, style.INK), anchor)
 
 
-def _blit(surface: pygame.Surface, text: pygame.Surface, place: dict[str, tuple[int, int]]) -> pygame.Rect:
-    return surface.blit(text, text.get_rect(**place))
+def _blit(surface: pygame.Surface, text: pygame.Surface, anchor: dict[str, tuple[int, int]]) -> pygame.Rect:
+    return surface.blit(text, text.get_rect(**anchor))
 
 
 class Picture:
@@ -73,7 +73,7 @@ class Picture:
         panel = ((width - 3 * GAP) // 2, height - HEADER - FOOTER)
         large = (panel[0] * SUPERSAMPLING, panel[1] * SUPERSAMPLING)
         self._boxes = [pygame.Rect((GAP + i * (panel[0] + GAP), HEADER), panel) for i in (0, 1)]
-        self._panels: list[TruthPanel | BeliefPanel] = [TruthPanel(large), BeliefPanel(large)]
+        self._panels: list[TruthPanel | EstimatePanel] = [TruthPanel(large), EstimatePanel(large)]
         self._text = Typesetter()
         self._background, self._frame = new_surface(size), new_surface(size)
         self._draw_background()
@@ -125,7 +125,7 @@ class Picture:
             right -= 124
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
-        """Draw a bar of a round length below the truth."""
+        """Draw a bar of a round length below the left panel."""
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
         length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
         x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2

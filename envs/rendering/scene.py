@@ -13,24 +13,24 @@ from envs.worlds import World
 
 @dataclass(slots=True)
 class Scene:
-    """One moment of an episode, as it truly is and as the robot believes it to be."""
+    """One moment of an episode: the ground truth, and the robot's map and pose estimate."""
 
     world: World
-    """The place."""
+    """The world."""
     robot: RobotParams
     """The robot."""
     pose: Pose2D
     """True pose of the robot's base, world frame."""
     start: Pose2D
-    """World pose of the map frame's origin: `start.compose` carries what is believed into the world frame."""
+    """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
     belief: Belief
-    """Believed pose and map, map frame."""
+    """Pose estimate and map, map frame."""
     ranges: np.ndarray
     """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
     trail: np.ndarray
     """True positions so far, shape (n, 2), world frame [m]."""
-    believed_trail: np.ndarray
-    """Believed positions so far, shape (n, 2), map frame [m]."""
+    estimated_trail: np.ndarray
+    """Estimated positions so far, shape (n, 2), map frame [m]."""
     plan: np.ndarray | None
     """Planned path, shape (n, 2), map frame [m]; None without one."""
     explored_fraction: float
@@ -39,18 +39,18 @@ class Scene:
     """Time since the reset [s]."""
     collisions: int
     """Contacts so far."""
-    mates: tuple["Scene", ...] = ()
-    """The same of the other robots that share the place and the map."""
+    peers: tuple["Scene", ...] = ()
+    """The other robots of the team, which share world and map."""
 
     @property
-    def believed_pose(self) -> Pose2D:
-        """Where the robot believes to be, world frame."""
+    def estimated_pose(self) -> Pose2D:
+        """Estimated pose of the robot's base, world frame."""
         return self.start.compose(self.belief.pose)
 
     @property
     def pose_error(self) -> tuple[float, float]:
-        """Distance [m] and angle [rad] between the believed and the true pose, both at least 0; the greatest of all."""
-        errors = [scene.believed_pose.between(scene.pose) for scene in (self, *self.mates)]
+        """Distance [m] and angle [rad] between estimated and true pose, not negative; the greatest of all robots."""
+        errors = [scene.estimated_pose.between(scene.pose) for scene in (self, *self.peers)]
         return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
 
 
@@ -59,17 +59,17 @@ class NavigationScene:
     """One moment of a drive over a known map. All poses lie in the map's frame."""
 
     world: World
-    """The place, for its name."""
+    """The world; gives its name."""
     robot: RobotParams
     """The robot."""
     pose: Pose2D
     """True pose of the robot's base."""
-    believed_pose: Pose2D
-    """Where the localiser takes it to be."""
+    estimated_pose: Pose2D
+    """Estimated pose of the robot's base."""
     is_lost: bool
-    """Whether the localiser says that this must not be trusted."""
+    """Whether the localizer reports that its estimate has diverged."""
     particles: np.ndarray
-    """Shape (n, 3): x, y, heading; empty for localisers without."""
+    """Particles of the localizer, shape (n, 3): x, y, heading [m, m, rad]; n is 0 for localizers without."""
     grid: OccupancyGrid
     """The map."""
     ranges: np.ndarray

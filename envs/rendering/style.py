@@ -1,8 +1,8 @@
 """Colours and type of the pictures.
 
-What is true is blue, what is believed is vermilion, wherever it appears. Lines and robots have colours of Okabe and
-Ito, "Color Universal Design" (2008), which people with colour-blindness can tell apart; places have greys of clearly
-different lightness.
+Ground truth is blue, estimates are vermilion, wherever they appear. Lines and robots have colours of Okabe and
+Ito, "Color Universal Design" (2008), which people with colour-blindness can tell apart; worlds and maps have greys of
+clearly different lightness.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ MUTED: Colour = (103, 114, 129)
 RULE: Colour = (205, 211, 219)
 
 TRUE: Colour = (0, 114, 178)
-BELIEVED: Colour = (213, 94, 0)
+ESTIMATED: Colour = (213, 94, 0)
 PLAN: Colour = (170, 51, 119)
 FRONTIER: Colour = (0, 158, 115)
 LIDAR: Colour = (86, 180, 233)

@@ -52,7 +52,7 @@ def _paint(data, palette, corner, per_col, per_row, image):
     Args:
         data: shape (rows, columns), int8, occupancy.
         palette: shape (102,), uint32.
-        corner: shape (2,), place (column, row) of the first pixel's centre [cells].
+        corner: shape (2,), position (column, row) of the first pixel's centre [cells].
         per_col: shape (2,), step from one pixel to the next in its row [cells].
         per_row: shape (2,), step from one row of pixels to the next [cells].
         image: shape (height, width), uint32, written.

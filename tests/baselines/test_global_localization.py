@@ -34,9 +34,9 @@ def _frame(animation, k):
 
 def _spread(picture):
     """Standard deviation of where the colour of particles is, without the legend [px]."""
-    from envs.rendering.style import BELIEVED
+    from envs.rendering.style import ESTIMATED
 
-    near = np.abs(picture[120:560].astype(int) - np.array(BELIEVED)).sum(axis=-1) < 60
+    near = np.abs(picture[120:560].astype(int) - np.array(ESTIMATED)).sum(axis=-1) < 60
     return np.hypot(*np.argwhere(near).std(axis=0))
 
 

@@ -31,17 +31,17 @@ START = Pose2D(2.0, 1.0, 0.5)
 
 
 TRUE = Pose2D(5.0, 2.0, 1.0)
-BELIEVED = Pose2D(4.2, 2.6, 1.3)
+ESTIMATED = Pose2D(4.2, 2.6, 1.3)
 
 
-def make_scene(pose=TRUE, believed=BELIEVED):
+def make_scene(pose=TRUE, estimated=ESTIMATED):
     """Free and known for x < 6 in the world, occupied beyond x = 6 up to 6.5, unknown elsewhere."""
     grid = OccupancyGrid(np.full((300, 300), -1, dtype=np.int8), 0.05, (-7.5, -7.5))
     cells = np.argwhere(grid.data < 0)
     x = START.transform(grid.centers(cells))[:, 0]
     grid.data[tuple(cells[(x > 1.0) & (x < 6.0)].T)] = FREE
     grid.data[tuple(cells[(x >= 6.0) & (x < 6.5)].T)] = OCCUPIED
-    believed = START.between(believed)
+    estimated = START.between(estimated)
     ranges = np.full(ROBOT.lidar.num_beams, np.inf, dtype=np.float32)
     ranges[::7], ranges[1::7] = 1.2, np.nan
     return Scene(
@@ -49,11 +49,11 @@ def make_scene(pose=TRUE, believed=BELIEVED):
         robot=ROBOT,
         pose=pose,
         start=START,
-        belief=Belief(believed, grid, np.empty((0, 2), dtype=np.int32)),
+        belief=Belief(estimated, grid, np.empty((0, 2), dtype=np.int32)),
         ranges=ranges,
         trail=np.array([START[:2], pose[:2]]),
-        believed_trail=np.array([(0.0, 0.0), believed[:2]]),
-        plan=np.array([believed[:2], START.between(Pose2D(2.0, 4.0, 0.0))[:2]]),
+        estimated_trail=np.array([(0.0, 0.0), estimated[:2]]),
+        plan=np.array([estimated[:2], START.between(Pose2D(2.0, 4.0, 0.0))[:2]]),
         explored_fraction=0.5,
         time=75.0,
         collisions=3,
@@ -66,7 +66,7 @@ def renderer():
 
 
 def panels(frame):
-    """Cut the truth and the belief out of a frame of 1280 x 720."""
+    """Cut the ground truth and the estimate out of a frame of 1280 x 720."""
     return frame[108:680, 16:632], frame[108:680, 648:1264]
 
 
@@ -99,19 +99,19 @@ def test_the_picture_changes_when_the_robot_moves(renderer):
     assert (before[header] != after[header]).any(), "the position error has changed"
 
 
-def test_true_and_believed_robot_are_where_they_should_be(renderer):
+def test_true_and_estimated_robot_are_where_they_should_be(renderer):
     scene = make_scene()
     truth, belief = panels(renderer.draw(scene))
     for panel, colour, pose in (
         (truth, style.TRUE, scene.pose),
         (belief, style.TRUE, scene.pose),
-        (belief, style.BELIEVED, scene.believed_pose),
+        (belief, style.ESTIMATED, scene.estimated_pose),
     ):
-        places = found(panel, colour)
-        near = np.hypot(*(places - pose[:2]).T) < 0.25
+        positions = found(panel, colour)
+        near = np.hypot(*(positions - pose[:2]).T) < 0.25
         assert near.sum() > 40
-        assert np.abs(places[near].mean(axis=0) - pose[:2]).max() < 0.08
-    assert len(found(truth, style.BELIEVED)) == 0
+        assert np.abs(positions[near].mean(axis=0) - pose[:2]).max() < 0.08
+    assert len(found(truth, style.ESTIMATED)) == 0
 
 
 def test_the_map_is_drawn_in_the_frame_of_the_world(renderer):
@@ -153,7 +153,7 @@ def test_beams_end_where_the_scan_says():
 
 
 @pytest.mark.parametrize("robot", ["tugbot", "raspimouse", "turtlebot3_waffle_pi"])
-def test_every_robot_is_visible_in_a_large_place(renderer, robot):
+def test_every_robot_is_visible_in_a_large_world(renderer, robot):
     large = dataclasses.replace(WORLD, name="a hall", segments=WORLD.segments * 10, bounds=(0.0, 0.0, 80.0, 60.0))
     robot = load_robot(robot)
     ranges = np.full(robot.lidar.num_beams, np.nan, dtype=np.float32)

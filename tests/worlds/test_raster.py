@@ -8,7 +8,6 @@ from envs.geometry import Pose2D
 from envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
 from envs.worlds.outline import outline
 from envs.worlds.procedural.contour import contour
-from envs.worlds.procedural.plan import is_one_piece
 
 
 def world_of(segments, circles=(), spawns=((0.0, 0.0, 0.0),), bounds=(-1.0, -1.0, 1.0, 1.0)):
@@ -138,11 +137,3 @@ def test_contour_of_two_cones_is_two_closed_circles():
         assert np.abs(distance - 9.3).max() < 0.3
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum()
     assert length == pytest.approx(2 * 2 * np.pi * 9.3, rel=0.02)
-
-
-def test_one_piece_is_one_label():
-    rng = np.random.default_rng(2)
-    for share in (0.0, 0.1, 0.3, 0.5, 1.0):
-        for _ in range(20):
-            blocked = rng.random((6, 9)) < share
-            assert is_one_piece(blocked) == (ndimage.label(~blocked)[1] == 1)

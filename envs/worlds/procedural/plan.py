@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from envs.geometry import Pose2D
@@ -47,36 +46,9 @@ def choose_size(
     return units(size[0]) * UNIT, units(size[1]) * UNIT
 
 
-@njit(cache=True, error_model="numpy")
-def is_one_piece(blocked):
-    """Tell whether the cells that are not blocked hang together through their sides, and there are any.
-
-    Args:
-        blocked: shape (height, width), bool.
-    """
-    height, width = blocked.shape
-    waiting = np.empty(height * width, dtype=np.int64)
-    seen = blocked.copy()
-    pieces = 0
-    for start in range(height * width):
-        if seen[start // width, start % width]:
-            continue
-        pieces += 1
-        if pieces > 1:
-            return False
-        seen[start // width, start % width] = True
-        waiting[0] = start
-        count = 1
-        while count > 0:
-            count -= 1
-            row, col = waiting[count] // width, waiting[count] % width
-            for d_row, d_col in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-                r, c = row + d_row, col + d_col
-                if 0 <= r < height and 0 <= c < width and not seen[r, c]:
-                    seen[r, c] = True
-                    waiting[count] = r * width + c
-                    count += 1
-    return pieces == 1
+def is_one_piece(blocked: np.ndarray) -> bool:
+    """Tell whether the cells that are not blocked (shape (height, width), bool) hang together, and there are any."""
+    return bool(ndimage.label(~blocked)[1] == 1)
 
 
 @dataclass(frozen=True, slots=True)
