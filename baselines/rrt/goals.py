@@ -1,15 +1,26 @@
-"""Where to stand for each of many frontier points: one kernel, because a place may have hundreds of them."""
+"""Viewpoints of frontier points: one kernel for all, because a large world may have hundreds of them."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from baselines.rrt.params import RrtParams
 from baselines.survey import Survey
 from envs.navigation import COST_MAX_FREE, COST_UNKNOWN, cheapest_view
 
 NO_GOAL = -1
-"""In place of a row and a column, for a point that is invalid or out of reach."""
+"""In place of a row and a column, for a point that is invalid or cannot be reached."""
+
+
+class OpenGoals(NamedTuple):
+    """Viewpoints that can be reached, and the frontiers to see from them."""
+
+    viewpoints: np.ndarray
+    """Shape (n, 2), int64, cells (row, column)."""
+    frontiers: np.ndarray
+    """Shape (n, 2), float64, map frame [m]."""
 
 
 def ros_costs() -> np.ndarray:
@@ -29,12 +40,12 @@ _ROS_COSTS = ros_costs()
 
 @njit(cache=True, error_model="numpy")
 def _nearest_marked(mask, x, y, radius):
-    """Return row and column of the marked cell whose centre is nearest to a place, the first of equals.
+    """Return row and column of the marked cell whose centre is nearest to a point, the first of equals.
 
     Args:
         mask: shape (height, width), bool.
-        x: column of the place as a real number: cell c holds [c, c + 1).
-        y: row of the place.
+        x: column of the point as a real number: cell c holds [c, c + 1).
+        y: row of the point.
         radius: how far away the centre may be [cells].
 
     Returns:
@@ -66,8 +77,8 @@ def _goals(data, costs, travel, frontier, points, ros_costs, max_cost, radius, r
         reaches: shape (k,), int64, distances from which a cell may be seen [cells], tried in their order.
 
     Returns:
-        Shape (n, 4), int64: row and column of the place, row and column of the frontier cell; `NO_GOAL` where a point
-        has none.
+        Shape (n, 4), int64: row and column of the viewpoint, row and column of the frontier cell; `NO_GOAL` where a
+        point has none.
     """
     height, width = data.shape
     goals = np.full((len(points), 4), NO_GOAL, dtype=np.int64)
@@ -81,33 +92,25 @@ def _goals(data, costs, travel, frontier, points, ros_costs, max_cost, radius, r
         if target[0, 0] < 0:
             continue
         for reach in reaches:
-            place_row, place_col, seen = cheapest_view(data, travel, target, reach)
+            view_row, view_col, seen = cheapest_view(data, travel, target, reach)
             if seen >= 0:
-                goals[k, 0], goals[k, 1] = place_row, place_col
+                goals[k, 0], goals[k, 1] = view_row, view_col
                 goals[k, 2], goals[k, 3] = target[0]
                 break
     return goals
 
 
-def goals_of(
-    survey: Survey, points: np.ndarray, *, max_cost: float, radius: float, view_distances: tuple[float, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where to stand for frontier points, and the frontier cells to see from there.
+def goals_of(survey: Survey, points: np.ndarray, params: RrtParams) -> OpenGoals:
+    """Return a viewpoint for each frontier point that is valid and that the robot can get near to, in their order.
 
     Args:
         survey: the map; its field must not be None.
         points: shape (n, 2), float64, map frame [m].
-        max_cost: cost above which a point is invalid, on ROS's scale [percent].
-        radius: distance up to which a frontier cell belongs to a point [m].
-        view_distances: how far from it the robot may stand to see it; the first one from which it can is taken [m].
-
-    Returns:
-        Cells of places and of frontiers, both of shape (m, 2), int64, (row, column), for the m <= n points that are
-        valid and that the robot can get near to, in their order.
+        params: `max_cost` beyond which a point is invalid, `bandwidth` up to which a frontier cell belongs to a point,
+            and `view_distances`.
     """
     assert survey.field is not None
     grid = survey.grid
-    reaches = np.array([int(distance / grid.resolution + 1e-9) for distance in view_distances])
     found = _goals(
         grid.data,
         survey.costmap.costs,
@@ -115,9 +118,9 @@ def goals_of(
         survey.frontier,
         (points - grid.origin) / grid.resolution,
         _ROS_COSTS,
-        max_cost,
-        radius / grid.resolution,
-        reaches,
+        params.max_cost,
+        params.bandwidth / grid.resolution,
+        np.array([int(distance / grid.resolution + 1e-9) for distance in params.view_distances]),
     )
     found = found[found[:, 0] != NO_GOAL]
-    return found[:, :2], found[:, 2:]
+    return OpenGoals(found[:, :2], grid.centers(found[:, 2:]))

@@ -1,4 +1,4 @@
-"""Where robots that share a place are in each other's way, and where one lets another pass."""
+"""Right of way: which robot is on whose path, and where one waits for another to pass."""
 
 import math
 
@@ -9,33 +9,33 @@ from envs.geometry import Pose2D
 from envs.geometry.polyline import lengths_along
 from envs.navigation.costmap import squared_distances
 
-SIDE_GAP = 0.15
-"""Gap between the footprints of a robot that passes and of one that has given way [m]."""
+PASSING_CLEARANCE = 0.15
+"""Gap between the footprints of a robot that passes and of one that waits [m]."""
 OUTLINE_POINTS = 16
-"""Points that stand for the outline of a mate."""
+"""Points on the outline of a peer."""
 
 
-def outline(pose: Pose2D, mate: Pose2D, radius: float) -> np.ndarray:
-    """Return the footprint of a mate as obstacles around a robot.
+def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
+    """Return the outline of a peer as obstacles around a robot.
 
     Args:
         pose: of the robot, map frame.
-        mate: of the other one.
+        peer: pose of the peer, map frame.
         radius: of its footprint [m].
 
     Returns:
         Shape (16, 2), float64, base frame of the robot [m].
     """
-    away = pose.between(mate)
+    away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
     return np.array(away[:2]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Tell whether a place lies within `gap` [m] of the first `reach` metres of a path.
+    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path.
 
     Args:
-        position: the place (x, y), map frame [m].
+        position: (x, y), map frame [m].
         path: shape (n, 2), map frame [m].
         gap: distance from the path [m].
         reach: how much of the path counts [m].
@@ -46,16 +46,16 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
     return bool(np.hypot(*(near - position).T).min() < gap)
 
 
-def find_refuge(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Find where a robot lets another one pass.
+def find_waiting_cell(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, int] | None:
+    """Find where a robot waits for another one to pass.
 
     Args:
-        survey: what the one that gives way sees; the other one is an obstacle in it.
-        path: shape (n, 2), n > 0, the way of the other, from where it is, map frame [m].
+        survey: the map as the waiting robot sees it, with the other one as an obstacle.
+        path: shape (n, 2), n > 0, path of the other one from its position, map frame [m].
         radius: of either footprint [m].
 
     Returns:
-        The cheapest cell (row, column) to get to that lies off the way; None if there is none.
+        The cell (row, column) off the path with the lowest travel cost; None if there is none.
     """
     if survey.field is None:
         return None
@@ -64,7 +64,7 @@ def find_refuge(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, i
     cells = cells[grid.contains(cells)]
     on_path = np.zeros(grid.data.shape, dtype=np.bool_)
     on_path[cells[:, 0], cells[:, 1]] = True
-    reach = math.ceil((2.0 * radius + SIDE_GAP) / grid.resolution)
+    reach = math.ceil((2.0 * radius + PASSING_CLEARANCE) / grid.resolution)
     off_path = np.argwhere(squared_distances(on_path, reach) > reach**2)
     costs = survey.field.cost(off_path)
     if len(costs) == 0 or math.isinf(costs.min()):

@@ -226,7 +226,7 @@ def test_three_robots_take_three_points_and_a_fourth_gets_none():
     assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), REVENUE).tolist() == [1, 2, 0, NOBODY]
 
 
-def test_points_that_cannot_be_got_to_are_not_assigned():
+def test_points_that_cannot_be_reached_are_not_assigned():
     robots = np.array([[1.0, 2.0], [7.0, 2.0]])
     costs = distances(robots, ISLANDS)
     costs[0] = np.inf
@@ -296,16 +296,17 @@ def test_goals_of_many_points_equal_a_search_for_each():
     survey = survey_of(belief)
     x0, y0, x1, y1 = grid.bounds
     points = rng.uniform((x0 - 0.2, y0 - 0.2), (x1 + 0.2, y1 + 0.2), (400, 2))
-    options = {"max_cost": 70.0, "radius": 0.3, "view_distances": (0.0, 0.3, 0.6)}
-    found = [goal_found_slowly(survey, point, **options) for point in points]
+    found = [goal_found_slowly(survey, point, 70.0, 0.3, (0.0, 0.3, 0.6)) for point in points]
     expected = np.array([goal for goal in found if goal is not None])
     assert 50 < len(expected) < 350
-    places, cells = goals_of(survey, points, **options)
-    np.testing.assert_array_equal(np.column_stack([places, cells]), expected)
-    assert [len(part) for part in goals_of(survey, np.empty((0, 2)), **options)] == [0, 0]
+    params = RrtParams(max_cost=70.0, bandwidth=0.3, view_distances=(0.0, 0.3, 0.6))
+    goals = goals_of(survey, points, params)
+    np.testing.assert_array_equal(goals.viewpoints, expected[:, :2])
+    np.testing.assert_array_equal(goals.frontiers, survey.grid.centers(expected[:, 2:]))
+    assert [len(part) for part in goals_of(survey, np.empty((0, 2)), params)] == [0, 0]
 
 
-def test_points_that_no_way_leads_to_are_invalid():
+def test_points_that_no_path_leads_to_are_invalid():
     explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
     belief.grid.data[42:62, 100:102] = 100
     assert len(explorer.points)
@@ -327,7 +328,7 @@ def run(seed, max_time, **kwargs):
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
-def test_it_gets_to_know_a_small_world(physics):
+def test_it_explores_a_small_world(physics):
     if physics == "bullet":
         pytest.importorskip("pybullet")
     _, info, _ = run(1, 180.0, world="turtlebot3_world", physics=physics, slam="tinyslam", start="spawn")
@@ -346,7 +347,7 @@ def steps_until_the_end(explorer, belief):
     return steps
 
 
-def test_a_place_without_frontiers_ends_the_episode_after_patience():
+def test_a_world_without_frontiers_ends_the_episode_after_patience():
     grid = rooms()
     grid.data[12:92, 202:] = 100
     explorer = RrtExplorer(RrtParams(patience=250))
@@ -357,7 +358,7 @@ def test_a_place_without_frontiers_ends_the_episode_after_patience():
     assert len(explorer.points) == 0
 
 
-def test_points_that_cannot_be_got_to_do_not_keep_an_episode_going():
+def test_points_that_cannot_be_reached_do_not_keep_an_episode_going():
     explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
     # The global tree stays behind the door that closes, and finds on.
     belief.grid.data[42:62, 100:102] = 100

@@ -10,7 +10,7 @@ from baselines.explorer import to_action
 from baselines.goal_explorer import Goal
 from baselines.navigator import Navigator
 from baselines.rrt.assigner import assign
-from baselines.rrt.right_of_way import find_refuge, is_beside, outline
+from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
 from baselines.survey import Survey
@@ -62,7 +62,7 @@ def send(team, env, targets, monkeypatch):
     inside = walls.contains(cells)
     grid.data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
     monkeypatch.setattr(team._detector, "detect", lambda *_: None)
-    for member, target in zip(team._members, targets, strict=True):
+    for member, target in zip(team._team, targets, strict=True):
         point = env.start.between(Pose2D(*target, 0.0))[:2]
 
         def choose(survey, point=point):
@@ -134,12 +134,12 @@ def test_two_robots_explore_a_small_world_without_touching():
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
 
 
-def test_no_robot_looks_at_the_map_twice_in_a_step_however_many_ask(monkeypatch):
-    looks = []
+def test_no_robot_plans_on_the_map_twice_in_a_step_however_many_ask(monkeypatch):
+    surveys = []
     survey = Navigator.survey
 
     def count(navigator, belief, tightness=0):
-        looks.append((id(navigator), tightness))
+        surveys.append((id(navigator), tightness))
         return survey(navigator, belief, tightness)
 
     monkeypatch.setattr(Navigator, "survey", count)
@@ -148,48 +148,48 @@ def test_no_robot_looks_at_the_map_twice_in_a_step_however_many_ask(monkeypatch)
 
     def watch(*_):
         nonlocal busiest
-        busiest = max(busiest, len(looks))
-        assert len(looks) == len(set(looks))
-        looks.clear()
+        busiest = max(busiest, len(surveys))
+        assert len(surveys) == len(set(surveys))
+        surveys.clear()
 
     run(env, 0, 15.0, watch)
     assert busiest >= 4
 
 
-def test_what_a_mate_is_on_its_way_to_is_no_gain_any_more():
+def test_what_a_peer_drives_to_is_no_gain_any_more():
     data = np.zeros((200, 200), dtype=np.int8)
     data[30:50, 30:50] = data[155:165, 95:105] = -1
     grid, points = OccupancyGrid(data, 0.05, (0.0, 0.0)), np.array([[2.0, 2.0], [5.0, 8.0]])
     robots, costs = np.array([[2.0, 5.0]]), np.array([[3.0, 4.2]])
     revenue = RrtParams()
     assert assign(grid, robots, points, costs, revenue).tolist() == [0]
-    # 3 * 2 * 1 - 3 against 3 * 0.25 - 4.2; once a mate sees all of the first island, 0 - 3 against -3.45: still nearer.
+    # 3 * 2 * 1 - 3 against 3 * 0.25 - 4.2; once a peer sees all of the first island, 0 - 3 against -3.45: still nearer.
     assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [0]
     costs = np.array([[4.0, 4.2]])
     assert assign(grid, robots, points, costs, revenue).tolist() == [0]
     assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [1]
 
 
-def test_a_refuge_lies_off_the_way_and_on_ones_own_side_of_it():
+def test_a_waiting_cell_lies_off_the_path_and_on_the_own_side_of_it():
     data = np.full((80, 160), 100, dtype=np.int8)
     data[35:45, 2:158] = 0  # a corridor, 0.5 m wide, along x = 0 ... 8
     data[35:60, 100:120] = 0  # with a bay at x = 5 ... 6
     grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
     path = np.column_stack([np.linspace(2.0, 7.5, 111), np.full(111, 2.0)])
     belief = Belief(Pose2D(4.0, 2.0, 0.0), grid, NO_CELLS)
-    mate = outline(belief.pose, Pose2D(3.0, 2.0, 0.0), BURGER.radius)
-    np.testing.assert_allclose(np.hypot(*(mate - (-1.0, 0.0)).T), BURGER.radius)
-    cell = find_refuge(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=mate), path, BURGER.radius)
+    peer = outline(belief.pose, Pose2D(3.0, 2.0, 0.0), BURGER.radius)
+    np.testing.assert_allclose(np.hypot(*(peer - (-1.0, 0.0)).T), BURGER.radius)
+    cell = find_waiting_cell(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=peer), path, BURGER.radius)
     x, y = grid.centers(np.array(cell))
     assert 5.0 < x < 6.0
     assert y > 2.0 + 2 * BURGER.radius + 0.1
     assert not is_beside((x, y), path, 2 * BURGER.radius + 0.1)
     data[35:60, 100:120] = 100
     data[35:45, 100:120] = 0
-    assert find_refuge(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=mate), path, BURGER.radius) is None
+    assert find_waiting_cell(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=peer), path, BURGER.radius) is None
 
 
-def test_beside_a_path_counts_as_far_as_one_looks_ahead():
+def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     assert is_beside((2.0, 0.2), path, 0.3)
     assert not is_beside((2.0, 0.2), path, 0.3, reach=1.5)
