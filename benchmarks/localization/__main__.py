@@ -1,13 +1,14 @@
-"""How well AMCL knows where a robot is, and what that costs: `python -m benchmarks.localization`.
+"""Accuracy and speed of AMCL: `python -m benchmarks.localization`.
 
-In each of three known places robots run errands from random starts. With every seed one is tracked from a known start,
-one wakes up anywhere on the map, and one is carried off unseen; `docs/localization.md` says how each is judged. On the
-log of a real robot, filters are compared with what ROS's AMCL and Beluga reach there. All times are those of whole
-updates on one core.
+In each of three known worlds robots run errands from random starts. With every seed one is tracked from a known pose,
+one is localized globally, and one is kidnapped; `docs/localization.md` says how each is judged. On the log of a real
+robot, filters are compared with ROS's AMCL and Beluga. Times are those of whole updates on one core.
 """
 
 import json
+import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -18,14 +19,15 @@ import tyro
 from tqdm import tqdm
 
 from benchmarks.localization import intel
-from benchmarks.localization.drives import load_place, symmetries
+from benchmarks.localization.maps import load_known_world, symmetries
 from benchmarks.localization.pictures import draw
 from benchmarks.localization.runs import Run, run
 from benchmarks.localization.timing import cost_by_size, update_times
 from envs.localization import load_preset
+from envs.logs import rms
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
-"""Places, each with its usual robot."""
+"""Worlds, each with its usual robot."""
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[2] / "shared" / "data")) / "intel"
 """Folder of the Intel log."""
 INTEL_SEEDS = range(100, 105)
@@ -46,14 +48,14 @@ def main(
     """Measure, and print.
 
     Args:
-        json_file: also write everything measured to this file.
-        runs: seeds per place.
-        jobs: processes at a time.
-        worlds: places.
-        physics: by which physics the robots drive.
+        json_file: also write the results to this file; times never reached are null.
+        runs: seeds per world.
+        jobs: number of processes.
+        worlds: library worlds.
+        physics: simulator.
         preset: of AMCL.
         first_seed: seed of the first run.
-        picture: also draw clouds, errors and cost to this file.
+        picture: also draw particles, errors and cost to this file.
         only_runs: leave out times and the Intel log.
     """
     results: dict[str, dict[str, Any]] = {}
@@ -61,7 +63,7 @@ def main(
         results[world] = _measure(world, preset, range(first_seed, first_seed + runs), physics, jobs)
         _print(f"{world}, {runs} runs, {physics} physics, {preset}", results[world])
     if not only_runs:
-        house = load_place("turtlebot3_house")
+        house = load_known_world("turtlebot3_house")
         when, sizes, spent = cost = cost_by_size(house, 1)
         results["timing"] = {
             **update_times(house),
@@ -86,12 +88,12 @@ def main(
 
 
 def _run(world: str, preset: str, physics: str, seed: int) -> Run:
-    place = load_place(world)
-    return run(place, symmetries(place.grid), load_preset(preset), seed, physics)
+    known = load_known_world(world, physics)
+    return run(known, symmetries(known.grid), load_preset(preset), seed)
 
 
 def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> dict[str, Any]:
-    """Run all seeds in one place, and put the runs together."""
+    """Run all seeds in one world, and summarise the runs."""
     work = partial(_run, world, preset, physics)
     if jobs > 1:
         with ProcessPoolExecutor(jobs) as pool:
@@ -102,16 +104,16 @@ def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> 
     def mean(field: str) -> float:
         return float(np.mean([getattr(one, field) for one in done]))
 
-    def quantile(field: str, share: float) -> float:
-        return float(np.quantile([getattr(one, field) for one in done], share))
+    def quantile(field: str, share: float) -> float | None:
+        return time_quantile([getattr(one, field) for one in done], share)
 
     position, heading = (np.array([getattr(one, field) for one in done]) for field in ("position", "heading"))
     return {
-        "tracking_rmse_m": float(np.sqrt(np.mean(position**2))),
-        "tracking_rmse_deg": float(np.sqrt(np.mean(heading**2))),
+        "tracking_rmse_m": rms(position),
+        "tracking_rmse_deg": rms(heading),
         "tracking_worst_run_m": float(position.max()),
         "tracking_worst_run_deg": float(heading.max()),
-        "symmetries": len(symmetries(load_place(world).grid)),
+        "symmetries": len(symmetries(load_known_world(world, physics).grid)),
         "global_success": mean("found"),
         "global_success_up_to_symmetry": mean("found_up_to_symmetry"),
         "global_median_s": quantile("found_after", 0.5),
@@ -125,10 +127,17 @@ def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> 
     }
 
 
+def time_quantile(times: Sequence[float], share: float) -> float | None:
+    """Return a quantile of times of which some, never reached, are inf; None if that quantile was never reached."""
+    if math.isinf(np.quantile(times, share, method="higher")):
+        return None
+    return float(np.quantile(np.nan_to_num(times), share))
+
+
 def _print(title: str, measures: dict[str, Any]) -> None:
     print(title)
     for name, value in measures.items():
-        print(f"  {name:52s} {value:10.4g}")
+        print(f"  {name:52s} " + ("     never" if value is None else f"{value:10.4g}"))
 
 
 if __name__ == "__main__":

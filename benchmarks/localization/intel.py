@@ -1,16 +1,19 @@
 """AMCL on the log of a real robot, on a map made from the log's reference poses."""
 
 import math
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.errands import Drive
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
-from envs.logs import Log, load_log
+from envs.logs import Log, load_log, pose_errors, rms
+from envs.robots import LidarParams
 from envs.slam import GivenPoseSlam, TinySlamParams
+
+from .tracks import localize
 
 SHARE_OF_HITS = 16
 """A cell is occupied from this share of hits among all that beams say of it [percent]: what log odds make of 0.9 for a
@@ -38,7 +41,7 @@ FILTERS = {
         PRESETS["default"], min_particles=2000, max_beams=180, squash=9.0, relocalize=False
     ),
 }
-"""Filters that are compared. None may start over, so that no error is hidden."""
+"""Filters that are compared, without relocalization, so that no error is hidden."""
 START_STD = (0.1, 0.1, 0.05)
 """Standard deviations of the pose at the start [m, m, rad]."""
 
@@ -57,52 +60,57 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
     return OccupancyGrid(data, grid.resolution, grid.origin)
 
 
-def localise(log: Log, grid: OccupancyGrid, reference: np.ndarray, params: AmclParams, seed: int) -> dict[str, float]:
-    """Track the robot along its raw odometry, from the reference's first pose on.
+def measure_filter(
+    drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params: AmclParams, seed: int
+) -> dict[str, float]:
+    """Track the robot along its raw odometry from the first reference pose on.
 
-    Errors are those of the estimate at every scan against the reference pose at that scan, in the map's frame.
+    Args:
+        drive: the log, with the reference poses for ground truth.
+        lidar: geometry of the scans.
+        grid: the map, in the frame of the reference poses.
+        params: of the filter.
+        seed: of its noise.
+
+    Returns:
+        Errors over all scans against the reference, time of an update and number of particles.
     """
-    amcl = Amcl(log.lidar, params)
-    amcl.reset(grid, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(seed), covariance=np.diag(np.square(START_STD)))
-    poses, seconds, counts, lost = [], [], [], []
-    for ranges, motion in zip(log.ranges, log.motions()):
-        begin = time.perf_counter()
-        estimate = amcl.update(ranges, motion)
-        if estimate.is_corrected:
-            seconds.append(time.perf_counter() - begin)
-            counts.append(amcl.num_particles)
-        poses.append(estimate.pose)
-        lost.append(estimate.is_lost)
-    error = np.array(poses) - reference
-    turned = (error[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    distance = np.hypot(error[:, 0], error[:, 1])
+    track = localize(Amcl(lidar, params), grid, drive, seed, START_STD)
+    distance, angle = pose_errors(track.poses, drive.truth)
     return {
-        "position_rmse_m": float(np.sqrt(np.mean(distance**2))),
+        "position_rmse_m": rms(distance),
         "position_median_m": float(np.median(distance)),
         "position_max_m": float(distance.max()),
-        "heading_rmse_deg": math.degrees(float(np.sqrt(np.mean(turned**2)))),
-        "update_us": 1e6 * float(np.median(seconds)),
-        "particles": float(np.mean(counts)),
-        "lost_share": float(np.mean(lost)),
+        "heading_rmse_deg": math.degrees(rms(angle)),
+        "update_us": 1e6 * float(np.median(track.seconds[track.is_corrected])),
+        "particles": float(np.mean(track.num_particles[track.is_corrected])),
+        "lost_share": float(np.mean(track.is_lost)),
     }
 
 
-def measure(path: Path, seeds: range) -> dict[str, dict[str, float]]:
-    """Compare filters on the log: medians over seeds, by filter.
+def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive]:
+    """Read a log, and its scans with their reference poses, which begin at the origin.
 
     Args:
         path: the log's arrays, which also hold the reference, `corr`.
-        seeds: of the filters' noise.
+        num_scans: scans to read; None for all.
     """
     log = load_log(path)
+    log = replace(log, scan_rows=log.scan_rows[:num_scans], ranges=log.ranges[:num_scans])
     with np.load(path) as arrays:
         corrected = arrays["corr"][log.scan_rows]
     origin = Pose2D(*corrected[0])
     reference = np.array([origin.between(Pose2D(*row)) for row in corrected.tolist()])
-    grid = reference_map(log, reference)
+    return log, Drive(log.ranges, np.array(list(log.motions())), reference)
+
+
+def measure(path: Path, seeds: range) -> dict[str, dict[str, float]]:
+    """Compare filters on a log, see `load_reference`: medians over seeds, by filter."""
+    log, drive = load_reference(path)
+    grid = reference_map(log, drive.truth)
     results = {}
     for name, params in FILTERS.items():
         few = seeds[:1] if params.sensor == "beam" else seeds
-        runs = [localise(log, grid, reference, params, seed) for seed in few]
+        runs = [measure_filter(drive, log.lidar, grid, params, seed) for seed in few]
         results[name] = {key: float(np.median([run[key] for run in runs])) for key in runs[0]}
     return results

@@ -1,27 +1,30 @@
-"""Pictures of localisation."""
+"""Figure of the localization benchmark."""
 
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.errands import PERIOD
 from envs.geometry import Pose2D
 from envs.localization import PRESETS, Amcl
+from envs.logs import pose_errors
 
-from .drives import PERIOD, Place, record
-from .runs import CARRIED_OFF_AT, START_STD, errors
+from .maps import KnownWorld, record_from_anywhere
+from .runs import KIDNAPPED_AT, START_STD
+from .tracks import localize
 
 CLOUD_TIMES = (0.0, 0.2, 3.0, 15.0)
-"""When the cloud is drawn [s]."""
+"""Times at which particles are shown [s]."""
 
 
-def draw(place: Place, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Draw clouds of a robot that wakes up anywhere, the error over time of one that is carried off, and cost by size.
+def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
+    """Draw particles during global localization, errors of a kidnapped robot over time, and cost by size.
 
     Args:
-        place: where.
+        known: world and map.
         seed: of drives and noise.
         cost: from `cost_by_size`.
-        path: where to.
+        path: the picture's.
     """
     import matplotlib
 
@@ -29,28 +32,28 @@ def draw(place: Place, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(2, 4, figsize=(15, 7.6), layout="constrained")
-    _draw_clouds(axes[0], place, seed)
+    _draw_clouds(axes[0], known, seed)
     grid = axes[1, 0].get_gridspec()
     for ax in axes[1]:
         ax.remove()
-    _draw_error(figure.add_subplot(grid[1, :2]), place, seed)
+    _draw_error(figure.add_subplot(grid[1, :2]), known, seed)
     _draw_cost(figure.add_subplot(grid[1, 2:]), cost)
     figure.savefig(path, dpi=80)
     plt.close(figure)
 
 
-def _draw_clouds(axes, place: Place, seed: int) -> None:
-    drive = record(place, np.random.SeedSequence(seed), max(CLOUD_TIMES), "kinematic")
-    amcl = Amcl(place.robot.lidar, PRESETS["default"])
-    amcl.reset(place.grid, None, np.random.default_rng(seed))
-    x_min, y_min, x_max, y_max = place.grid.bounds
+def _draw_clouds(axes, known: KnownWorld, seed: int) -> None:
+    drive = record_from_anywhere(known.setup, np.random.SeedSequence(seed), max(CLOUD_TIMES))
+    amcl = Amcl(known.setup.robot.lidar, PRESETS["default"])
+    amcl.reset(known.grid, None, np.random.default_rng(seed))
+    x_min, y_min, x_max, y_max = known.grid.bounds
     ax_at = dict(zip((round(time / PERIOD) for time in CLOUD_TIMES), axes))
     for k, (ranges, motion) in enumerate(zip(drive.ranges, drive.motions.tolist())):
         if k in ax_at:
             ax, cloud = ax_at[k], amcl.particles
             shown = cloud[:: max(1, len(cloud) // 4000)]
             ax.imshow(
-                np.where(place.grid.data < 0, 60, place.grid.data),
+                np.where(known.grid.data < 0, 60, known.grid.data),
                 cmap="Greys",
                 origin="lower",
                 extent=(x_min, x_max, y_min, y_max),
@@ -63,33 +66,27 @@ def _draw_clouds(axes, place: Place, seed: int) -> None:
         amcl.update(ranges, Pose2D(*motion))
 
 
-def _draw_error(ax, place: Place, seed: int) -> None:
+def _draw_error(ax, known: KnownWorld, seed: int) -> None:
     first, second = np.random.SeedSequence(seed).spawn(2)
-    scans = round(CARRIED_OFF_AT / PERIOD)
-    drive = record(place, first, CARRIED_OFF_AT, "kinematic").then(record(place, second, 40.0, "kinematic"), scans)
-    amcl = Amcl(place.robot.lidar, PRESETS["default"])
-    start = Pose2D(*drive.truth[0])
-    amcl.reset(place.grid, start, np.random.default_rng(seed), covariance=np.diag(np.square(START_STD)))
-    poses, lost, fits = [], [], []
-    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
-        estimate = amcl.update(ranges, Pose2D(*motion))
-        poses.append(estimate.pose)
-        lost.append(estimate.is_lost)
-        fits.append(estimate.fit)
-    times = PERIOD * np.arange(len(poses))
-    ax.semilogy(times, errors(np.array(poses), drive.truth)[0], color="tab:blue", label="error of the position [m]")
-    ax.semilogy(times, fits, color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
+    scans = round(KIDNAPPED_AT / PERIOD)
+    drive = record_from_anywhere(known.setup, first, KIDNAPPED_AT)
+    drive = drive.then(record_from_anywhere(known.setup, second, 40.0), scans)
+    track = localize(Amcl(known.setup.robot.lidar, PRESETS["default"]), known.grid, drive, seed, START_STD)
+    position = pose_errors(track.poses, drive.truth)[0]
+    times = PERIOD * np.arange(len(position))
+    ax.semilogy(times, position, color="tab:blue", label="error of the position [m]")
+    ax.semilogy(times, track.fit, color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
     low, high = ax.get_ylim()
-    ax.fill_between(times, low, high, where=lost, color="tab:orange", alpha=0.3, linewidth=0, label="says it is lost")
+    ax.fill_between(times, low, high, where=track.is_lost, color="tab:orange", alpha=0.3, linewidth=0, label="lost")
     ax.set_ylim(low, high)
-    ax.axvline(CARRIED_OFF_AT, color="grey", linestyle=":")
-    ax.set(xlabel="time [s]", title=f"carried off after {CARRIED_OFF_AT:g} s")
+    ax.axvline(KIDNAPPED_AT, color="grey", linestyle=":")
+    ax.set(xlabel="time [s]", title=f"kidnapped after {KIDNAPPED_AT:g} s")
     ax.legend(loc="lower right", fontsize=8)
 
 
 def _draw_cost(ax, cost: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     when, sizes, spent = cost
-    ax.semilogy(when, sizes, ".-", color="tab:blue", label="particles weighed")
+    ax.semilogy(when, sizes, ".-", color="tab:blue", label="particles weighted")
     ax.semilogy(when, spent, ".-", color="tab:red", label="time of the update [us]")
-    ax.set(xlabel="time [s]", title="cost follows the size of the cloud")
+    ax.set(xlabel="time [s]", title="cost follows the number of particles")
     ax.legend(fontsize=8)

@@ -1,55 +1,38 @@
-"""What an update of AMCL costs, and how that falls as the cloud shrinks."""
+"""Time of AMCL's updates, and how it falls with the number of particles."""
 
+import itertools
 import os
 import time
 from dataclasses import replace
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.localization import PRESETS, Amcl
+from benchmarks.errands import PERIOD, Drive
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.localization import PRESETS, Amcl, AmclParams
 from envs.localization.likelihood_field import LikelihoodField
 from envs.localization.motion_model import DifferentialDrive
 from envs.localization.resampling import Injection, KldParams, resample
+from envs.robots import LidarParams
 
-from .drives import Drive, Place, record
+from .maps import KnownWorld, record_from_anywhere
 from .runs import START_STD
+from .tracks import localize
 
 REPEATS = 5
-"""Times that a drive is timed; the median of the repeats' medians is reported."""
+"""Number of repetitions; the median of their medians is reported."""
 
 
-def _see_far(place: Place) -> Place:
-    """Give the robot a lidar that reaches across the place, so that every beam returns and has to be weighed."""
-    return replace(place, robot=replace(place.robot, lidar=replace(place.robot.lidar, range_max=15.0)))
+def _median_update(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params: AmclParams) -> float:
+    """Return the median time of whole updates that use their scans [us]."""
+    params = replace(params, update_min_d=0.0, update_min_a=0.0)
+    track = localize(Amcl(lidar, params), grid, drive, 0, START_STD)
+    return 1e6 * float(np.median(track.seconds[20:]))
 
 
-def _median_update(place: Place, drive: Drive, particles: int, sensor: str) -> float:
-    """Return the median time of a whole `update` that uses its scan [us]."""
-    params = replace(
-        PRESETS["nav2"],
-        min_particles=particles,
-        max_particles=particles,
-        sensor=sensor,
-        update_min_d=0.0,
-        update_min_a=0.0,
-    )
-    amcl = Amcl(place.robot.lidar, params)
-    covariance = np.diag(np.square(START_STD))
-    amcl.reset(place.grid, Pose2D(*drive.truth[0]), np.random.default_rng(0), covariance=covariance)
-    steps = [(ranges, Pose2D(*motion)) for ranges, motion in zip(drive.ranges, drive.motions.tolist())]
-    spent = []
-    for ranges, motion in steps:
-        begin = time.perf_counter()
-        amcl.update(ranges, motion)
-        spent.append(time.perf_counter() - begin)
-    return 1e6 * float(np.median(spent[20:]))
-
-
-def _median_steps(place: Place, drive: Drive, particles: int, sensor: str) -> float:
-    """Return the median time of moving, weighing and drawing particles alone [us], without what the estimate costs."""
-    params = replace(PRESETS["nav2"], min_particles=particles, max_particles=particles, sensor=sensor)
-    move, weigh = DifferentialDrive(params), LikelihoodField(params, place.robot.lidar, place.grid)
+def _median_steps(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params: AmclParams) -> float:
+    """Return the median time of propagating, weighting and resampling alone [us], without the estimate."""
+    move, weigh, particles = DifferentialDrive(params), LikelihoodField(params, lidar, grid), params.max_particles
     rng = np.random.default_rng(0)
     cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
     other, none = np.empty_like(cloud), Injection(np.empty((3, 1), dtype=np.float32), 0.0)
@@ -69,45 +52,41 @@ def _median_steps(place: Place, drive: Drive, particles: int, sensor: str) -> fl
     return 1e6 * float(np.median(spent[20:]))
 
 
-def update_times(place: Place) -> dict[str, float]:
-    """Time a fixed number of particles with 60 beams, pinned to one core, side by side [us].
+def update_times(known: KnownWorld) -> dict[str, float]:
+    """Time whole updates and their steps for fixed numbers of particles and 60 beams, pinned to one core [us].
 
-    Whole updates, with the estimate, its covariance and the check against the map; and their steps move, weigh, draw.
+    The lidar gets a range of 15 m, so that every beam returns.
     """
-    place = _see_far(place)
-    drive = record(place, np.random.SeedSequence(0), 30.0, "kinematic")
+    lidar = replace(known.setup.robot.lidar, range_max=15.0)
+    setup = known.setup._replace(robot=replace(known.setup.robot, lidar=lidar))
+    drive = record_from_anywhere(setup, np.random.SeedSequence(0), 30.0)
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     if cores is not None:
         os.sched_setaffinity(0, {min(cores)})
-    cases = [(n, sensor) for n in (1000, 2000) for sensor in ("likelihood_field", "likelihood_field_prob")]
     spent: dict[str, list[float]] = {}
     for _ in range(REPEATS):
-        for n, sensor in cases:
+        for n, sensor in itertools.product((1000, 2000), ("likelihood_field", "likelihood_field_prob")):
+            params = replace(PRESETS["nav2"], min_particles=n, max_particles=n, sensor=sensor)
             for what, measure in (("update", _median_update), ("move, weigh, draw", _median_steps)):
-                spent.setdefault(f"{n} x 60 {sensor}, {what}", []).append(measure(place, drive, n, sensor))
+                time_us = measure(known.grid, lidar, drive, params)
+                spent.setdefault(f"{n} x 60 {sensor}, {what}", []).append(time_us)
     if cores is not None:
         os.sched_setaffinity(0, cores)
     return {f"{name} [us]": float(np.median(times)) for name, times in spent.items()}
 
 
-def cost_by_size(place: Place, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time the updates of the default preset from waking up anywhere to having found itself.
+def cost_by_size(known: KnownWorld, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time the updates of the default preset during global localization.
 
     Returns:
-        For each scan that was used: when it was taken [s], particles that were weighed, and time of the update [us].
+        For each scan that was used: its time [s], the number of particles that were weighted, and the time of the
+        update [us].
     """
-    drive = record(place, np.random.SeedSequence(seed), 30.0, "kinematic")
-    amcl = Amcl(place.robot.lidar, PRESETS["default"])
-    rows = []
-    for repeat in range(2):  # the first compiles
-        amcl.reset(place.grid, None, np.random.default_rng(seed))
-        rows.clear()
-        for k, (ranges, motion) in enumerate(zip(drive.ranges, drive.motions.tolist())):
-            weighed = amcl.num_particles
-            begin = time.perf_counter()
-            estimate = amcl.update(ranges, Pose2D(*motion))
-            spent = time.perf_counter() - begin
-            if estimate.is_corrected and repeat:
-                rows.append((0.1 * k, weighed, 1e6 * spent))
-    when, sizes, spent_us = np.array(rows).T
-    return when, sizes, spent_us
+    drive = record_from_anywhere(known.setup, np.random.SeedSequence(seed), 30.0)
+    params = PRESETS["default"]
+    amcl = Amcl(known.setup.robot.lidar, params)
+    localize(amcl, known.grid, drive, seed, None)  # compiles the kernels
+    track = localize(amcl, known.grid, drive, seed, None)
+    weighted = np.concatenate([[params.most_particles], track.num_particles[:-1]])
+    used = track.is_corrected
+    return PERIOD * np.flatnonzero(used), weighted[used], 1e6 * track.seconds[used]

@@ -6,7 +6,7 @@ from .arrays import read_arrays
 from .carmen import read_carmen
 from .log import Log
 from .relations import RelationError, load_relations, relation_error
-from .trajectory import follow_odometry, save_trajectory
+from .trajectory import compose_poses, follow_odometry, pose_errors, rms, save_trajectory
 
 
 def load_log(path: str | Path, max_range: float | None = None) -> Log:
@@ -34,9 +34,12 @@ def load_log(path: str | Path, max_range: float | None = None) -> Log:
 __all__ = [
     "Log",
     "RelationError",
+    "compose_poses",
     "follow_odometry",
     "load_log",
     "load_relations",
+    "pose_errors",
     "relation_error",
+    "rms",
     "save_trajectory",
 ]

@@ -49,3 +49,13 @@ def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
     c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
     dx, dy = (child - parent)[:, :2].T
     return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)
+
+
+def pose_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances [m] and angles [rad] between poses, both of shape (n, 3): two arrays of shape (n,)."""
+    return np.hypot(*(poses - truth)[:, :2].T), np.abs(wrap_angle(poses[:, 2] - truth[:, 2]))
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -4,9 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.localization.__main__ import main
-from benchmarks.localization.drives import Drive, load_place, record, symmetries
-from benchmarks.localization.runs import errors
+from benchmarks.errands import Drive
+from benchmarks.localization.__main__ import main, time_quantile
+from benchmarks.localization.maps import load_known_world, record_from_anywhere, symmetries
+from benchmarks.localization.runs import time_of_success
 from envs.geometry import OccupancyGrid
 
 
@@ -22,8 +23,8 @@ def test_one_run_and_its_json(tmp_path, capsys):
 
 
 def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
-    place = load_place("turtlebot3_world")
-    one, same = (record(place, np.random.SeedSequence(4), 2.0, "kinematic") for _ in range(2))
+    setup = load_known_world("turtlebot3_world").setup
+    one, same = (record_from_anywhere(setup, np.random.SeedSequence(4), 2.0) for _ in range(2))
     assert one.ranges.tobytes() == same.ranges.tobytes()
     assert one.truth.shape == one.motions.shape == (21, 3)
     np.testing.assert_array_equal(one.motions[0], 0.0)
@@ -31,7 +32,7 @@ def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
     assert np.hypot(*one.motions[:, :2].T).sum() == pytest.approx(way, rel=0.1)
 
 
-def test_carrying_off_joins_two_drives():
+def test_kidnapping_joins_two_drives():
     one = Drive(np.zeros((5, 2)), np.ones((5, 3)), np.zeros((5, 3)))
     two = Drive(np.ones((4, 2)), np.zeros((4, 3)), np.ones((4, 3)))
     joined = one.then(two, 3)
@@ -41,10 +42,10 @@ def test_carrying_off_joins_two_drives():
 
 
 def test_what_the_robot_cannot_see_is_unknown_on_its_map():
-    place = load_place("turtlebot3_house")
-    assert place.grid.data[0, 0] == -1
-    row, col = place.grid.cells(np.array(place.world.spawns[0][:2]))
-    assert place.grid.data[row, col] == 0
+    setup, grid = load_known_world("turtlebot3_house")
+    assert grid.data[0, 0] == -1
+    row, col = grid.cells(np.array(setup.world.spawns[0][:2]))
+    assert grid.data[row, col] == 0
 
 
 def test_symmetries_of_a_rectangle_and_of_an_l():
@@ -59,7 +60,12 @@ def test_symmetries_of_a_rectangle_and_of_an_l():
     assert symmetries(OccupancyGrid(data, 0.05, (1.0, 2.0))) == []
 
 
-def test_errors_wrap_headings():
-    distance, angle = errors(np.array([[3.0, 4.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
-    assert distance == pytest.approx([5.0])
-    assert angle == pytest.approx([2 * math.pi - 6.2])
+def test_times_that_were_never_reached_are_told_from_those_that_were():
+    never = np.zeros(600, dtype=bool)
+    late = never.copy()
+    late[100:] = True
+    assert time_of_success(never) == math.inf
+    assert time_of_success(late) == pytest.approx(10.0)
+    assert time_quantile([1.0, 3.0, math.inf], 0.5) == 3.0
+    assert time_quantile([1.0, 2.0, 3.0, math.inf], 0.5) == 2.5
+    assert time_quantile([1.0, math.inf, math.inf], 0.5) is None

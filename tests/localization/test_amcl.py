@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.localization.intel import load_reference, measure_filter, reference_map
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset
-from envs.logs import load_log
 from envs.robots import LidarParams
 from envs.worlds import World, rasterize
 
@@ -301,15 +301,9 @@ def test_presets():
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
 def test_the_beginning_of_the_intel_log():
-    from benchmarks.localization.intel import localise, reference_map
-
-    log = load_log(DATA / "scans_2725.npz")
-    with np.load(DATA / "scans_2725.npz") as arrays:
-        corrected = arrays["corr"][log.scan_rows]
-    log = replace(log, scan_rows=log.scan_rows[:400], ranges=log.ranges[:400])
-    origin = Pose2D(*corrected[0])
-    reference = np.array([origin.between(Pose2D(*row)) for row in corrected[:400].tolist()])
-    measures = localise(log, reference_map(log, reference), reference, replace(PARAMS, relocalize=False), 0)
+    log, drive = load_reference(DATA / "scans_2725.npz", 400)
+    grid = reference_map(log, drive.truth)
+    measures = measure_filter(drive, log.lidar, grid, replace(PARAMS, relocalize=False), 0)
     assert measures["position_rmse_m"] < 0.1
     assert measures["heading_rmse_deg"] < 4.0
     assert measures["lost_share"] < 0.05

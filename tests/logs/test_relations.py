@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.logs import follow_odometry, load_log, load_relations, relation_error
+from envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
@@ -35,6 +35,12 @@ def test_between_scans_the_trajectory_follows_odometry():
     result = follow_odometry(odometry, np.array([1, 3]), scan_poses)
     np.testing.assert_allclose(result[:, :2], np.array(expected)[:, :2], atol=1e-12)
     np.testing.assert_allclose(np.cos(result[:, 2]), np.cos(np.array(expected)[:, 2]), atol=1e-12)
+
+
+def test_pose_errors_wrap_headings():
+    distance, angle = pose_errors(np.array([[3.0, 4.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
+    assert distance == pytest.approx([5.0])
+    assert angle == pytest.approx([2 * math.pi - 6.2])
 
 
 @needs_data

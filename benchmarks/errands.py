@@ -1,0 +1,120 @@
+"""Drives through known worlds, recorded once and replayed through SLAMs and localizers as often as needed."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.coverage import ExplorableArea, explorable_area
+from envs.geometry import Pose2D
+from envs.navigation import CostmapParams, make_costmap, plan_path
+from envs.robots import RobotParams, WheelOdometry
+from envs.simulation import Twist, make_simulator
+from envs.worlds import World
+
+RESOLUTION = 0.05
+"""Side of a map cell [m]."""
+PERIOD = 0.1
+"""Time between two commands and scans [s]."""
+
+
+class Setup(NamedTuple):
+    """What drives are recorded with."""
+
+    world: World
+    robot: RobotParams
+    area: ExplorableArea
+    """The poses that the robot can reach."""
+    physics: str
+
+
+def make_setup(world: World, robot: RobotParams, physics: str) -> Setup:
+    """Return a setup with the poses that a robot can reach in a world."""
+    return Setup(world, robot, explorable_area(world, robot, RESOLUTION), physics)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """What a robot recorded, and the ground truth."""
+
+    ranges: np.ndarray
+    """Shape (n, num_beams), float32 [m]."""
+    motions: np.ndarray
+    """Shape (n, 3), float64: the base by odometry, seen from the base one scan before [m, rad]; 0 at the start."""
+    truth: np.ndarray
+    """Shape (n, 3), float64: true poses, world frame [m, rad]."""
+
+    def then(self, other: "Drive", scans: int) -> "Drive":
+        """Return a drive whose robot is kidnapped after some scans: moved, unnoticed, to the start of another drive."""
+        return Drive(
+            np.concatenate([self.ranges[:scans], other.ranges]),
+            np.concatenate([self.motions[:scans], other.motions]),
+            np.concatenate([self.truth[:scans], other.truth]),
+        )
+
+
+class Errands:
+    """Drives to one random pose of a known world after another, by ground truth."""
+
+    def __init__(self, robot: RobotParams, area: ExplorableArea, rng: np.random.Generator) -> None:
+        """Prepare for a drive; goals are drawn from `rng`."""
+        self._robot = robot
+        self._area = area
+        self._rng = rng
+        params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
+        self._costmap = make_costmap(area.walls, params)
+        self._path = np.empty((0, 2))
+
+    def act(self, pose: Pose2D) -> Twist:
+        """Return the next command for a robot at `pose` (world frame)."""
+        self._forget_passed(pose)
+        while len(self._path) == 0:
+            goal = self._area.draw_pose(self._rng)
+            path = plan_path(self._costmap, pose[:2], goal[:2], tolerance=0.3)
+            self._path = np.empty((0, 2)) if path is None else path
+            self._forget_passed(pose)
+        carrot = pose.inverse().transform(self._path[:1])[0]
+        angle = math.atan2(carrot[1], carrot[0])
+        top_w = min(self._robot.max_w, 1.0)
+        if abs(angle) > 0.6:
+            return Twist(0.0, math.copysign(top_w, angle))
+        speed = self._robot.max_v * math.cos(angle) ** 2
+        return Twist(speed, float(np.clip(2.0 * angle, -top_w, top_w)))
+
+    def _forget_passed(self, pose: Pose2D) -> None:
+        """Drop the points of the path that have been reached."""
+        near = np.flatnonzero(np.hypot(*(self._path - pose[:2]).T) < 0.3)
+        if len(near):
+            self._path = self._path[near[-1] + 1 :]
+
+
+def record(
+    setup: Setup,
+    start: Pose2D,
+    rng_simulator: np.random.Generator,
+    rng_driver: np.random.Generator,
+    duration: float,
+) -> Drive:
+    """Send a robot on errands.
+
+    Args:
+        setup: world, robot and physics.
+        start: pose at the start, world frame.
+        rng_simulator: noise of the robot and its sensors.
+        rng_driver: source of the goals.
+        duration: length of the drive [s].
+    """
+    driver = Errands(setup.robot, setup.area, rng_driver)
+    simulator = make_simulator(setup.physics, setup.robot, PERIOD)
+    reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
+    wheels = WheelOdometry(setup.robot)
+    wheels.reset(reading.ticks)
+    ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.states[0].pose]
+    for _ in range(round(duration / PERIOD)):
+        reading = simulator.step([driver.act(truth[-1])])[0]
+        ranges.append(reading.ranges)
+        motions.append(wheels.update(reading.ticks))
+        truth.append(simulator.states[0].pose)
+    simulator.close()
+    return Drive(np.array(ranges), np.array(motions), np.array(truth))
