@@ -1,4 +1,4 @@
-"""Following a route by the fused pose: the classic policy of `TrackEnv`."""
+"""Route following by the fused pose: the classic policy of `TrackEnv`."""
 
 import numpy as np
 
@@ -13,13 +13,12 @@ LOOKAHEAD_TIME = 0.75
 """Lookahead over speed [s]: half of the path follower's, because a route is smooth where a raster's path is not."""
 MIN_TURN_TIME = 1.0
 """Arcs whose radius is driven through in less than this at full speed are driven more slowly [s]."""
-
 ROTATE_FROM = 1.6
 """Angle from which the robot stops and turns on the spot [rad]: a rounded corner of 90 degrees is driven through."""
 
 
 class RouteFollower:
-    """Drives a route with the path follower. Sees the scan, the filter's speeds and the fused pose; never the truth."""
+    """Drives a route with the path follower, from the scan, the filter's velocities and the fused pose."""
 
     def reset(self, robot: RobotParams, control_period: float, route: Route) -> None:
         """Prepare for a route.
@@ -27,7 +26,7 @@ class RouteFollower:
         Args:
             robot: the robot that will be driven.
             control_period: time between two calls of `act` [s].
-            route: the way, map frame.
+            route: what to follow, map frame.
         """
         self._robot = robot
         self._obstacles = ObstacleMemory(robot, control_period)
@@ -40,7 +39,7 @@ class RouteFollower:
 
         Args:
             observation: of `TrackEnv`.
-            pose: of the base as fused, map frame.
+            pose: fused pose of the base, map frame.
         """
         robot, motion = self._robot, observation["motion"]
         obstacles = self._obstacles.update(observation["scan"], motion)
