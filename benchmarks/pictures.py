@@ -16,7 +16,7 @@ from envs.geometry.polyline import lengths_along
 from envs.rendering import style
 
 HOLD = 3.0
-"""Time for which a film stands still on its last picture [s]."""
+"""Time for which a film shows its last picture [s]."""
 
 
 @dataclass(slots=True)
@@ -50,7 +50,7 @@ class Film:
 
     @property
     def hero(self) -> np.ndarray:
-        """The picture that shows most at a glance: half of the place known, and a long way planned."""
+        """The picture that shows most at a glance: half of the world known, and a long path planned."""
         return self.frames[max(range(len(self.frames)), key=lambda i: (0.5 <= self.explored[i] <= 0.75, self.plans[i]))]
 
 
@@ -101,14 +101,14 @@ def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960, fps: fl
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Let an explorer loose in a place; save a film of it and one picture."""
+    """Explore a world; save a film of it and one picture."""
 
     world: str = "turtlebot3_house"
     """Library world, procedural family, or path of a world YAML or map_server YAML."""
     explorer: str = "frontier"
     """One of the classic explorers."""
     seed: int = 0
-    """Seed of place, start and noise."""
+    """Seed of world, start and noise."""
     every: float = 4.0
     """Simulated time between two pictures of the film [s]."""
     film: Path = Path("docs/images/exploring.gif")

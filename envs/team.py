@@ -8,12 +8,12 @@ from numba import njit
 
 from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
 from envs.geometry.lines import cell_along
 from envs.geometry.pose import distance
 from envs.observation import Trail
 from envs.robots import RobotParams, WheelOdometry
 from envs.simulation import Reading, RobotState, Twist
-from envs.simulation.contact import clearance
 from envs.slam import GivenPoseSlam, TinySlam
 from envs.worlds import World
 

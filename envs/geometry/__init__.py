@@ -1,4 +1,4 @@
-"""Poses, occupancy grids and ray casting: the geometry that every other folder stands on."""
+"""Poses, occupancy grids and ray casting: the geometry that every other folder uses."""
 
 from .occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from .pose import Pose2D, wrap_angle

@@ -1,7 +1,7 @@
 """Reading scattered elements of an array one by one.
 
 Compilers turn a loop over `array[index[k]]` into gather instructions. On processors whose microcode guards those
-against Downfall (most Intel servers up to Ice Lake) a gather takes several times as long as the loads it stands for.
+against Downfall (most Intel servers up to Ice Lake) a gather takes several times as long as the loads it replaces.
 """
 
 from typing import Any

@@ -8,7 +8,7 @@ from numba import njit
 _PAD = 1e-3
 """By how much an angular interval is widened [rad]; far more than the error of `_polar`, far less than it costs."""
 _TOUCH = 1e-9
-"""A sensor this near to a segment stands on it and sees it at distance 0 in every direction [m]."""
+"""A sensor this near to a segment lies on it and sees it at distance 0 in every direction [m]."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -95,7 +95,7 @@ def _hit_circle(low, high, cx, cy, radius, cosines, sines, out):
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, circles, out):
-    """Measure the distance from a point to what stands around it, along evenly spaced beams.
+    """Measure the distance from a point to the obstacles around it, along evenly spaced beams.
 
     Each segment and circle is tested against the beams in the angular interval that it covers as seen from the
     sensor, and against no others. The intersection itself is exact, so the result equals testing all pairs.

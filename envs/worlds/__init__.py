@@ -1,4 +1,4 @@
-"""Worlds: a library of known places, endless procedural ones, and map files."""
+"""Worlds: a library of files, procedural families, and map files."""
 
 from .library import WORLD_NAMES, load_world, world_sampler
 from .map_files import load_map, save_map, world_from_map

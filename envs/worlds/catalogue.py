@@ -1,4 +1,4 @@
-"""A page about every world: `python -m envs.worlds.catalogue` prints the Markdown that stands in docs/worlds.md."""
+"""A page about every world: `python -m envs.worlds.catalogue` prints the Markdown at the end of docs/worlds.md."""
 
 import argparse
 import math

@@ -5,6 +5,7 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import FREE, OCCUPIED, OccupancyGrid
+from envs.geometry.clearance import clearance
 from envs.geometry.lines import next_cell, start_walk
 
 from .world import World
@@ -116,19 +117,8 @@ def leaks(mask: np.ndarray) -> bool:
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
-def clearance(world: World, x: float, y: float) -> float:
-    """Return the distance from a point to the nearest static segment or circle; not positive inside a circle [m]."""
-    start = world.segments[:, :2]
-    step = world.segments[:, 2:] - start
-    along = ((np.array([x, y]) - start) * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-12)
-    nearest = start + np.clip(along, 0, 1)[:, None] * step
-    to_segments = np.hypot(*(nearest - (x, y)).T)
-    to_circles = np.hypot(*(world.circles[:, :2] - (x, y)).T) - world.circles[:, 2]
-    return float(min(to_segments.min(initial=np.inf), to_circles.min(initial=np.inf)))
-
-
 def check_world(world: World) -> World:
-    """Return a world after making sure that robots can be let loose in it.
+    """Return a world after making sure that robots can be driven in it.
 
     Raises:
         ValueError: if there is no spawn, a spawn lies on something solid or out of bounds, spawns are not connected, or
@@ -138,23 +128,23 @@ def check_world(world: World) -> World:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
     grid = rasterize(world, CHECK_RESOLUTION)
     labels, _ = ndimage.label(grid.data == FREE)
-    spots = []
+    pieces = []
     for spawn in world.spawns:
         cell = grid.cells(np.array([spawn.x, spawn.y]))
         if not grid.contains(cell):
             raise ValueError(f"world {world.name!r}: spawn {tuple(spawn)} lies outside its bounds {world.bounds}")
-        if labels[tuple(cell)] == 0 or clearance(world, spawn.x, spawn.y) < _ON:
+        if labels[tuple(cell)] == 0 or clearance(spawn.x, spawn.y, world.segments, world.circles) < _ON:
             raise ValueError(
                 f"world {world.name!r}: spawn {tuple(spawn)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
             )
-        spots.append(labels[tuple(cell)])
-    if leaks(labels == spots[0]):
+        pieces.append(labels[tuple(cell)])
+    if leaks(labels == pieces[0]):
         raise ValueError(
             f"world {world.name!r} leaks: the outside of its bounds {world.bounds} can be reached from "
             f"{tuple(world.spawns[0])}; close the gap with a segment under `closures`"
         )
-    for spawn, spot in zip(world.spawns, spots):
-        if spot != spots[0]:
+    for spawn, piece in zip(world.spawns, pieces):
+        if piece != pieces[0]:
             raise ValueError(
                 f"world {world.name!r}: spawn {tuple(spawn)} cannot be reached from {tuple(world.spawns[0])}"
             )

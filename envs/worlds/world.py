@@ -1,4 +1,4 @@
-"""What a place is made of."""
+"""What a world is made of."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class Mover:
     """Speed along the polyline [m/s]."""
 
     def position(self, time: float) -> tuple[float, float]:
-        """Return the centre (x, y) [m] at `time` [s]; at time 0 it stands on the first waypoint."""
+        """Return the centre (x, y) [m] at `time` [s]; the first waypoint at time 0."""
         corners = np.vstack([self.waypoints, self.waypoints[:1]])
         along = lengths_along(corners)
         x, y = points_at(corners, along, (time * self.speed) % along[-1])
@@ -29,7 +29,7 @@ class Mover:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A place: its horizontal section at the height of the robots' lidars, extruded to `height`."""
+    """A horizontal section through an environment at the height of the robots' lidars, extruded to `height`."""
 
     name: str
     """What users call it."""

@@ -1,4 +1,4 @@
-"""World files: a place as YAML, one row per body."""
+"""World files: a world as YAML, one row per body."""
 
 import math
 from typing import Annotated
@@ -45,7 +45,7 @@ def _points(minimum: int) -> AfterValidator:
 
 
 class MoverFile(BaseModel):
-    """A moving cylinder as it stands in a world file."""
+    """A moving cylinder in a world file."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -55,7 +55,7 @@ class MoverFile(BaseModel):
 
 
 class WorldFile(BaseModel):
-    """A world file as it stands on disk; lengths in metres, angles in radians."""
+    """The keys of a world file; lengths in metres, angles in radians."""
 
     model_config = ConfigDict(extra="forbid")
 

@@ -20,10 +20,10 @@ from benchmarks.speed.results import Effort, Results
 from benchmarks.speed.targets import targets
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
 from envs.geometry.raycast import cast_rays
 from envs.robots import WheelOdometry, robot_record
 from envs.simulation import Twist, make_simulator
-from envs.simulation.contact import clearance
 from envs.simulation.drive import Timing
 from envs.simulation.kinematic import Obstacles, advance
 from envs.slam import load_params, make_slam

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
-from envs.simulation.contact import clearance
 from envs.worlds import Mover
 
 SUBSTEPS = 6
@@ -127,12 +127,6 @@ def test_a_wedged_robot_stays_where_it_is(room):
         simulator.step([Twist(0.2, 0.0)])
         assert clearance(*simulator.states[0].pose[:2], world.segments, world.circles) > robot.radius - 1e-5
     assert simulator.states[0].pose.x < 2.0 - robot.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
-
-
-def test_clearance_is_the_distance_to_the_nearest_thing(room):
-    world = room(4.0, segments=[[1, 1, 1, 3]], circles=[[-2, 0, 0.5]])
-    for point, expected in (((0, 2), 1), ((1, 0), 1), ((0, 0), math.sqrt(2)), ((-3, 0), 0.5), ((-2, 0.1), -0.4)):
-        assert clearance(*point, world.segments, world.circles) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan)])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.simulation.contact import clearance
 from envs.worlds import Mover
 
 WALL = 2.0

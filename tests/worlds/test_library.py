@@ -35,9 +35,9 @@ def test_every_world_loads_and_has_room_at_its_spawns(name):
     assert load_world(name) is world
     small = name in ("pimouse_arena", "raspimouse_sample_maze")
     radius, resolution = (0.08, 0.002) if small else (0.11, 0.02)
-    grid, standable = reachable(world, resolution, radius)
-    spots = [standable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns]
-    assert all(spots)
+    grid, traversable = reachable(world, resolution, radius)
+    reached = [traversable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns]
+    assert all(reached)
 
 
 @pytest.mark.parametrize("name", MEASURED)
@@ -60,7 +60,7 @@ def test_turtlebot3_world_is_a_hexagon_with_nine_pillars():
 
 def test_house_joins_yard_and_rooms():
     grid, inside = reachable(load_world("turtlebot3_house"), radius=0.2)
-    places = {
+    points = {
         "yard": (0, -3),
         "hall": (-3, 1),
         "west": (-6.5, -1),
@@ -68,7 +68,7 @@ def test_house_joins_yard_and_rooms():
         "south-east": (6, -4),
         "middle": (1, 3),
     }
-    assert all(inside[tuple(grid.cells(np.array(place)))] for place in places.values())
+    assert all(inside[tuple(grid.cells(np.array(point)))] for point in points.values())
 
 
 def test_warehouse_is_thirty_by_fifty_metres():

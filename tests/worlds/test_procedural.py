@@ -19,11 +19,11 @@ def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
         if size is not None:
             assert world.bounds == pytest.approx((0.0, 0.0, *size), abs=1e-6)
         _, inside = reachable(world)
-        grid, standable = reachable(world, radius=0.25)
+        grid, traversable = reachable(world, radius=0.25)
         clearance = ndimage.distance_transform_edt(grid.data == 0) * grid.resolution
         fitting = np.count_nonzero((clearance > 0.25) & inside)
         # What is left out are single cells beside furniture.
-        assert np.count_nonzero(standable) > 0.93 * fitting, seed
+        assert np.count_nonzero(traversable) > 0.93 * fitting, seed
         assert np.count_nonzero(inside) > 0.3 * grid.data.size, seed
         assert not world.movers
         if size is None:

@@ -22,14 +22,14 @@ closures: [[0, 3, 0, 0]]
 
 
 def load(tmp_path, text):
-    path = tmp_path / "place.yaml"
+    path = tmp_path / "hall.yaml"
     path.write_text(text)
     return load_world(path)
 
 
 def test_every_kind_of_body(tmp_path):
     world = load(tmp_path, GOOD)
-    assert world.name == "place"
+    assert world.name == "hall"
     assert world.height == 0.5
     assert len(world.segments) == 2 + 1 + 4 + 4 + 3 + 1
     assert world.segments.dtype == np.float64
@@ -73,16 +73,16 @@ def test_every_kind_of_body(tmp_path):
 )
 def test_errors_name_the_file_and_the_key(tmp_path, old, new, message):
     assert old in GOOD
-    with pytest.raises(ValueError, match=rf"place\.yaml: (.|\n)*{message}"):
+    with pytest.raises(ValueError, match=rf"hall\.yaml: (.|\n)*{message}"):
         load(tmp_path, GOOD.replace(old, new))
 
 
 def test_a_changed_file_is_read_again(tmp_path):
     first = load(tmp_path, GOOD)
-    assert load_world(tmp_path / "place.yaml") is first
-    (tmp_path / "place.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
-    os.utime(tmp_path / "place.yaml", ns=(1, 1))
-    assert load_world(tmp_path / "place.yaml").circles[0, 2] == 0.35
+    assert load_world(tmp_path / "hall.yaml") is first
+    (tmp_path / "hall.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
+    os.utime(tmp_path / "hall.yaml", ns=(1, 1))
+    assert load_world(tmp_path / "hall.yaml").circles[0, 2] == 0.35
 
 
 def test_missing_and_empty_files_are_named(tmp_path):

@@ -32,22 +32,22 @@ def generate(seed: int, size: tuple[float, float] | None = None) -> World:
     width, height = choose_size(rng, size, 4.0, (9.0, 9.0), (16.0, 16.0))
     shape = int(height / _STEP) + 1, int(width / _STEP) + 1
     fill = float(rng.uniform(0.42, 0.5))
-    core = _largest(_standable(rng, shape, fill))
+    core = _largest(_traversable(rng, shape, fill))
     while np.count_nonzero(core) * _STEP**2 < 0.3 * width * height:
         fill -= 0.02  # at the latest without any rock there is room enough
-        core = _largest(_standable(rng, shape, fill))
+        core = _largest(_traversable(rng, shape, fill))
     # Free is what lies within reach of where the disc's centre can be, so that no corner is too tight for it.
     distance = ndimage.distance_transform_edt(~core) * _STEP
     _sweep(distance)
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
     segments = contour(distance, _REACH, tolerance=0.25) * _STEP + np.tile(offset, 2)
-    spots = np.argwhere(core)
-    x, y = offset + _STEP * spots[int(rng.integers(len(spots)))][::-1]
+    cells = np.argwhere(core)
+    x, y = offset + _STEP * cells[int(rng.integers(len(cells)))][::-1]
     spawn = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
     return world_within(f"caves-{seed}", width, height, segments, np.empty((0, 3)), spawn)
 
 
-def _standable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
+def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
     """Grow a cave and return where in it the centre of a disc of radius `_REACH` can be: bool, of the given shape."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)

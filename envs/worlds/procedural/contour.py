@@ -101,7 +101,7 @@ def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
     Args:
         field: shape (height, width), float64; all of its edge on one side of `level`.
         level: the value.
-        tolerance: how far a segment may be from the line it stands for [grid steps].
+        tolerance: how far a segment may be from the line that it replaces [grid steps].
 
     Returns:
         Shape (n, 4), float64, (column, row, column, row) [grid steps].

@@ -73,8 +73,8 @@ def conference(rng: np.random.Generator, length: int) -> Item:
     depth = int(rng.integers(20, 25))
     stand = (7, 10 + depth // 2 - 3, length - 7, 10 + depth // 2 + 3)
     seats = length // 15
-    places = [((k + 0.5) * length / seats, y) for k in range(seats) for y in (6.0, depth + 14.0)]
-    chairs = tuple((x, y, 5.0) for x, y in places if rng.random() < 0.9)
+    seats_at = [((k + 0.5) * length / seats, y) for k in range(seats) for y in (6.0, depth + 14.0)]
+    chairs = tuple((x, y, 5.0) for x, y in seats_at if rng.random() < 0.9)
     return Item(length, depth + 20, rects=(stand,), discs=chairs)
 
 
@@ -144,4 +144,4 @@ WALL_FURNITURE: dict[str, tuple[Callable[[np.random.Generator], Item], ...]] = {
     "meeting": (shelf, plant, chest),
     "storage": (rack, rack, rack, chest, rack),
 }
-"""What stands along the walls of a kind of room, in the order in which it is put."""
+"""Pieces along the walls of a kind of room, in the order in which they are put."""

@@ -54,15 +54,15 @@ def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
     trail = [(0, 0)]
     while trail:
         row, col = trail[-1]
-        ways = [
+        unvisited = [
             (r, c)
             for r, c in ((row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col))
             if 0 <= r < rows and 0 <= c < cols and (r, c) not in visited
         ]
-        if not ways:
+        if not unvisited:
             trail.pop()
             continue
-        r, c = ways[int(rng.integers(len(ways)))]
+        r, c = unvisited[int(rng.integers(len(unvisited)))]
         solid[row + r + 1, col + c + 1] = False
         visited.add((r, c))
         trail.append((r, c))

@@ -80,11 +80,11 @@ class Plan:
         self.discs: list[tuple[float, float, float]] = []
 
     def settle(self) -> None:
-        """Work out where a robot can be among the walls; call it when they stand."""
+        """Work out where a robot can be among the walls; call it once they are complete."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0, whole: Rect | None = None) -> bool:
-        """Put an item into a room, if there is place for it and what is left of the floor stays in one piece.
+        """Put an item into a room, if it fits and what is left of the floor stays in one piece.
 
         Args:
             item: what to put.
@@ -130,7 +130,7 @@ class Plan:
     def put_somewhere(
         self, rng: np.random.Generator, item: Item, room: Rect, whole: Rect | None = None, attempts: int = 4
     ) -> bool:
-        """Put an item with its back to a wall of a room, trying a few places."""
+        """Put an item with its back to a wall of a room, trying a few positions."""
         for _ in range(attempts):
             side = int(rng.integers(4))
             slack = (room[2] - room[0] if side % 2 == 0 else room[3] - room[1]) - item.length
@@ -147,7 +147,7 @@ class Plan:
         whole: Rect | None = None,
         attempts: int = 4,
     ) -> bool:
-        """Put an item away from the walls of a room by `margin`, trying a few places."""
+        """Put an item away from the walls of a room by `margin`, trying a few positions."""
         for _ in range(attempts):
             side = int(rng.integers(4))
             width, height = room[2] - room[0], room[3] - room[1]
@@ -160,10 +160,10 @@ class Plan:
         return False
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:
-        """Return the plan as a world with its lower left corner at the origin, and one spawn anywhere with room."""
+        """Return the plan as a world with its lower left corner at the origin, and a spawn drawn where a robot fits."""
         xs, ys = UNIT * np.arange(self.width + 1), UNIT * np.arange(self.height + 1)
-        spots = np.flatnonzero(~self.blocked)
-        row, col = divmod(int(spots[rng.integers(len(spots))]), self.width)
+        cells = np.flatnonzero(~self.blocked)
+        row, col = divmod(int(cells[rng.integers(len(cells))]), self.width)
         spawn = Pose2D(float(UNIT * (col + 0.5)), float(UNIT * (row + 0.5)), float(rng.uniform(-math.pi, math.pi)))
         circles = np.array(self.discs, dtype=np.float64).reshape(-1, 3) * UNIT
         return world_within(name, xs[-1], ys[-1], outline(self.solid, xs, ys), circles, spawn, notes)

@@ -81,9 +81,9 @@ def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
 
 
 def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple[int, int]]:
-    """Return the stretches of standing bays in a row of `count`, some of which are missing."""
-    standing = [bool(rng.random() >= empty) for _ in range(count)]
-    edges = [k for k in range(count + 1) if (k > 0 and standing[k - 1]) != (k < count and standing[k])]
+    """Return the stretches of bays in a row of `count`, some of which are missing."""
+    present = [bool(rng.random() >= empty) for _ in range(count)]
+    edges = [k for k in range(count + 1) if (k > 0 and present[k - 1]) != (k < count and present[k])]
     return list(zip(edges[::2], edges[1::2]))
 
 
@@ -112,7 +112,7 @@ def _put_columns(rng: np.random.Generator, plan: Plan, floor: Rect) -> None:
 
 
 def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect) -> None:
-    """Put lanes of pallets and a few racks into the loading zone, and stray things everywhere."""
+    """Put rows of pallets and a few racks into the loading zone, and stray things everywhere."""
     side = int(rng.integers(4))
     length, depth = (loading[2] - loading[0], loading[3] - loading[1])[:: 1 if side % 2 == 0 else -1]
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))
@@ -120,8 +120,8 @@ def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect)
     for along in range(gap, length - 24 - gap, 24 + gap):
         count = int(rng.integers(most + 1)) if most > 0 else 0
         if count:
-            lane = Item(24, step * count, rects=tuple((0, step * k, 24, step * k + 16) for k in range(count)))
-            plan.put(lane, loading, side, along, int(rng.integers(20, 30)), floor)
+            pallets = Item(24, step * count, rects=tuple((0, step * k, 24, step * k + 16) for k in range(count)))
+            plan.put(pallets, loading, side, along, int(rng.integers(20, 30)), floor)
     for _ in range(3):
         plan.put_somewhere(rng, furniture.rack(rng), loading, floor)
     for make in (furniture.chest, furniture.plant, furniture.chest):
