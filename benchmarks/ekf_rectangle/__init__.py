@@ -1,1 +1,1 @@
-"""The experiment of seed 4: a robot drives a rectangle of 78 m, and four estimates of its pose face the truth."""
+"""Experiment of Nguyen et al. (2021), see `docs/ekf.md`: four estimates of the pose along a rectangle of 78 m."""

@@ -1,4 +1,4 @@
-"""Run the experiment of seed 4, and print its figures beside the paper's: `python -m benchmarks.ekf_rectangle`."""
+"""Repeat the experiment of Nguyen et al. (2021) beside their results: `python -m benchmarks.ekf_rectangle`."""
 
 import json
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ LABELS = {
 }
 """Fusions, in the order of the table."""
 COLUMNS = {"position_rmse": 1e3, "max_x": 1e3, "max_y": 1e3, "heading_rmse": 1.0, "max_heading": 1.0}
-"""Columns of the table, and by what they are multiplied: positions are printed in millimetres."""
+"""Columns of the table, and their factors: positions are printed in millimetres."""
 
 
 def main(
@@ -34,9 +34,9 @@ def main(
     """Drive the rectangle and measure four estimates of the pose.
 
     Args:
-        seeds: drives under each physics; each has its own noise, and a map of its own.
-        jobs: processes to spread the drives over.
-        physics: by which physics to drive.
+        seeds: drives per physics; each has its own noise and its own map.
+        jobs: number of processes.
+        physics: simulators.
         json_path: also write `{fusion: {physics_measure: value}}` to this file.
         images: folder for the figures.
     """
@@ -59,7 +59,7 @@ def main(
 
 
 def _print_table(physics: str, results: dict[str, Measures], seeds: int) -> None:
-    """Print the figures of all fusions, median and worst drive, and the paper's."""
+    """Print the results of all fusions, median and worst drive, and the paper's."""
     low, high = nees_bounds(seeds)
     print(f"\n{physics} physics, {seeds} drives: median (worst)")
     print(
@@ -81,7 +81,7 @@ def _print_table(physics: str, results: dict[str, Measures], seeds: int) -> None
 
 
 def _print_drives(drives: Sequence[Drive]) -> None:
-    """Print how the drives went."""
+    """Print how the drives ended, and what happened to the measurements."""
     ends = {reason: sum(drive.end_reason == reason for drive in drives) for reason in {d.end_reason for d in drives}}
     away = max(float(abs(drive.deviation).max()) for drive in drives)
     counts: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""What the fusion survives: the same drives with measurements late, missing, wrong, or without one of the sensors."""
+"""Robustness of the fusion: drives with late, missing or wrong measurements, or without one of the sensors."""
 
 import dataclasses
 from collections import Counter
@@ -7,15 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import tyro
 
-from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf, Measurement
-from envs.localization.fusion import make_filter, start_covariance
 
-from .drive import make_env
+from .drive import follow_route, make_env, make_started_filter
 
 Delivery = tuple[float, Measurement]
-"""How much later than it should a measurement comes [s], and the measurement."""
+"""Delay [s], and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], list[Delivery]]
 
 
@@ -57,59 +55,51 @@ FAULTS: dict[str, Fault] = {
     "no map": _without("map"),
     "no encoders": _without("encoder"),
 }
-"""What goes wrong with measurements, by name."""
+"""Faults by name."""
 
 
-class FaultyLine:
-    """A filter behind a line on which something goes wrong."""
+class FaultyChannel:
+    """A filter whose measurements pass through a channel with a fault."""
 
     def __init__(self, ekf: Ekf, fault: Fault, rng: np.random.Generator) -> None:
         self.ekf = ekf
-        self.ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
+        self.errors: list[tuple[float, float]] = []
+        """Errors of position [m] and heading [rad], one for each call of `compare`."""
         self._fault = fault
         self._rng = rng
-        self._waiting: list[Delivery] = []
-        self.errors: list[tuple[float, float]] = []
+        self._delayed: list[Delivery] = []
 
-    def pass_on(self, time: float, measurements: list[Measurement]) -> None:
-        """Hand measurements to the filter, now or later."""
+    def deliver(self, time: float, measurements: list[Measurement]) -> None:
+        """Give measurements to the filter, now or later."""
         for measurement in measurements:
-            self._waiting += [(time + delay, late) for delay, late in self._fault(measurement, self._rng)]
-        due = [delivery for delivery in self._waiting if delivery[0] <= time]
-        self._waiting = [delivery for delivery in self._waiting if delivery[0] > time]
+            self._delayed += [(time + delay, late) for delay, late in self._fault(measurement, self._rng)]
+        due = [delivery for delivery in self._delayed if delivery[0] <= time]
+        self._delayed = [delivery for delivery in self._delayed if delivery[0] > time]
         for _, measurement in sorted(due, key=lambda delivery: delivery[0]):
             self.ekf.add(measurement)
 
     def compare(self, time: float, truth: Pose2D) -> None:
-        """Note by how much the filter errs."""
-        # Nothing is known later than what came last: a silent filter is asked for its prediction.
+        """Record the filter's error, that of its prediction if there were no measurements."""
         error = self.ekf.estimate(max(time, self.ekf.time)).pose.between(truth)
         self.errors.append((float(np.hypot(error.x, error.y)), abs(float(wrap_angle(error.theta)))))
 
 
-def run_faults(physics: str, seed: int) -> dict[str, FaultyLine]:
-    """Drive once; every filter hears of the same drive what its line lets pass."""
+def run_faults(physics: str, seed: int) -> dict[str, FaultyChannel]:
+    """Drive once, with a filter for each fault."""
     env = make_env(physics, map_seed=seed)
-    observation, _ = env.reset(seed=seed)
-    tracker = RouteFollower()
-    tracker.reset(env.robot, env.control_period, env.route)
-    lines = {
-        name: FaultyLine(make_filter(env.robot), fault, np.random.default_rng([seed, k]))
+    channels = {
+        name: FaultyChannel(make_started_filter(env), fault, np.random.default_rng([seed, k]))
         for k, (name, fault) in enumerate(FAULTS.items())
     }
-    ended = False
-    while not ended:
-        observation, _, terminated, truncated, info = env.step(tracker.act(observation, env.estimate.pose))
-        ended = terminated or truncated
-        for line in lines.values():
-            line.pass_on(info["time"], env.fused.measurements)
-            line.compare(info["time"], env.true_pose)
-    env.close()
-    return lines
+    for info in follow_route(env, seed):
+        for channel in channels.values():
+            channel.deliver(info["time"], env.fused.measurements)
+            channel.compare(info["time"], env.true_pose)
+    return channels
 
 
 def main(seeds: int = 3, physics: str = "kinematic") -> None:
-    """Print errors and what became of the measurements, for each fault.
+    """Print errors and verdicts of the measurements, for each fault.
 
     Args:
         seeds: drives.

@@ -1,4 +1,4 @@
-"""Figures 5 to 10 of seed 4, drawn from our drives."""
+"""Figures 5 to 10 of Nguyen et al. (2021), from our drives."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from .drive import DRIVER, Drive, make_env
 from .measures import PAPER
 
 COLOURS = {"encoder": LIGHT.lines[1], "amcl": LIGHT.lines[2], "encoder_compass": LIGHT.lines[3], "full": LIGHT.lines[0]}
-"""Of the fusions."""
+"""Colours of the fusions."""
 
 
 def draw_figures(drives: Sequence[Drive], labels: Mapping[str, str], folder: Path) -> None:
@@ -24,7 +24,7 @@ def draw_figures(drives: Sequence[Drive], labels: Mapping[str, str], folder: Pat
 
     Args:
         drives: of one or more physics.
-        labels: what the fusions are called.
+        labels: names of the fusions in the legends.
         folder: receives `ekf_position.png`, `ekf_heading.png` and `ekf_errors.png`.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
-    """Figures 5 and 6: the map made beforehand, the route, and where each fusion believed to be."""
+    """Figures 5 and 6: the map made beforehand, the true and the estimated paths."""
     env = make_env(drive.physics, map_seed=drive.seed)
     env.reset(seed=drive.seed)
     grid = env.map.grid
@@ -54,7 +54,7 @@ def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
     figure, axes = plt.subplots(figsize=(10, 7.4), layout="constrained")
     axes.imshow(shades, cmap="gray", origin="lower", extent=extent, vmin=0, vmax=1, interpolation="antialiased")
     for fusion, label in labels.items():
-        axes.plot(*drive.believed[fusion][:, :2].T, color=COLOURS[fusion], lw=1.6, label=label)
+        axes.plot(*drive.estimated[fusion][:, :2].T, color=COLOURS[fusion], lw=1.6, label=label)
     axes.plot(*drive.truth[:, :2].T, color=LIGHT.ink, lw=0.8, ls="--", label="truth")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.set_title(
@@ -68,7 +68,7 @@ def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Any:
     """Figure 7: the heading over time."""
     figure, axes = plt.subplots(figsize=(10, 3.6), layout="constrained")
     for fusion, label in labels.items():
-        axes.plot(drive.time, np.degrees(np.unwrap(drive.believed[fusion][:, 2])), color=COLOURS[fusion], label=label)
+        axes.plot(drive.time, np.degrees(np.unwrap(drive.estimated[fusion][:, 2])), color=COLOURS[fusion], label=label)
     axes.plot(drive.time, np.degrees(np.unwrap(drive.truth[:, 2])), color=LIGHT.ink, lw=0.8, ls="--", label="truth")
     axes.set(xlabel="time [s]", ylabel="heading [deg]", yticks=range(0, 361, 90))
     axes.set_title(f"Heading ({drive.physics} physics, seed {drive.seed}); the paper's figure 7")
@@ -77,7 +77,7 @@ def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Any:
 
 
 def _draw_errors(drives: Sequence[Drive], labels: Mapping[str, str]) -> Any:
-    """Figures 8 to 10: errors of the localiser alone and of the full fusion, all drives, and the paper's greatest."""
+    """Figures 8 to 10: errors of the localizer alone and of the full fusion, all drives, and the paper's greatest."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure, grid = plt.subplots(
         3,

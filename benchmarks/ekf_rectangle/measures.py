@@ -1,4 +1,4 @@
-"""What drives are measured by, and what the paper says."""
+"""Measures of the drives, and the paper's results."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ DIMENSIONS = 3
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Errors of one fusion over drives. Of a drive's figure the median over the drives, and the worst drive's."""
+    """Errors of one fusion: the median over the drives, and the worst drive's."""
 
     position_rmse: float
-    """Root mean square distance from the truth, equation (11), median [m]."""
+    """Root mean square error of the position, equation (11), median [m]."""
     position_rmse_worst: float
     """The same, worst [m]."""
     heading_rmse: float
@@ -26,7 +26,7 @@ class Measures:
     max_x: float
     """Greatest error along x, median [m]."""
     max_x_worst: float
-    """The same, worst: the greatest of all drives [m]."""
+    """The same, worst [m]."""
     max_y: float
     """Greatest error along y, median [m]."""
     max_y_worst: float
@@ -36,8 +36,8 @@ class Measures:
     max_heading_worst: float
     """The same, worst [deg]."""
     nees: float
-    """Mean normalised estimation error squared of the pose, over all drives and times; 3 where errors are as large as
-    the covariance says, more where the estimate is too sure of itself."""
+    """Mean normalised estimation error squared of the pose over all drives and times; 3 for a consistent estimate, more
+    for an overconfident one."""
     nees_within: float
     """Share of control periods in which the mean over the drives lies within the 95 % bounds of chi-square."""
 
@@ -49,7 +49,7 @@ PAPER = {
     "max_y": 0.028,
     "max_heading": 3.3,
 }
-"""Figures that seed 4 gives for the full fusion; units as in `Measures`."""
+"""Results of Nguyen et al. (2021) for the full fusion; units as in `Measures`."""
 
 
 def nees_bounds(num_drives: int) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The experiment of seed 4: its drives, its measures, and what it prints, writes and draws."""
+"""The experiment of Nguyen et al. (2021): its drives, its measures, and what it prints, writes and draws."""
 
 import json
 import math
@@ -8,11 +8,11 @@ import pytest
 
 from benchmarks.ekf_rectangle import __main__ as experiment
 from benchmarks.ekf_rectangle.drive import Drive, run_drive
-from benchmarks.ekf_rectangle.faults import FAULTS, FaultyLine
+from benchmarks.ekf_rectangle.faults import FAULTS, FaultyChannel
 from benchmarks.ekf_rectangle.measures import PAPER, measure, nees_bounds
 from envs.geometry import Pose2D
 from envs.localization.ekf import Ekf, Measurement
-from envs.localization.fusion import FUSIONS
+from envs.localization.fusion import FUSIONS, start_covariance
 
 STEPS = 60
 
@@ -33,7 +33,7 @@ def make_drive(errors, covariance, seed=0):
         time=np.arange(len(errors), dtype=float),
         truth=truth,
         deviation=np.zeros(len(errors)),
-        believed={"full": truth + errors},
+        estimated={"full": truth + errors},
         covariance={"full": np.tile(covariance, (len(errors), 1, 1))},
         counts={},
     )
@@ -42,9 +42,9 @@ def make_drive(errors, covariance, seed=0):
 def test_a_drive_holds_every_fusion_at_every_step(drive):
     assert drive.end_reason == "max_steps"
     assert drive.time == pytest.approx(np.arange(1, STEPS + 1) / 17)
-    assert set(drive.believed) == set(drive.covariance) == set(FUSIONS)
+    assert set(drive.estimated) == set(drive.covariance) == set(FUSIONS)
     for fusion in FUSIONS:
-        assert drive.believed[fusion].shape == drive.truth.shape == (STEPS, 3)
+        assert drive.estimated[fusion].shape == drive.truth.shape == (STEPS, 3)
         assert drive.covariance[fusion].shape == (STEPS, 3, 3)
         assert np.abs(drive.error(fusion)).max() < 0.1
     assert drive.truth[-1, 0] > 1.0
@@ -57,7 +57,7 @@ def test_a_drive_holds_every_fusion_at_every_step(drive):
 def test_the_same_seed_gives_the_same_drive(drive):
     again = run_drive("kinematic", 0, max_steps=20)
     for fusion in FUSIONS:
-        np.testing.assert_array_equal(again.believed[fusion], drive.believed[fusion][:20])
+        np.testing.assert_array_equal(again.estimated[fusion], drive.estimated[fusion][:20])
 
 
 def test_measures_are_equations_11_and_12():
@@ -113,18 +113,20 @@ def test_faults_reach_the_filter_as_they_are_called():
     num_steps, counts = 17 * 20, {}
     encoder, pose = np.diag([0.02, 0.02]) ** 2, np.diag([0.02, 0.02, 0.01]) ** 2
     for name, fault in FAULTS.items():
-        line = FaultyLine(Ekf(), fault, np.random.default_rng(0))
+        started = Ekf()
+        started.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
+        channel = FaultyChannel(started, fault, np.random.default_rng(0))
         for k in range(num_steps):
             # Standing still from 30 s on, so that the time of silence is among them.
             time = 30.0 + (k + 1) / 17
             measurements = [Measurement(time, kind, np.zeros(2), encoder) for kind in ("encoder", "compass")]
             if k % 5 == 0:
                 measurements.append(Measurement(time, "map", np.zeros(3), pose))
-            line.pass_on(time, measurements)
-            line.compare(time, Pose2D(0.0, 0.0, 0.0))
-        assert len(line.errors) == num_steps
-        assert np.max(line.errors) < 0.3, name
-        counts[name] = line.ekf.counts
+            channel.deliver(time, measurements)
+            channel.compare(time, Pose2D(0.0, 0.0, 0.0))
+        assert len(channel.errors) == num_steps
+        assert np.max(channel.errors) < 0.3, name
+        counts[name] = channel.ekf.counts
     assert counts["none"]["encoder"] == {"accepted": num_steps}
     assert counts["no map"]["map"] == {}
     assert 15 < counts["one in ten 3 s late"]["compass"]["too_old"] < 55
