@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from baselines.path_follower import PathFollower
+from envs.files import resolve
 from envs.navigation import DwbPlanner, LocalPlanner
 from envs.robots import RobotParams
 
@@ -13,9 +14,13 @@ LOCAL_PLANNERS: dict[str, Callable[[RobotParams, float], LocalPlanner]] = {"rpp"
 def make_local_planner(name: str, robot: RobotParams, control_period: float) -> LocalPlanner:
     """Return a local planner with its default parameters.
 
+    Args:
+        name: one of `LOCAL_PLANNERS`, or `module:attribute` of what is called as those are.
+        robot: to drive.
+        control_period: time between two calls [s].
+
     Raises:
         ValueError: the name is unknown.
     """
-    if name not in LOCAL_PLANNERS:
-        raise ValueError(f"unknown local planner {name!r}; choose one of {', '.join(LOCAL_PLANNERS)}")
-    return LOCAL_PLANNERS[name](robot, control_period)
+    planner: LocalPlanner = resolve(name, LOCAL_PLANNERS, "local planner")(robot, control_period)
+    return planner

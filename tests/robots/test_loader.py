@@ -30,6 +30,17 @@ def test_a_name_a_path_and_the_robot_itself_are_the_same_robot():
     assert load_robot(robot) is robot
 
 
+def test_a_robot_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
+    (tmp_path / "robot_of_mine.py").write_text(
+        "import dataclasses\nfrom envs.robots import load_robot\n"
+        "slow = dataclasses.replace(load_robot('turtlebot3_burger'), max_v=0.1)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert load_robot("robot_of_mine:slow").max_v == 0.1
+    with pytest.raises(ValueError, match="no attribute 'fast'"):
+        load_robot("robot_of_mine:fast")
+
+
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
     path = written(tmp_path, BURGER.read_text().replace("gyro_std: 0.0002", "gyro_std: 2e-4"))
     assert isinstance(yaml.safe_load(path.read_text())["imu"]["gyro_std"], str)

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -96,6 +97,29 @@ def test_sampler_gives_fixed_worlds_again_and_again(tmp_path):
     assert sample(rng) is sample(rng) is load_world("turtlebot3_world")
     world = load_world("turtlebot3_stage_1")
     assert world_sampler(world)(rng) is world
+
+
+def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
+    (tmp_path / "yard_of_mine.py").write_text(
+        "from envs.worlds import FAMILIES, load_world\n"
+        "hall = load_world('turtlebot3_world')\n"
+        "def maze(rng):\n    return FAMILIES['maze'](int(rng.integers(9)), (4.0, 4.0))\n"
+        "number = 3\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    hall = load_world("turtlebot3_world")
+    assert load_world("yard_of_mine:hall") is hall
+    env = gymnasium.make("lidarnaut/Explore-v0", world="yard_of_mine:maze", physics="kinematic", slam="truth")
+    names = set()
+    for seed in range(6):
+        env.reset(seed=seed)
+        names.add(env.unwrapped.world.name)
+    assert len(names) > 1
+    assert all(name.startswith("maze-") for name in names)
+    with pytest.raises(TypeError, match="got int"):
+        world_sampler("yard_of_mine:number")
+    with pytest.raises(ValueError, match="no attribute 'halls'"):
+        load_world("yard_of_mine:halls")
 
 
 def test_sampler_refuses_what_it_does_not_know():
