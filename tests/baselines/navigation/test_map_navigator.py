@@ -207,7 +207,7 @@ def test_time_that_goes_backwards_is_refused():
 
 
 def test_unknown_local_planners_are_named():
-    with pytest.raises(ValueError, match=r"'teb'; choose one of rpp, dwb"):
+    with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, dwb"):
         make_local_planner("teb", BURGER, 0.1)
 
 
