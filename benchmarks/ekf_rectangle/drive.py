@@ -51,7 +51,7 @@ class Drive:
         return error
 
     def nees(self, fusion: str) -> np.ndarray:
-        """Return the normalised estimation error squared (NEES), shape (n,); 3 on average if the filter is consistent."""
+        """Return the normalised estimation error squared (NEES), shape (n,); 3 on average for a consistent filter."""
         error = self.error(fusion)
         return np.einsum("ni,ni->n", error, np.linalg.solve(self.covariance[fusion], error[..., None])[..., 0])
 

@@ -76,19 +76,7 @@ class Amcl:
         *,
         covariance: np.ndarray | None = None,
     ) -> PoseEstimate:
-        """Forget everything, and start on a map.
-
-        Args:
-            occupancy: the map; it is copied.
-            pose: initial pose of the base (map frame); None for global localization, which starts with particles all
-                over the map's free space.
-            rng: source of all later noise.
-            covariance: shape (3, 3), of `pose` [m, m, rad]; None for the params' `initial_std`.
-
-        Raises:
-            ValueError: if the map has no free cell, `pose` lies outside of it or on a cell that is not free, or
-                `covariance` is not a covariance matrix.
-        """
+        """Start on a map, see `Localizer`; by default `covariance` follows from the params' `initial_std`."""
         self._prepare(occupancy)
         self.rng = rng
         if pose is None:
@@ -102,16 +90,7 @@ class Amcl:
         return self._estimate
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
-        """Update by one scan; until the robot has moved by `update_min_d` or `update_min_a`, by odometry alone.
-
-        Args:
-            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
-            motion: pose of the base now, as odometry sees it from the base at the previous scan.
-
-        Raises:
-            ValueError: if the scan has another number of beams, or the motion is not finite.
-            RuntimeError: before the first `reset`.
-        """
+        """Update by one scan, see `Localizer`; until the robot has moved far enough, by odometry alone."""
         if self._map is None:
             raise RuntimeError("AMCL has no map yet; call reset first")
         ranges = check_scan(ranges, motion, self._lidar)

@@ -66,9 +66,7 @@ class RayMap(NamedTuple):
 
     distances: np.ndarray
     """Shape (height, width), float32: see `march` [cells]."""
-    x: float
-    """Corner of the map in the map frame [m]."""
-    y: float
+    origin: tuple[float, float]
     """Corner of the map in the map frame [m]."""
     resolution: float
     """Side of a cell [m]."""
@@ -81,9 +79,7 @@ class Scan(NamedTuple):
     """Shape (k,), float32 [m]; inf for no return, NaN for a beam to ignore."""
     angles: np.ndarray
     """Shape (k,), float64, directions in the base frame [rad]."""
-    mount_x: float
-    """Position of the lidar in the base frame [m]."""
-    mount_y: float
+    mount: tuple[float, float]
     """Position of the lidar in the base frame [m]."""
     range_max: float
     """Readings from this on are no return [m]."""
@@ -118,13 +114,14 @@ def multiply_by_beams(ray_map, scan, mixture, particles, weights):
         The weighted mean of the factors.
     """
     num_beams, resolution = scan.ranges.shape[0], ray_map.resolution
+    (corner_x, corner_y), (mount_x, mount_y) = ray_map.origin, scan.mount
     cosines, sines = np.cos(scan.angles).astype(np.float32), np.sin(scan.angles).astype(np.float32)
     longest = np.float32(scan.range_max / resolution)
     mean = 0.0
     for i in range(weights.shape[0]):
         c, s = cosine(particles[2, i]), sine(particles[2, i])
-        x = np.float32((particles[0, i] + c * scan.mount_x - s * scan.mount_y - ray_map.x) / resolution)
-        y = np.float32((particles[1, i] + s * scan.mount_x + c * scan.mount_y - ray_map.y) / resolution)
+        x = np.float32((particles[0, i] + c * mount_x - s * mount_y - corner_x) / resolution)
+        y = np.float32((particles[1, i] + s * mount_x + c * mount_y - corner_y) / resolution)
         factor = 1.0
         for k in range(num_beams):
             if math.isnan(scan.ranges[k]):
@@ -155,12 +152,12 @@ class BeamModel:
         blocked = (occupancy.data >= OCCUPIED_FROM) | (occupancy.data == UNKNOWN)
         distances = obstacle_distances(blocked, occupancy.resolution, params.max_distance)
         distances = (distances / occupancy.resolution).astype(np.float32)
-        self._ray_map = RayMap(distances, *occupancy.origin, occupancy.resolution)
+        self._ray_map = RayMap(distances, occupancy.origin, occupancy.resolution)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return the weighting function of a scan; see `LikelihoodField`. None if all beams are to be ignored."""
         beams = self._beams
-        scan = Scan(beams.pick(ranges), beams.angles, beams.mount.x, beams.mount.y, beams.range_max)
+        scan = Scan(beams.pick(ranges), beams.angles, beams.mount, beams.range_max)
         if np.isnan(scan.ranges).all():
             return None
 

@@ -16,18 +16,12 @@ _TOUCHING = np.ones((3, 3, 3))
 class BinRaster(NamedTuple):
     """Histogram bins over x, y and heading."""
 
-    x: float
-    """Corner of the raster in the map frame [m]."""
-    y: float
+    origin: tuple[float, float]
     """Corner of the raster in the map frame [m]."""
     size: float
     """Side of a bin [m]."""
-    num_y: int
-    """Bins along y."""
-    num_x: int
-    """Bins along x."""
-    num_angles: int
-    """Bins in a turn."""
+    shape: tuple[int, int, int]
+    """Number of bins along y, along x and in a turn."""
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
@@ -40,12 +34,7 @@ class BinRaster(NamedTuple):
         """
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
-        return cls(x_min, y_min, size, num_y, num_x, max(1, round(2.0 * math.pi / angle)))
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of bins along y, x and heading."""
-        return self[3:]
+        return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,9 +51,9 @@ def find_bins(particles, raster, bins):
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
-    per_radian = np.float32(raster.num_angles / (2.0 * math.pi))
-    offset_x, offset_y = np.float32(raster.x), np.float32(raster.y)
-    num_x, num_y, num_angles = np.int32(raster.num_x), np.int32(raster.num_y), np.int32(raster.num_angles)
+    per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
+    offset_x, offset_y = np.float32(raster.origin[0]), np.float32(raster.origin[1])
+    num_y, num_x, num_angles = np.int32(raster.shape[0]), np.int32(raster.shape[1]), np.int32(raster.shape[2])
     zero, one = np.int32(0), np.int32(1)
     low_row, low_col, low_angle = num_y, num_x, num_angles
     high_row, high_col, high_angle = zero, zero, zero
@@ -92,7 +81,7 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
     """
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
-    occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.num_angles + 1), dtype=bool)
+    occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)
     occupied[rows, cols, angles] = True
     # Headings are periodic: the first bin is repeated after the last one, and clusters that meet there are joined.
     again = occupied[:, :, -1] = occupied[:, :, 0]

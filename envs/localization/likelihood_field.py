@@ -45,9 +45,7 @@ class Field(NamedTuple):
     """Shape (height, width), uint16."""
     border: int
     """Width of the border, which no beam can leave from within the map [cells]; its entries are all the same."""
-    x: float
-    """Corner of the field in the map frame [m]."""
-    y: float
+    origin: tuple[float, float]
     """Corner of the field in the map frame [m]."""
     resolution: float
     """Side of a cell [m]."""
@@ -76,7 +74,7 @@ def sum_fields(field, points, num_points, particles, sums):
     flat, width = field.data.ravel(), np.int32(field.data.shape[1])
     points_x, points_y = points[0, :num_points], points[1, :num_points]
     scale = np.float32(1.0 / field.resolution)
-    offset_x, offset_y = np.float32(field.x), np.float32(field.y)
+    offset_x, offset_y = np.float32(field.origin[0]), np.float32(field.origin[1])
     low = np.float32(field.border)
     high_x, high_y = np.float32(field.data.shape[1] - field.border), np.float32(field.data.shape[0] - field.border)
     nothing = np.int32(num_points) * np.int32(field.data[0, 0])
@@ -139,7 +137,7 @@ def count_near(field, near, points, num_points, pose):
         pose: x, y, heading of the base in the map frame [m, m, rad].
     """
     height, width = field.data.shape
-    x, y = (pose[0] - field.x) / field.resolution, (pose[1] - field.y) / field.resolution
+    x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for k in range(num_points):
@@ -191,7 +189,7 @@ class LikelihoodField:
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
-        self._field = Field(entries, border, x - border * resolution, y - border * resolution, resolution)
+        self._field = Field(entries, border, (x - border * resolution, y - border * resolution), resolution)
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
         self._sums = np.empty(params.most_particles, dtype=np.int32)
 
@@ -238,7 +236,8 @@ class Beams:
         """Shape (k,), float64: directions in the base frame [rad]."""
         self.range_max = min(params.max_range or math.inf, lidar.range_max)
         """Readings from this on count as no return [m]."""
-        self.mount = lidar.mount
+        self.mount = lidar.mount.x, lidar.mount.y
+        """Position of the lidar in the base frame [m]."""
         self._directions = np.stack([np.cos(self.angles), np.sin(self.angles)])
         self._resolution = resolution
         self._points = np.empty((2, len(self.angles)), dtype=np.float32)
@@ -249,8 +248,6 @@ class Beams:
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
         """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
-        mount = self.mount
-        count = project_hits(
-            self.pick(ranges), self.range_max, self._directions, mount.x, mount.y, self._resolution, self._points
-        )
+        picked = self.pick(ranges)
+        count = project_hits(picked, self.range_max, self._directions, *self.mount, self._resolution, self._points)
         return self._points, count

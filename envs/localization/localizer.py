@@ -55,12 +55,13 @@ class Localizer(Protocol):
 
         Args:
             occupancy: the map; it is copied.
-            pose: initial pose of the base (map frame); None for global localization.
+            pose: initial pose of the base (map frame); None for global localization, anywhere in the free space.
             rng: source of all later noise.
             covariance: shape (3, 3), of `pose` [m, m, rad]; None for a default of the params.
 
         Raises:
-            ValueError: if the map has no free cell, or `pose` lies outside of it or on a cell that is not free.
+            ValueError: if the map has no free cell, `pose` lies outside of it or on a cell that is not free, or
+                `covariance` is not a covariance matrix.
         """
         ...
 
@@ -74,5 +75,6 @@ class Localizer(Protocol):
 
         Raises:
             ValueError: if the scan has another number of beams, or the motion is not finite.
+            RuntimeError: before the first `reset`.
         """
         ...

@@ -3,16 +3,33 @@
 import gzip
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from .log import Log, ScanGeometry
+
+class RawLog(NamedTuple):
+    """A log as it was recorded; see `Log`."""
+
+    times: np.ndarray
+    odometry: np.ndarray
+    scan_rows: np.ndarray
+    ranges: np.ndarray
+    angle_min: float
+    """Direction of the first beam in the base frame [rad]."""
+    increment: float
+    """Angle between two beams [rad]."""
+    max_range: float
+    """Readings from this on are no return [m]."""
+    mount_x: float = 0.0
+    """Position of the lidar along the x axis of the base [m]."""
+
 
 _SICK_MAX_RANGE = 80.0
 """Range of the SICK lasers behind FLASER lines, which do not record it [m]."""
 
 
-def read_carmen(path: Path, max_range: float | None) -> Log:
+def read_carmen(path: Path) -> RawLog:
     """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one kind of laser."""
     times, odometry, scan_rows, scans = [], [], [], []
     angles: tuple[float, float] | None = None
@@ -55,5 +72,4 @@ def read_carmen(path: Path, max_range: float | None) -> Log:
                 raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
     if angles is None:
         raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines")
-    geometry = ScanGeometry(*angles, limit if max_range is None else min(limit, max_range), mount_x)
-    return Log.checked(path, np.array(times), np.array(odometry), np.array(scan_rows), np.array(scans), geometry)
+    return RawLog(np.array(times), np.array(odometry), np.array(scan_rows), np.array(scans), *angles, limit, mount_x)

@@ -1,34 +1,16 @@
-"""The log of a drive: wheel odometry and laser scans of a robot."""
+"""Logs of real robots: wheel odometry and laser scans."""
 
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from envs.geometry import Pose2D
 from envs.robots import LidarParams, Mount
 
-
-class ScanGeometry(NamedTuple):
-    """Where the beams of a scan point."""
-
-    angle_min: float
-    """Direction of the first beam in the base frame [rad]."""
-    increment: float
-    """Angle between two beams [rad]."""
-    max_range: float
-    """Readings from this on count as no return [m]."""
-    mount_x: float = 0.0
-    """Position of the lidar along the x axis of the base [m]."""
-
-    def lidar(self, num_beams: int) -> LidarParams:
-        """Return the lidar of a robot whose scans have this geometry."""
-        fov = self.increment * (num_beams - 1)
-        yaw = self.angle_min + fov / 2  # LidarParams centres the field of view on the sensor's x axis
-        return LidarParams(num_beams, self.max_range, fov=fov, mount=Mount(self.mount_x, yaw=yaw))
+from .carmen import RawLog, read_carmen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,36 +35,54 @@ class Log:
         for before, after in itertools.pairwise(poses):
             yield before.between(after)
 
-    @classmethod
-    def checked(
-        cls,
-        path: Path,
-        times: np.ndarray,
-        odometry: np.ndarray,
-        scan_rows: np.ndarray,
-        ranges: np.ndarray,
-        geometry: ScanGeometry,
-    ) -> "Log":
-        """Return the log of a file.
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.odometry) or len(self.scan_rows) != len(self.ranges):
+            raise ValueError("numbers of times, poses and scans do not agree")
+        if len(self.ranges) == 0:
+            raise ValueError("holds no scans")
+        if not (np.isfinite(self.times).all() and np.isfinite(self.odometry).all()):
+            raise ValueError("times and odometry must be finite")
+        if self.scan_rows.min() < 0 or self.scan_rows.max() >= len(self.times):
+            raise ValueError("scans refer to rows of odometry that do not exist")
 
-        Args:
-            path: the file, for messages.
-            times: see `Log`.
-            odometry: see `Log`.
-            scan_rows: see `Log`.
-            ranges: shape (m, num_beams) [m], as recorded.
-            geometry: of the scans.
 
-        Raises:
-            ValueError: sizes or values do not fit together.
-        """
-        if not len(times) == len(odometry) or not len(scan_rows) == len(ranges):
-            raise ValueError(f"{path}: numbers of times, poses and scans do not agree")
-        if len(ranges) == 0:
-            raise ValueError(f"{path}: holds no scans")
-        if not (np.isfinite(times).all() and np.isfinite(odometry).all()):
-            raise ValueError(f"{path}: times and odometry must be finite")
-        if scan_rows.min() < 0 or scan_rows.max() >= len(times):
-            raise ValueError(f"{path}: scans refer to rows of odometry that do not exist")
-        ranges = np.where(ranges >= geometry.max_range, np.float32(np.inf), ranges.astype(np.float32))
-        return cls(times, odometry, scan_rows.astype(np.int64), ranges, geometry.lidar(ranges.shape[1]))
+def load_log(path: str | Path, max_range: float | None = None) -> Log:
+    """Read a log, either arrays (.npz) or CARMEN text (.log, .clf, also gzipped).
+
+    Args:
+        path: the file. Arrays are named `t`, `odo`, `ranges`, `idx`, `ang0`, `dang`, `maxr` and optionally `off`, which
+            is added to `t`.
+        max_range: readings from this on count as no return [m]; None takes what the log says.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the file is of another kind, damaged, or holds no scans.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no log at {path}")
+    if path.suffix == ".npz":
+        raw = _read_arrays(path)
+    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")):
+        raw = read_carmen(path)
+    else:
+        raise ValueError(f"{path}: unknown kind of log; .npz, .log, .log.gz, .clf and .clf.gz are known")
+    limit = raw.max_range if max_range is None else min(raw.max_range, max_range)
+    num_beams = raw.ranges.shape[-1]
+    fov = raw.increment * (num_beams - 1)
+    # LidarParams centres the field of view on the sensor's x axis.
+    lidar = LidarParams(num_beams, limit, fov=fov, mount=Mount(raw.mount_x, yaw=raw.angle_min + fov / 2))
+    ranges = np.where(raw.ranges >= limit, np.float32(np.inf), raw.ranges.astype(np.float32))
+    try:
+        return Log(raw.times, raw.odometry, raw.scan_rows.astype(np.int64), ranges, lidar)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _read_arrays(path: Path) -> RawLog:
+    with np.load(path) as arrays:
+        if missing := {"t", "odo", "ranges", "idx", "ang0", "dang", "maxr"} - set(arrays):
+            raise ValueError(f"{path}: lacks the arrays {sorted(missing)}")
+        times = arrays["t"] + (float(arrays["off"]) if "off" in arrays else 0.0)
+        angles = float(arrays["ang0"]), float(arrays["dang"])
+        return RawLog(times, arrays["odo"], arrays["idx"], arrays["ranges"], *angles, float(arrays["maxr"]))

@@ -53,7 +53,7 @@ def test_clusters_equal_dbscan():
         cells = np.stack(np.unravel_index(bins, RASTER.shape), axis=1)
         assert extent == 1 + np.ptp(cells, axis=0).max()
         apart = np.abs(cells[:, None] - cells)
-        apart[..., 2] = np.minimum(apart[..., 2], RASTER.num_angles - apart[..., 2])
+        apart[..., 2] = np.minimum(apart[..., 2], RASTER.shape[2] - apart[..., 2])
         labels = DBSCAN(eps=1.0, min_samples=1, metric="precomputed").fit_predict(apart.max(axis=-1))
         totals = np.bincount(labels, weights)
         weight, members = heaviest_cluster(bins, weights, RASTER)
