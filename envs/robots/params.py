@@ -181,11 +181,15 @@ class BodyParams:
     """Radius of the cylinder [m]."""
     height: float | None = None
     """Height of the cylinder [m]."""
+    friction: float = 0.2
+    """Coulomb friction between the body and obstacles; 0 for a smooth round body, which walls do not keep from turning
+    and which would be turned into them if it rubbed."""
 
     def __post_init__(self) -> None:
         _require(self.mass > 0, "mass must be positive", self.mass)
         _require((self.size is None) == (self.radius is not None), "give either size or radius and height", self.size)
         _require((self.radius is None) == (self.height is None), "radius and height go together", self.height)
+        _require(self.friction >= 0, "friction must not be negative", self.friction)
         for value in (*(self.size or ()), self.radius or 1.0, self.height or 1.0):
             _require(value > 0, "dimensions of the body must be positive", value)
 

@@ -176,11 +176,14 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
         physicsClientId=client,
     )
     rolling = _ROTOR * body.mass * radius**2
+    # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
+    # more weight rests, would drag it along the wall, faster than it can drive.
+    frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     for link in range(-1, count):
         bullet.changeDynamics(
             robot_id,
             link,
-            lateralFriction=drive.friction if link in WHEEL_LINKS else 0.0,
+            lateralFriction=frictions.get(link, 0.0),
             restitution=0.0,
             linearDamping=0.0,
             angularDamping=0.0,

@@ -10,7 +10,7 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.worlds import Mover
+from envs.worlds import Mover, load_world
 
 WALL = 2.0
 
@@ -93,4 +93,31 @@ def test_a_wall_of_many_pieces_is_smooth(physics, name, room):
     assert 0.0 < y < 1.0
     if robot.body.radius is not None:
         assert theta == pytest.approx(0.25, abs=0.05)
+    simulator.close()
+
+
+@pytest.mark.parametrize("world", ["plain wall", "explorebench_loop"])
+@pytest.mark.parametrize("name", ["turtlebot3_burger", "turtlebot3_waffle_pi", "raspimouse", "mpo_500", "create3"])
+def test_a_robot_that_a_wall_keeps_from_turning_is_no_faster_than_it_can_drive(physics, name, world, room):
+    """Against a wall at all angles, forward and backward, while turning either way."""
+    robot = load_robot(name)
+    if world == "plain wall":
+        world, wall = room(8.0, segments=[[WALL, -8.0, WALL, 8.0]]), WALL
+    else:
+        world, wall = load_world(world), 9.925
+    simulator = make_simulator(physics, robot, 0.1)
+    limit = 1.05 * robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
+    contacts = 0
+    for heading in np.arange(8) * math.pi / 4:
+        for v, w in ((1.0, 0.5), (1.0, -0.15), (-1.0, 0.5), (-1.0, -0.15)):
+            simulator.reset(world, [Pose2D(wall - robot.radius - 0.03, 0.0, heading)], [np.random.default_rng(0)])
+            touched = False
+            for _ in range(60):
+                before = simulator.states[0].pose
+                touched |= simulator.step([Twist(v * robot.max_v, w * robot.max_w)])[0].bumper
+                pose = simulator.states[0].pose
+                assert not touched or math.dist(before[:2], pose[:2]) < limit * 0.1
+                assert pose.x < wall
+            contacts += touched
+    assert contacts > 8
     simulator.close()
