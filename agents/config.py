@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import warnings
 from typing import Any, Literal
 
 from pydantic import (
@@ -14,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from envs.files import explain_unknown
+from envs.files import explain_unknown, load_object
 from envs.rewards import RewardWeights
 
 
@@ -30,15 +31,15 @@ class EnvironmentConfig(Section):
     id: str = "lidarnaut/Explore-v0"
     """Environment; `module:id` imports the module that registers it first."""
     world: str = "rooms"
-    """Library world, procedural family, or path."""
+    """Library world, procedural family, path, or `module:attribute` of one of your own."""
     world_size: tuple[PositiveFloat, PositiveFloat] | None = None
     """Outer size (x, y) of a procedural world [m]; null leaves it to the family."""
     robot: str | None = None
-    """Library robot or path; null takes the world's usual robot."""
+    """Library robot, path, or `module:attribute`; null takes the world's usual robot."""
     physics: str = "kinematic"
     """`kinematic` or `bullet`."""
     slam: str = "tinyslam"
-    """SLAM in the loop."""
+    """SLAM in the loop, by name or as `module:attribute`."""
     control_hz: PositiveFloat = 5.0
     """Decisions per second."""
     time_limit: PositiveFloat | None = None
@@ -47,15 +48,26 @@ class EnvironmentConfig(Section):
     """Explored fraction that ends the episode."""
     reward: dict[str, float] = Field(default_factory=lambda: dataclasses.asdict(RewardWeights()))
     """Weights of the reward's terms; those left out keep the environment's own."""
+    reward_object: str | None = None
+    """`module:attribute` of reward weights of your own, terms included; takes the place of `reward`."""
 
-    vectorization: Literal["lanes", "sync", "async"] = "lanes"
-    """How many run side by side: in compiled lanes (kinematic physics only), one after the other, or in a process
-    each."""
+    vectorization: Literal["native", "sync", "async"] = "native"
+    """How sub-environments run side by side: in the package's own vector environment, one after the other, or in a
+    process each."""
 
     @property
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
-        return self.model_dump(exclude={"id", "vectorization"})
+        arguments = self.model_dump(exclude={"id", "vectorization", "reward_object"})
+        return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
+
+    @field_validator("vectorization", mode="before")
+    @classmethod
+    def _rename(cls, vectorization: Any) -> Any:
+        if vectorization == "lanes":
+            warnings.warn("vectorization 'lanes' is called 'native' now", DeprecationWarning, stacklevel=2)
+            return "native"
+        return vectorization
 
     @field_validator("reward")
     @classmethod
@@ -119,7 +131,7 @@ class EvaluationConfig(Section):
     episodes: PositiveInt = 20
     """Episodes of an evaluation; episode i is seeded with i."""
     references: tuple[str, ...] = ("random",)
-    """Explorers from `baselines` that are measured on the same episodes, once, before training."""
+    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training."""
 
 
 class CheckpointConfig(Section):

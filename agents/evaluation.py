@@ -10,11 +10,13 @@ from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from agents.config import TrainingConfig
+from agents.policies import make_policy
 from agents.ppo import mean_action
 from agents.vector import Observations, make_env, make_vector
 from baselines.episode import run_episode
 from baselines.explorer import Explorer, ObservationPolicy
 from envs.explore import ExploreEnv
+from envs.files import resolve
 
 ELAPSED = 5
 """Index in the observation `motion` of the share of the time limit that has passed."""
@@ -22,7 +24,7 @@ ELAPSED = 5
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What one episode came to."""
+    """The measures of one episode."""
 
     explored_fraction: float
     """At the end, of the explorable area."""
@@ -60,11 +62,12 @@ class Evaluator:
         return run_episodes(self._vector, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0))
 
     def explorer(self, name: str) -> list[Episode]:
-        """Measure an explorer that does not learn."""
-        from baselines import make_explorer  # brings scikit-learn, which a training without references need not load
+        """Measure an explorer that does not learn, by name or as `module:attribute`."""
+        from baselines import EXPLORERS  # brings scikit-learn, which a training without references need not load
 
-        env = make_env(self._config.environment, "test")
-        episodes = [run_explorer(env, make_explorer(name), seed) for seed in range(self._num_episodes)]
+        env, source = make_env(self._config.environment, "test"), resolve(name, EXPLORERS, "explorer")
+        seeds = range(self._num_episodes)
+        episodes = [run_explorer(env, make_policy(source, env.action_space), seed) for seed in seeds]
         env.close()
         return episodes
 

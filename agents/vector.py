@@ -24,7 +24,7 @@ def make_vector(
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
     """Make several environments on the worlds of a split. One whose episode ends starts the next at once."""
     arguments = {**config.arguments, "split": split}
-    if config.vectorization == "lanes":
+    if config.vectorization == "native":
         arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
         return gymnasium.make_vec(config.id, num_envs, vectorization_mode="vector_entry_point", **arguments)
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}

@@ -138,6 +138,11 @@ class Episode:
     """The explored fraction over time and distance."""
 
 
+def exploration_of(env: gymnasium.Env[Any, Any]) -> ExploreEnv:
+    """Return the exploration in an environment, whatever wraps it, and be it driven by twists or by decisions."""
+    return cast(ExploreEnv, getattr(env.unwrapped, "explore", env.unwrapped))
+
+
 def begin_episode(
     env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
@@ -152,7 +157,7 @@ def begin_episode(
     Returns:
         The environment's first observation and info.
     """
-    inner = cast(ExploreEnv, env.unwrapped)
+    inner = exploration_of(env)
     observation, info = env.reset(seed=seed)
     explorer.reset(inner.robot, inner.control_period, rng)
     if isinstance(explorer, Omniscient):
@@ -185,7 +190,7 @@ def run_episode(
         seed: of everything: world, start, noise, and the explorer's own draws.
         on_step: called with `info` after the reset and after every step, to record pictures.
     """
-    inner = cast(ExploreEnv, env.unwrapped)
+    inner = exploration_of(env)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
     observation, info = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
     samples: list[tuple[float, ...]] = []

@@ -1,60 +1,85 @@
-"""Explorers by the names that a command line gives them."""
+"""Policies by the names that a command line gives them."""
 
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from baselines import EXPLORERS, make_explorer
+from gymnasium import spaces
+
+from agents.policies import Level, level_of, make_policy
+from baselines import EXPLORERS
 from baselines.explorer import Explorer, ObservationPolicy
+from envs.files import load_object, resolve
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """An explorer that can be made in any process."""
+    """A policy that can be made in any process."""
 
     name: str
-    """As users write it: a classic explorer, or `ppo:PATH`, or the label that they give to that."""
+    """As users write it: a name of the table, `ppo:PATH`, `module:attribute`, or the label that they give to those."""
     kind: str
-    """A classic explorer, or `ppo`."""
+    """A name of the table, `ppo`, or `module:attribute`."""
     checkpoint: str = ""
-    """Checkpoint folder of a learned explorer, fixed when the name was read: a training may write newer ones."""
+    """Checkpoint folder of a learned policy, fixed when the name was read: a training may write newer ones."""
     fingerprint: str = ""
     """SHA-256 of its weights."""
+    given: Any = None
+    """The policy itself, where it was given in Python."""
+    level: Level = "twist"
+    """What it decides."""
 
-    def make(self) -> Explorer | ObservationPolicy:
-        """Make the explorer."""
-        if not self.checkpoint:
-            return make_explorer(self.kind)
-        from agents.explorer import PPOExplorer
+    def make(self, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
+        """Make the policy for an action space."""
+        if self.checkpoint:
+            from agents.explorer import PPOExplorer
 
-        return PPOExplorer.load(self.checkpoint)
+            return PPOExplorer.load(self.checkpoint)
+        return make_policy(self._source(), space)
+
+    def _source(self) -> Any:
+        return resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given
 
 
-def parse_policy(name: str) -> Policy:
-    """Read a name, and make the explorer once to see that it can be made.
+def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
+    """Read a name, and make the policy once to see that it can be made.
+
+    Args:
+        name: a classic explorer, `ppo:PATH`, `module:attribute`, or `LABEL=` before one of the latter two.
+        given: policies by further names.
 
     Raises:
-        ValueError: if there is no such explorer; lists those that there are.
+        ValueError: if there is no such policy; lists those that there are.
         agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
     """
+    if given and name in given:
+        return _checked(Policy(name, name, given=given[name]), given[name])
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
-    kind, _, path = what.partition(":")
-    if label != name and (label in EXPLORERS or kind != "ppo"):
+    kind, _, rest = what.partition(":")
+    if label != name and (label in EXPLORERS or not rest):
         raise ValueError(
-            f"policy {name!r}: only a learned policy can have a name of its own, as LABEL=ppo:PATH, and not that of a "
-            f"classic explorer ({', '.join(EXPLORERS)})"
+            f"policy {name!r}: only ppo:PATH and module:attribute can have names of their own, as LABEL=ppo:PATH, and "
+            f"not that of a classic explorer ({', '.join(EXPLORERS)})"
         )
-    if kind == "ppo" and path:
+    if kind == "ppo" and rest:
         from agents.checkpoint import POLICY_FILE
         from agents.run_folder import find_checkpoint
 
-        folder = find_checkpoint(Path(path)).resolve()
+        folder = find_checkpoint(Path(rest)).resolve()
         policy = Policy(label, kind, str(folder))
         policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(policy, fingerprint=hashlib.sha256((folder / POLICY_FILE).read_bytes()).hexdigest())
-    if what not in EXPLORERS:
-        raise ValueError(
-            f"unknown policy {name!r}; allowed are {', '.join(EXPLORERS)}, ppo:PATH of a run folder, and LABEL=ppo:PATH"
-        )
-    return Policy(label, what)
+    if what in EXPLORERS:
+        return Policy(label, what)
+    if not rest:
+        resolve(what, {**EXPLORERS, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # says what is allowed
+    return _checked(Policy(label, what), load_object(what))
+
+
+def _checked(policy: Policy, source: Any) -> Policy:
+    """Return a policy of the user's own with its level, after making it once."""
+    made = make_policy(source)
+    return replace(policy, level=level_of(made if hasattr(made, "level") else source))

@@ -2,13 +2,15 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 from agents.files import write_file
+from agents.policies import Level
 from agents.run_folder import CheckpointError
+from baselines.episode import exploration_of
 from benchmarks.arena.pairs import BOUND
 from benchmarks.arena.policies import parse_policy
 from benchmarks.arena.ray_pool import run_on_ray
@@ -16,7 +18,6 @@ from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all
-from envs.explore import ExploreEnv
 
 NOT_RUN = "not tried yet"
 """Why an episode is missing that nobody has tried."""
@@ -71,13 +72,17 @@ def group_failures(failures: Sequence[Failure]) -> dict[tuple[str, str], list[Fa
 class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
-    def __init__(self, settings: Settings, folder: Path, shard: Shard = Shard()) -> None:
+    def __init__(
+        self, settings: Settings, folder: Path, shard: Shard = Shard(), given: Mapping[str, Any] | None = None
+    ) -> None:
         """Make everything once, so that a wrong name comes out before any work.
 
         Args:
             settings: what to run.
             folder: takes `episodes.csv`, and a trace per episode.
             shard: part that `run` runs.
+            given: policies, worlds, robots and SLAMs of the user's own, by the names that the settings use for them.
+                With several processes they must be picklable.
 
         Raises:
             ValueError: if a name is wrong, a robot fits nowhere, or the folder holds another evaluation; says what is
@@ -86,11 +91,12 @@ class Evaluation:
         """
         self.settings = settings
         self.folder = folder
-        self.policies = {name: parse_policy(name) for name in settings.all_policies}
+        self._given = dict(given or {})
+        self.policies = {name: parse_policy(name, self._given) for name in settings.all_policies}
         names = [policy.name for policy in self.policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
-        self._robots = _find_robots(settings)
+        self._robots = self._find_robots()
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
         # Pairs stay together, so that a part of an evaluation is a fair one.
@@ -160,42 +166,46 @@ class Evaluation:
                 # A bound that has to find out where it is would be none: it is told, whatever SLAM it is the bound for.
                 told = replace(case, slam="truth") if policy.kind == BOUND else case
                 # Where the usual robot is also named, it drives once.
-                tasks.setdefault(key, Task(key, policy, told, self.settings.time_limit))
+                tasks.setdefault(key, Task(key, policy, told, self.settings.time_limit, self._objects(told)))
         return list(tasks.values())
 
     def _find(self, task: Task) -> Row | None:
         return self._records.find(task.policy, task.key)
 
     def _check_fit(self, tasks: Sequence[Task]) -> None:
-        """See that every policy gets along with one of its places. Where it does not, its episodes will say so."""
-        places: dict[Case, list[Task]] = {}
+        """See that every policy gets along with one of its environments; in others, its episodes will say so."""
+        groups: dict[tuple[Case, Level], list[Task]] = {}
         for task in tasks:
-            places.setdefault(task.case, []).append(task)
-        pending = {task.policy for task in tasks}
+            groups.setdefault((task.case, task.policy.level), []).append(task)
+        pending = {task.policy.name for task in tasks}
         first: Exception | None = None
-        for case, here in places.items():
-            if not pending:
-                return
-            there = {task.policy: task.key.seed for task in reversed(here) if task.policy in pending}
-            with contextlib.closing(case.make_env(self.settings.time_limit)) as env:
-                for policy, seed in there.items():
+        for here in groups.values():
+            candidates = {task.policy.name: task for task in reversed(here) if task.policy.name in pending}
+            if not candidates:
+                continue
+            with contextlib.closing(here[0].make_env()) as env:
+                for name, task in candidates.items():
                     try:
-                        prepare(env, policy.make(), seed)
+                        prepare(env, task.policy.make(env.action_space), task.key.seed)
                     except (ValueError, CheckpointError) as error:
                         first = first or error
                         continue
                     except Exception:  # a fault in the explorer: its episodes will tell
                         pass
-                    pending.discard(policy)
+                    pending.discard(name)
         if pending and first:
             raise first
 
+    def _objects(self, case: Case) -> dict[str, Any]:
+        """Return those of the given objects that the environment of a case is made of."""
+        return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
 
-def _find_robots(settings: Settings) -> dict[Case, str]:
-    """Make the environment of every case, which refuses what it does not know, and return the names of the robots."""
-    robots = {}
-    for case, _, _ in (*settings.starts(), *settings.slam_axis_starts()):
-        if case not in robots:
-            with contextlib.closing(case.make_env(settings.time_limit)) as env:
-                robots[case] = cast(ExploreEnv, env.unwrapped).robot.name
-    return robots
+    def _find_robots(self) -> dict[Case, str]:
+        """Make the environment of every case, which refuses what it does not know; return the names of the robots."""
+        robots: dict[Case, str] = {}
+        for case, _, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
+            if case not in robots:
+                env = case.make_env(self.settings.time_limit, given=self._objects(case))
+                with contextlib.closing(env):
+                    robots[case] = exploration_of(env).robot.name
+        return robots

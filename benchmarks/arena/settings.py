@@ -1,7 +1,8 @@
 """What an evaluation consists of."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import gymnasium
@@ -10,10 +11,13 @@ from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
 import envs  # noqa: F401  registers the environments
 from agents.config import Section
+from agents.policies import Level
 from envs.worlds import FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
 """Stands for the robot that a world is usually explored with."""
+IDS: dict[Level, str] = {"twist": "lidarnaut/Explore-v0", "decision": "lidarnaut/ExploreFrontiers-v0"}
+"""Environments by what policies decide in them."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
 """Words that stand for many worlds."""
 
@@ -31,19 +35,27 @@ class Case:
     slam: str
     """SLAM in the loop."""
 
-    def make_env(self, time_limit: float | None, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+    def make_env(
+        self,
+        time_limit: float | None,
+        render_mode: str | None = None,
+        level: Level = "twist",
+        given: Mapping[str, Any] = MappingProxyType({}),
+    ) -> gymnasium.Env[Any, Any]:
         """Make the environment; procedural families draw from their test split.
 
         Args:
-            time_limit: length of an episode [s]; None lets the environment choose it for the place.
+            time_limit: length of an episode [s]; None lets the environment choose it for the world.
             render_mode: as the environment takes it.
+            level: what policies decide in it.
+            given: worlds, robots and SLAMs of the user's own that names stand for.
         """
         return gymnasium.make(
-            "lidarnaut/Explore-v0",
-            world=self.world,
-            robot=None if self.robot == USUAL else self.robot,
+            IDS[level],
+            world=given.get(self.world, self.world),
+            robot=None if self.robot == USUAL else given.get(self.robot, self.robot),
             physics=self.physics,
-            slam=self.slam,
+            slam=given.get(self.slam, self.slam),
             time_limit=time_limit,
             split="test",
             render_mode=render_mode,
@@ -68,11 +80,11 @@ class Settings(Section):
     """What an evaluation consists of. Robots, physics and SLAM are axes: every combination is run in every world."""
 
     policies: tuple[str, ...] = Field(min_length=1)
-    """Classic explorers by name, learned ones as `ppo:PATH` of a run folder; a name of one's own goes before, as
-    `LABEL=ppo:PATH`."""
+    """Classic explorers by name, learned ones as `ppo:PATH` of a run folder, explorers and policies of your own as
+    `module:attribute`; a name for tables goes before, as `LABEL=ppo:PATH`."""
     worlds: tuple[str, ...] = Field(min_length=1)
-    """Library worlds, procedural families (their test split), paths of world files; `library` and `families` stand
-    for all of them."""
+    """Library worlds, procedural families (their test split), paths of world files, `module:attribute`; `library` and
+    `families` stand for all of them."""
     episodes: PositiveInt = 10
     """Episodes of each policy in each world."""
     family_episodes: PositiveInt | None = None
@@ -80,11 +92,11 @@ class Settings(Section):
     seed: int = Field(default=0, ge=0)
     """Seed of the first episode, the next ones count up: same place, start and noise for every policy."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
-    """Robots; `usual` takes each world's own."""
+    """Robots by name, path or `module:attribute`; `usual` takes each world's own."""
     physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
     """`bullet`, `kinematic`."""
     slam: tuple[str, ...] = Field(default=("tinyslam",), min_length=1)
-    """`tinyslam`, `odometry`, `truth`."""
+    """`tinyslam`, `odometry`, `truth`, or `module:attribute`."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the place."""
     world_sections: bool = True

@@ -78,7 +78,10 @@ class Recorder:
         belief = self._place.belief
         self._trail.append((belief.pose.x, belief.pose.y))
         self._fit(belief.grid)
-        rows, cols = belief.new_cells.T
+        if "decision_steps" in info:  # the belief's new cells are those of the decision's last step
+            rows, cols = np.nonzero((belief.grid.data >= 0) & np.isinf(self._known_since))
+        else:
+            rows, cols = belief.new_cells.T
         self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
 
     def trace(self, curve: Curve) -> Trace:

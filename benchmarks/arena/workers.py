@@ -8,24 +8,24 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
 import numpy as np
 
+from agents.policies import Level
 from agents.run_folder import CheckpointError
-from baselines.episode import begin_episode, decide_with, run, run_episode
+from baselines.episode import begin_episode, decide_with, exploration_of, run, run_episode
 from baselines.explorer import Explorer, ObservationPolicy
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
-from envs.explore import ExploreEnv
 
 WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
@@ -43,6 +43,12 @@ class Task:
     """Where."""
     time_limit: float | None
     """Length of the episode [s]; None lets the environment choose it."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """World, robot and SLAM of the user's own that the case names."""
+
+    def make_env(self) -> gymnasium.Env[Any, Any]:
+        """Make the environment."""
+        return self.case.make_env(self.time_limit, level=self.policy.level, given=self.given)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +97,18 @@ class _Workplace:
 
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
-        self._env_key: tuple[Case, float | None] | None = None
-        self._explorers: dict[Policy, Explorer | ObservationPolicy] = {}
+        self._env_key: tuple[Case, float | None, Level] | None = None
+        self._explorers: dict[str, Explorer | ObservationPolicy] = {}
 
     def run(self, task: Task) -> Result:
         """Run an episode."""
         env = self._find_env(task)
-        explorer = self._explorers.get(task.policy)
+        explorer = self._explorers.get(task.policy.name)
         if explorer is None:
-            explorer = task.policy.make()
+            explorer = task.policy.make(env.action_space)
             prepare(env, explorer, task.key.seed, WARM_UP_STEPS)
-            self._explorers[task.policy] = explorer
-        recorder = Recorder(cast(ExploreEnv, env.unwrapped))
+            self._explorers[task.policy.name] = explorer
+        recorder = Recorder(exploration_of(env))
         episode = run_episode(env, explorer, task.key.seed, recorder.watch)
         trace = recorder.trace(episode.curve).to_bytes()
         return Result(task.key, make_row(task.policy, task.key, episode), trace)
@@ -114,17 +120,17 @@ class _Workplace:
             self._env = None
 
     def _find_env(self, task: Task) -> gymnasium.Env[Any, Any]:
-        key = (task.case, task.time_limit)
+        key = (task.case, task.time_limit, task.policy.level)
         if self._env is None or key != self._env_key:
             self.close()
-            self._env, self._env_key = task.case.make_env(task.time_limit), key
+            self._env, self._env_key = task.make_env(), key
         return self._env
 
 
 def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, steps: int = 0) -> None:
     """Let an explorer get ready for an environment, and drive it for a few steps that are not measured."""
     observation, info = begin_episode(env, explorer, seed, np.random.default_rng(seed))
-    run(env, decide_with(explorer, cast(ExploreEnv, env.unwrapped)), observation, info, max_steps=steps)
+    run(env, decide_with(explorer, exploration_of(env)), observation, info, max_steps=steps)
 
 
 _workplace = _Workplace()

@@ -46,7 +46,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("checkpoints", "every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
         ("ppo", "batch_size", 48, r"ppo.batch_size 48 does not divide .* 128"),
         (None, "experiment", "../up", r"experiment: .*pattern"),
-        ("environment", "vectorization", "fork", r"vectorization: .*'lanes', 'sync' or 'async', got 'fork'"),
+        ("environment", "vectorization", "fork", r"vectorization: .*'native', 'sync' or 'async', got 'fork'"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named_with_what_is_allowed(tiny_data, section, key, value, message):
@@ -100,3 +100,9 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
     assert "--ppo.learning-rate" in capsys.readouterr().err
     assert train.main(["--config", str(tmp_path / "no.yaml")]) == 2
     assert "no.yaml: no such file" in capsys.readouterr().err
+
+
+def test_the_old_name_of_the_vector_environment_still_works(tiny_data):
+    with pytest.warns(DeprecationWarning, match="'lanes' is called 'native' now"):
+        config = parse_record({**tiny_data, "environment": {"vectorization": "lanes"}}, "mem", TrainingConfig)
+    assert config.environment.vectorization == "native"

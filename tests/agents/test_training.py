@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents.checkpoint import load_checkpoint
@@ -225,3 +226,27 @@ def test_the_whole_way_on_the_real_environment(tmp_path):
         episode = run_episode(env, PPOExplorer.load(run), seed)
         assert episode.duration == pytest.approx(4.0)
     env.close()
+
+
+def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypatch):
+    (tmp_path / "own_parts.py").write_text((ROOT / "tests" / "own_code.py").read_text())
+    monkeypatch.chdir(tmp_path)
+    environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward_object": "own_parts:REWARD"}
+    data = {
+        "experiment": "own",
+        "total_steps": 32,
+        "num_envs": 2,
+        "environment": environment | {"time_limit": 2},
+        "ppo": {"num_steps": 16, "batch_size": 32, "num_epochs": 1},
+        "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},
+    }
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
+    command = [sys.executable, str(ROOT / "train.py"), "--config", "own.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    assert [row["policy"] for row in read_csv(run)] == ["own_parts:Circling", "own_parts:ahead", "ppo", "ppo"]
+    assert all(float(row["path_length"]) > 0.2 for row in read_csv(run)[:2])
+    env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
+    assert (env.unwrapped.robot.name, env.unwrapped.weights.collision) == ("my_mouse", -5.0)
+    sys.modules.pop("own_parts")

@@ -1,0 +1,133 @@
+"""Explorers and policies of the user's own, from any library, as the episode loop wants them."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, Literal, get_args
+
+import numpy as np
+from gymnasium import spaces
+
+from baselines.explorer import Explorer, ObservationPolicy
+from envs.robots import RobotParams
+
+Level = Literal["twist", "decision"]
+"""What a policy decides: twists in `Explore-v0`, or which frontier to go to in `ExploreFrontiers-v0`."""
+PROTOCOL = ("reset", "act", "end_reason", "plan")
+"""What an explorer has (`baselines.explorer.Explorer`)."""
+
+
+def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
+    """Return what drives, made from an explorer, a policy, or a class or function that makes one.
+
+    - An `Explorer`: has `reset`, `act(reading, belief)`, `end_reason` and `plan`.
+    - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in
+      stable-baselines3. It is asked for `deterministic=True`, and given `action_masks` and `state`, if it takes them.
+    - Any other callable of one argument: gets the observation and returns the action.
+    - A class, or a function without required arguments: makes one of these.
+
+    Args:
+        value: one of the above.
+        space: action space; actions outside a `Box` are cut to its bounds.
+
+    Raises:
+        ValueError: if it is none of them.
+    """
+    if isinstance(value, type) or (_is_plain_callable(value) and not _required(value)):
+        value = value()
+    if hasattr(value, "act"):
+        if missing := [name for name in PROTOCOL if not hasattr(value, name)]:
+            raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
+        return value
+    if hasattr(value, "predict"):
+        return CalledPolicy(value, _Predictor(value.predict), space)
+    if callable(value):
+        return CalledPolicy(value, value, space)
+    raise ValueError(f"{value!r} is no explorer, no callable of an observation, and has no predict(observation)")
+
+
+def level_of(value: Any) -> Level:
+    """Return the level at which a policy decides, as its attribute `level` says; twists if it says nothing.
+
+    Raises:
+        ValueError: if it says something else.
+    """
+    level: Level = getattr(value, "level", "twist")
+    if level not in get_args(Level):
+        raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {level!r}")
+    return level
+
+
+class CalledPolicy:
+    """A policy that is called with observations; `reset`, `end_reason` and `plan` are passed on where it has them."""
+
+    def __init__(
+        self, policy: Any, decide: Callable[[dict[str, np.ndarray]], Any], space: spaces.Space | None = None
+    ) -> None:
+        """Take a policy.
+
+        Args:
+            policy: may have `reset(robot, control_period, rng)`, `end_reason` and `plan`.
+            decide: returns its action for an observation.
+            space: action space; actions outside a `Box` are cut to its bounds.
+        """
+        self._policy = policy
+        self._decide = decide
+        self._space = space
+
+    @property
+    def end_reason(self) -> str | None:
+        """Why it has stopped; None while it has not."""
+        return getattr(self._policy, "end_reason", None)
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """Its planned path, shape (n, 2), map frame [m]; None without one."""
+        return getattr(self._policy, "plan", None)
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for an episode; see `Explorer.reset`."""
+        if isinstance(self._decide, _Predictor):
+            self._decide.state = None
+        elif hasattr(self._policy, "reset"):
+            self._policy.reset(robot, control_period, rng)
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> Any:
+        """Return the action for an observation, within the bounds of the action space."""
+        action = self._decide(observation)
+        if isinstance(self._space, spaces.Box):
+            action = np.asarray(action, dtype=self._space.dtype)
+            return np.clip(action, self._space.low, self._space.high)
+        return np.int64(action) if isinstance(self._space, spaces.Discrete) else action
+
+
+class _Predictor:
+    """Calls `predict` in the manner of stable-baselines3, with as much of it as the model knows."""
+
+    def __init__(self, predict: Callable[..., Any]) -> None:
+        self._predict = predict
+        self._takes = inspect.signature(predict).parameters
+        self.state: Any = None
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> Any:
+        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self.state}
+        offered["episode_start"] = np.array([self.state is None])
+        arguments = {name: value for name, value in offered.items() if name in self._takes and value is not None}
+        result = self._predict(observation, **arguments)
+        if not isinstance(result, tuple):
+            return result
+        action, self.state = result
+        return action
+
+
+def _is_plain_callable(value: Any) -> bool:
+    return callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
+
+
+def _required(function: Callable[..., Any]) -> list[str]:
+    """Return the arguments that a function cannot be called without."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:  # built-in functions may have no signature
+        return ["observation"]
+    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [p.name for p in parameters if p.kind in kinds and p.default is inspect.Parameter.empty]

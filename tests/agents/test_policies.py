@@ -1,0 +1,91 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from agents.policies import level_of, make_policy
+from baselines import RandomExplorer
+
+BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
+SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
+
+
+class Model:
+    """As models of stable-baselines3 and of sb3-contrib are."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
+        self.seen = (state, bool(episode_start[0]), deterministic, action_masks)
+        return np.array([3.0, -0.5]), (state or 0) + 1
+
+
+class Plain:
+    def predict(self, observation):
+        return observation["scan"][:2]
+
+
+def drive(policy, steps=1):
+    policy.reset(SimpleNamespace(name="robot"), 0.1, np.random.default_rng(0))
+    return [policy(SEEN) for _ in range(steps)]
+
+
+def test_explorers_stay_what_they_are_and_classes_and_factories_make_them():
+    explorer = RandomExplorer()
+    assert make_policy(explorer) is explorer
+    for source in (RandomExplorer, lambda: RandomExplorer()):
+        assert isinstance(make_policy(source), RandomExplorer)
+
+
+def test_callables_get_the_observation_and_their_actions_are_cut_to_the_bounds():
+    for source in (lambda seen: 2.0 * seen["scan"][:2], lambda: lambda seen: 2.0 * seen["scan"][:2]):
+        (action,) = drive(make_policy(source, BOX))
+        assert action.dtype == np.float32
+        assert action.tolist() == [1.0, 1.0]
+    (choice,) = drive(make_policy(lambda seen: 1.0, spaces.Discrete(2)))
+    assert spaces.Discrete(2).contains(choice)
+
+
+def test_models_are_asked_as_they_expect():
+    model = Model()
+    policy = make_policy(model, BOX)
+    assert [action.tolist() for action in drive(policy, 2)] == [[1.0, -0.5]] * 2
+    assert model.seen == (1, False, True, SEEN["action_mask"])
+    drive(policy)
+    assert model.seen[:2] == (None, True)  # each episode begins anew
+    assert drive(make_policy(Plain, BOX))[0].tolist() == [1.0, 1.0]
+
+
+def test_reset_plan_and_reason_of_a_policy_are_used():
+    class Stopping:
+        end_reason, plan = "bored", np.zeros((1, 2))
+
+        def reset(self, robot, control_period, rng):
+            self.robot = robot
+
+        def __call__(self, observation):
+            return np.array([0.0, float(self.robot.name == "robot")])
+
+    policy = make_policy(Stopping, BOX)
+    assert drive(policy)[0].tolist() == [0.0, 1.0]
+    assert (policy.end_reason, policy.plan.shape) == ("bored", (1, 2))
+    policy = make_policy(lambda seen: np.zeros(2), BOX)
+    assert policy.end_reason is policy.plan is None
+
+
+def test_levels_are_declared():
+    def choose(observation):
+        return 0
+
+    assert level_of(choose) == "twist"
+    choose.level = "decision"
+    assert level_of(choose) == "decision"
+    choose.level = "goal"
+    with pytest.raises(ValueError, match="must be one of twist, decision, got 'goal'"):
+        level_of(choose)
+
+
+def test_what_cannot_explore_is_refused():
+    with pytest.raises(ValueError, match=r"7 is no explorer, no callable of an observation, and has no predict"):
+        make_policy(7)
+    with pytest.raises(ValueError, match="lacks reset, end_reason, plan"):
+        make_policy(SimpleNamespace(act=lambda reading, belief: None))

@@ -1,0 +1,95 @@
+"""Explorers, policies, worlds, robots and SLAMs of a user enter the arena without an edit of the checkout."""
+
+import csv
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
+from benchmarks.arena.trace import Trace
+from evaluate import main
+from tests import own_code
+
+ROOT = Path(__file__).parents[2]
+POLICIES = ("Circling", "ahead", "Model", "first_frontier", "MaskedModel")
+BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "6"]
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder with a module `own_explorers`, which is the current one."""
+    shutil.copy(own_code.__file__, tmp_path / "own_explorers.py")
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    sys.modules.pop("own_explorers", None)
+    sys.path[:] = [path for path in sys.path if path != str(tmp_path)]
+
+
+def read_rows(folder):
+    with open(folder / "episodes.csv", newline="") as file:
+        return {row["policy"]: row for row in csv.DictReader(file)}
+
+
+def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no_overview):
+    policies = ["nearest", *(f"own_explorers:{name}" for name in POLICIES[:-1]), "mine=own_explorers:MaskedModel"]
+    # In another process, with two workers, as users do it: the module is found in the current folder.
+    command = [sys.executable, str(ROOT / "evaluate.py"), *BRIEF, "--policies", *policies]
+    options = ["--worlds", "pimouse_arena", "--no-world-sections", "--jobs", "2", "--out", "out"]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = read_rows(own_folder / "out")
+    assert set(rows) == {*policies[:-1], "mine"}
+    for policy, row in rows.items():
+        assert 0.0 < float(row["explored_fraction"]) <= 1.0, policy
+        assert float(row["path_length"]) > 0.3, policy
+    # At decision level as well, a trace tells when what became known.
+    for path in (own_folder / "out" / "episodes").iterdir():
+        trace = Trace.load(path)
+        assert ((trace.grid.data >= 0) == (trace.known_since < 1e9)).all()
+
+
+def test_worlds_robots_and_slams_of_a_users_module_are_taken(own_folder, no_overview):
+    own = ["--worlds", "own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
+    assert main([*BRIEF, "--policies", "nearest", *own, "--no-world-sections", "--out", str(own_folder / "out")]) == 0
+    (row,) = read_rows(own_folder / "out").values()
+    assert (row["world"], row["robot"], row["slam"]) == ("own_explorers:WORLD", "my_mouse", "own_explorers:my_slam")
+
+
+def test_the_objects_themselves_can_be_given_in_python(tmp_path):
+    given = {
+        **{"circling": own_code.Circling, "model": own_code.Model(), "frontier_0": own_code.first_frontier},
+        **{"home": own_code.WORLD, "mouse": own_code.ROBOT, "mapper": own_code.my_slam},
+    }
+    settings = Settings(
+        policies=("circling", "model", "frontier_0", "random"),
+        worlds=("home",),
+        robots=("mouse",),
+        slam=("mapper",),
+        physics=("kinematic",),
+        episodes=1,
+        time_limit=4.0,
+    )
+    here, there = (Evaluation(settings, tmp_path / name, given=given) for name in ("here", "there"))
+    assert here.run() == there.run(jobs=2) == []
+    both = [[(row["policy"], row["path_length"], row["robot"]) for row in each.rows()] for each in (here, there)]
+    assert both[0] == both[1]
+    assert [row[0] for row in both[0]] == list(settings.policies)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("own_explorers:Circlign", ["own_explorers", "no attribute", "did you mean 'Circling'"]),
+        ("nowhere.at_all:Mine", ["no module 'nowhere'"]),
+        ("own_explorers:REWARD", ["is no explorer", "predict(observation)"]),
+        ("nearest=own_explorers:Circling", ["not that of a classic explorer"]),
+    ],
+)
+def test_mistakes_in_names_are_told_before_any_work(own_folder, capsys, name, says):
+    assert main([*BRIEF, "--policies", name, "--worlds", "pimouse_arena", "--out", "out"]) == 2
+    message = " ".join("".join(capsys.readouterr()).split())
+    assert all(text in message for text in says), message

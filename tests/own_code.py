@@ -1,0 +1,73 @@
+"""A module of a user, outside of the package: tests copy it to a folder of its own and name its parts."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from envs.rewards import RewardWeights
+from envs.robots import load_robot
+from envs.simulation import Twist
+from envs.slam import GivenPoseSlam, load_params
+from envs.worlds import load_world
+
+
+class Circling:
+    """An explorer: readings and beliefs in, twists out."""
+
+    end_reason = None
+    plan = None
+
+    def reset(self, robot, control_period, rng):
+        self.v = 0.5 * robot.max_v
+
+    def act(self, reading, belief):
+        return Twist(self.v, 0.6 if np.nanmin(reading.ranges) < 0.4 else 0.1)
+
+
+def ahead(observation):
+    """A policy of twists: fractions of the limits, here beyond them."""
+    return np.array([3.0, 0.3 * np.sign(observation["scan"][90] - observation["scan"][270])])
+
+
+class Model:
+    """A policy in the manner of stable-baselines3."""
+
+    def predict(self, observation, deterministic=False):
+        return np.array([0.7, 0.2], dtype=np.float32), None
+
+
+def first_frontier(observation):
+    """A policy of decisions: the candidate that costs least to get to."""
+    return 0
+
+
+first_frontier.level = "decision"
+
+
+class MaskedModel:
+    """A policy of decisions in the manner of sb3-contrib."""
+
+    level = "decision"
+
+    def predict(self, observation, deterministic=False, action_masks=None):
+        gains = np.where(action_masks, observation["candidates"][:, 0], -1.0)
+        return np.argmax(gains), None
+
+
+WORLD = replace(load_world("pimouse_arena"), name="mine")
+ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
+
+
+def my_slam(lidar, resolution):
+    """A SLAM: maps at the pose that odometry leads to."""
+    return GivenPoseSlam(lidar, replace(load_params("default"), resolution=resolution))
+
+
+@dataclass(frozen=True, slots=True)
+class CautiousReward(RewardWeights):
+    """Counts contacts ten times."""
+
+    collision: float = -5.0
+
+
+REWARD = CautiousReward()
