@@ -1,8 +1,8 @@
 """Repeat the experiment of Nguyen et al. (2021) beside their results: `python -m benchmarks.ekf_rectangle`."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from .drive import DRIVER, Drive, run_drives
 from .figures import draw_figures
-from .measures import PAPER, Measures, measure, nees_bounds
+from .measures import PAPER, measure, nees_bounds
 
 LABELS = {
     "encoder": "encoder alone",
@@ -41,24 +41,22 @@ def main(
         images: folder for the figures.
     """
     drives: list[Drive] = list(tqdm(run_drives(physics, seeds, jobs), total=seeds * len(physics), unit="drive"))
-    results = {
-        fusion: {name: measure([drive for drive in drives if drive.physics == name], fusion) for name in physics}
-        for fusion in LABELS
-    }
-    for name in physics:
-        _print_table(name, {fusion: results[fusion][name] for fusion in LABELS}, seeds)
-        _print_drives([drive for drive in drives if drive.physics == name])
+    by_physics = {name: [drive for drive in drives if drive.physics == name] for name in physics}
+    results = {name: {fusion: measure(some, fusion) for fusion in LABELS} for name, some in by_physics.items()}
+    for name, some in by_physics.items():
+        _print_table(name, results[name], seeds)
+        _print_drives(some)
     draw_figures(drives, LABELS, images)
     print(f"\nfigures 5 to 10 in {images}/ekf_*.png")
     if json_path is not None:
         content = {
-            fusion: {f"{name}_{key}": value for name, measures in of.items() for key, value in asdict(measures).items()}
-            for fusion, of in results.items()
+            fusion: {f"{name}_{key}": value for name in physics for key, value in results[name][fusion].items()}
+            for fusion in LABELS
         }
         json_path.write_text(json.dumps(content, indent=2) + "\n")
 
 
-def _print_table(physics: str, results: dict[str, Measures], seeds: int) -> None:
+def _print_table(physics: str, results: dict[str, dict[str, float]], seeds: int) -> None:
     """Print the results of all fusions, median and worst drive, and the paper's."""
     low, high = nees_bounds(seeds)
     print(f"\n{physics} physics, {seeds} drives: median (worst)")
@@ -66,15 +64,14 @@ def _print_table(physics: str, results: dict[str, Measures], seeds: int) -> None
         f"{'':18}  position RMSE     max |x|          max |y|          heading RMSE      max heading       NEES\n"
         f"{'':18}  [mm]              [mm]             [mm]             [deg]             [deg]             (within)"
     )
-    for fusion, measures in results.items():
-        values = asdict(measures)
+    for fusion, values in results.items():
         cells = [
             f"{values[key] * scale:7.3g} ({values[key + '_worst'] * scale:7.3g})" for key, scale in COLUMNS.items()
         ]
-        print(f"{LABELS[fusion]:18} {' '.join(cells)}  {measures.nees:6.3g} ({100 * measures.nees_within:.0f} %)")
+        print(f"{LABELS[fusion]:18} {' '.join(cells)}  {values['nees']:6.3g} ({100 * values['nees_within']:.0f} %)")
     print(f"{'paper':18} {' '.join(f'{PAPER[key] * scale:7.3g}          ' for key, scale in COLUMNS.items())}")
     print(f"NEES of a consistent estimate: 3; 95 % of the means over {seeds} drives lie within [{low:.2f}, {high:.2f}]")
-    full = asdict(results[DRIVER])
+    full = results[DRIVER]
     missed = [key for key, value in PAPER.items() if full[f"{key}_worst"] >= value]
     verdict = f"worst drive beyond the paper's {', '.join(missed)}" if missed else "every drive better in every figure"
     print(f"full fusion against the paper: {verdict}")
@@ -82,13 +79,12 @@ def _print_table(physics: str, results: dict[str, Measures], seeds: int) -> None
 
 def _print_drives(drives: Sequence[Drive]) -> None:
     """Print how the drives ended, and what happened to the measurements."""
-    ends = {reason: sum(drive.end_reason == reason for drive in drives) for reason in {d.end_reason for d in drives}}
+    ends = dict(Counter(drive.end_reason for drive in drives))
     away = max(float(abs(drive.deviation).max()) for drive in drives)
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     for drive in drives:
         for kind, verdicts in drive.counts.items():
-            for verdict, number in verdicts.items():
-                counts[f"{kind} {verdict}"] = counts.get(f"{kind} {verdict}", 0) + number
+            counts.update({f"{kind} {verdict}": number for verdict, number in verdicts.items()})
     collisions = sum(drive.collisions for drive in drives)
     print(f"ends: {ends}; collisions: {collisions}; at most {1e3 * away:.0f} mm off the route")
     print("measurements: " + ", ".join(f"{number} {what}" for what, number in sorted(counts.items())))
