@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from envs.geometry.raycast import cast_rays
+from envs.geometry.raycast import Beams, cast_rays
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, Twist, make_simulator
 from envs.worlds import World, load_world
@@ -62,18 +62,18 @@ def thicket(num_segments: int) -> np.ndarray:
 
 def ray_casting(repetitions: int) -> None:
     out = np.empty(BEAMS, dtype=np.float32)
-    step = 2.0 * math.pi / BEAMS
+    beams = Beams(0.0, 2.0 * math.pi / BEAMS, REACH)
     calls: dict[str, Callable[[], object]] = {}
     for size in (216, 1216):
         segments = thicket(size)
         calls[f"cast_rays, {size} scattered segments"] = partial(
-            cast_rays, 0.0, 0.0, 0.3, 0.0, step, REACH, segments, np.empty((0, 3)), out
+            cast_rays, 0.0, 0.0, 0.3, beams, segments, np.empty((0, 3)), out
         )
         calls[f"every beam against {size} segments in NumPy"] = partial(all_pairs, 0.0, 0.0, 0.3, segments)
     for name in ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse"):
         world = load_world(name)
         label = f"cast_rays, {name} ({len(world.segments)} segments, {len(world.circles)} circles)"
-        calls[label] = partial(cast_rays, *world.spawns[0], 0.0, step, REACH, world.segments, world.circles, out)
+        calls[label] = partial(cast_rays, *world.spawns[0], beams, world.segments, world.circles, out)
     print_table(f"One scan of {BEAMS} beams, {REACH:g} m [us]", measure(calls, repetitions, batch=10))
 
 

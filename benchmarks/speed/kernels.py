@@ -79,8 +79,7 @@ class Scene:
 
     def _scan(self) -> np.ndarray:
         ranges = np.empty(self.lidar.num_beams, dtype=np.float32)
-        geometry = (self.lidar.angle_min, self.lidar.angle_increment, self.lidar.range_max)
-        cast_rays(*self.sensor, *geometry, self.world.segments, self.world.circles, ranges)
+        cast_rays(*self.sensor, self.lidar.beams, self.world.segments, self.world.circles, ranges)
         return ranges + self._rng.normal(0.0, self.lidar.noise_std, ranges.shape).astype(np.float32)
 
 
@@ -117,8 +116,8 @@ def _time_call(repeat: Callable[[int], Any], seconds: float) -> float:
 def _cast_rays(scene: Scene) -> Kernel:
     lidar, world, sensor = scene.lidar, scene.world, scene.sensor
     out = np.empty(lidar.num_beams, dtype=np.float32)
-    around = (lidar.range_max, world.segments, world.circles)
-    arguments = (*sensor, lidar.angle_min, lidar.angle_increment, *around, out)
+    around = (world.segments, world.circles)
+    arguments = (*sensor, lidar.beams, *around, out)
 
     def result() -> np.ndarray:
         cast_rays(*arguments)
@@ -128,7 +127,7 @@ def _cast_rays(scene: Scene) -> Kernel:
         "cast_rays",
         lambda times: repeat_cast_rays(times, *arguments),
         result,
-        lambda: cast_rays_in_numpy(sensor.x, sensor.y, sensor.theta + lidar.angles, *around),
+        lambda: cast_rays_in_numpy(sensor.x, sensor.y, sensor.theta + lidar.angles, lidar.range_max, *around),
     )
 
 

@@ -17,9 +17,9 @@ _LITTLE = 1e-9
 
 
 @njit
-def repeat_cast_rays(times, x, y, heading, angle_min, increment, range_max, segments, circles, out):
+def repeat_cast_rays(times, x, y, heading, beams, segments, circles, out):
     for i in range(times):
-        cast_rays(x + _LITTLE * i, y, heading, angle_min, increment, range_max, segments, circles, out)
+        cast_rays(x + _LITTLE * i, y, heading, beams, segments, circles, out)
 
 
 @njit

@@ -1,6 +1,7 @@
 """Exact ray casting against line segments and circles."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -9,6 +10,17 @@ _PAD = 1e-3
 """By how much an angular interval is widened [rad]; far more than the error of `_polar`, far less than it costs."""
 _TOUCH = 1e-9
 """A sensor this near to a segment lies on it and sees it at distance 0 in every direction [m]."""
+
+
+class Beams(NamedTuple):
+    """Evenly spaced beams around a sensor; all of them lie within one turn."""
+
+    angle_min: float
+    """Angle of the first beam in the sensor's frame [rad]."""
+    angle_increment: float
+    """Angle from one beam to the next, positive [rad]."""
+    range_max: float
+    """Farthest return [m]."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -30,21 +42,29 @@ def _polar(x: float, y: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, first, span):
+def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
     """Find the beams that can meet each segment.
 
-    Fills `local` (4, n) with the segments in the frame of the first beam, as start and extent along x and y, `first`
-    and `span` (n,) with the position of the interval's start and its length, in beams; a segment out of range gets
-    the length -1.
+    Args:
+        x: position of the sensor [m].
+        y: position of the sensor [m].
+        cos0: cosine of the first beam's direction.
+        sin0: sine of the first beam's direction.
+        beams: `Beams`.
+        segments: shape (n, 4), float64 [m].
+        intervals: shape (6, n), float64, written: the segments in the frame of the first beam, as start and extent
+            along x and y [m]; start of the interval and its length [beams]. A segment out of range gets the length -1.
     """
-    start_x, start_y, along_x, along_y = local[0], local[1], local[2], local[3]
+    start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
+    first, span = intervals[4], intervals[5]
     for i in range(segments.shape[0]):
         px, py = segments[i, 0] - x, segments[i, 1] - y
         qx, qy = segments[i, 2] - x, segments[i, 3] - y
         start_x[i], start_y[i] = cos0 * px + sin0 * py, cos0 * py - sin0 * px
         along_x[i], along_y[i] = cos0 * (qx - px) + sin0 * (qy - py), cos0 * (qy - py) - sin0 * (qx - px)
     turn = 2.0 * math.pi
-    beams_per_radian = 1.0 / increment
+    beams_per_radian = 1.0 / beams.angle_increment
+    range_max2 = beams.range_max * beams.range_max
     for i in range(segments.shape[0]):
         ax, ay, ex, ey = start_x[i], start_y[i], along_x[i], along_y[i]
         bx, by = ax + ex, ay + ey
@@ -61,14 +81,15 @@ def _segment_intervals(x, y, cos0, sin0, range_max, increment, segments, local, 
         start = start + turn if start < 0.0 else start
         sweep = sweep + turn if sweep < 0.0 else sweep
         sweep = turn if distance2 < 1e-12 else sweep
-        sweep = -increment if distance2 > range_max * range_max else sweep
+        sweep = -beams.angle_increment if distance2 > range_max2 else sweep
         first[i] = start * beams_per_radian
         span[i] = sweep * beams_per_radian
 
 
 @njit(cache=True, error_model="numpy")
-def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
-    """Shorten beams `low` to `high` - 1 to where they meet the segment from a along e."""
+def _hit_segment(low, high, segment, cosines, sines, out):
+    """Shorten beams `low` to `high` - 1 to where they meet a segment, given as start and extent along x and y."""
+    ax, ay, ex, ey = segment
     area = ax * ey - ay * ex
     for k in range(low, high):
         dx, dy = cosines[k], sines[k]
@@ -80,8 +101,9 @@ def _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _hit_circle(low, high, cx, cy, radius, cosines, sines, out):
-    """Shorten beams `low` to `high` - 1 to where they meet the circle."""
+def _hit_circle(low, high, circle, cosines, sines, out):
+    """Shorten beams `low` to `high` - 1 to where they meet a circle (x, y, radius)."""
+    cx, cy, radius = circle
     power = cx * cx + cy * cy - radius * radius
     for k in range(low, high):
         along = cosines[k] * cx + sines[k] * cy
@@ -94,7 +116,7 @@ def _hit_circle(low, high, cx, cy, radius, cosines, sines, out):
 
 
 @njit(cache=True, error_model="numpy")
-def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, circles, out):
+def cast_rays(x, y, heading, beams, segments, circles, out):
     """Measure the distance from a point to the obstacles around it, along evenly spaced beams.
 
     Each segment and circle is tested against the beams in the angular interval that it covers as seen from the
@@ -104,19 +126,18 @@ def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, ci
         x: position of the sensor [m].
         y: position of the sensor [m].
         heading: direction of the sensor's x axis [rad].
-        angle_min: angle of the first beam in the sensor's frame [rad].
-        angle_increment: angle from one beam to the next, positive; all beams lie within one turn [rad].
-        range_max: farthest return [m].
+        beams: `Beams`, or any record that has its fields.
         segments: shape (n, 4), float64, (x0, y0, x1, y1) [m]; segments of no length are never hit.
         circles: shape (m, 3), float64, (x, y, radius) [m]; seen from inside, the far side is hit.
         out: shape (num_beams,), float32 or float64, receives the ranges [m]: inf where nothing lies within
-            `range_max`. A sensor on a segment sees it at 0 in every direction.
+            `beams.range_max`. A sensor on a segment sees it at 0 in every direction.
     """
     num_beams = out.shape[0]
     turn = 2.0 * math.pi
-    cos0, sin0 = math.cos(heading + angle_min), math.sin(heading + angle_min)
+    cos0, sin0 = math.cos(heading + beams.angle_min), math.sin(heading + beams.angle_min)
     cosines, sines = np.empty(num_beams), np.empty(num_beams)
-    cos_step, sin_step = math.cos(angle_increment), math.sin(angle_increment)
+    increment, range_max = beams.angle_increment, beams.range_max
+    cos_step, sin_step = math.cos(increment), math.sin(increment)
     c, s = 1.0, 0.0
     for k in range(num_beams):
         cosines[k], sines[k] = c, s
@@ -124,20 +145,20 @@ def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, ci
         out[k] = np.inf
 
     num_segments = segments.shape[0]
-    local = np.empty((4, num_segments))
-    first, span = np.empty(num_segments), np.empty(num_segments)
-    _segment_intervals(x, y, cos0, sin0, range_max, angle_increment, segments, local, first, span)
-    beams_per_turn = turn / angle_increment
+    intervals = np.empty((6, num_segments))
+    _segment_intervals(x, y, cos0, sin0, beams, segments, intervals)
+    beams_per_turn = turn / increment
     for i in range(num_segments):
-        if span[i] < 0.0:
+        first, span = intervals[4, i], intervals[5, i]
+        if span < 0.0:
             continue
-        ax, ay, ex, ey = local[0, i], local[1, i], local[2, i], local[3, i]
-        last = first[i] + span[i]
-        low, high = math.ceil(first[i]), min(int(last) + 1, num_beams)
-        _hit_segment(low, high, ax, ay, ex, ey, cosines, sines, out)
+        segment = intervals[0, i], intervals[1, i], intervals[2, i], intervals[3, i]
+        last = first + span
+        low, high = math.ceil(first), min(int(last) + 1, num_beams)
+        _hit_segment(low, high, segment, cosines, sines, out)
         if last >= beams_per_turn:
             high = min(int(last - beams_per_turn) + 1, num_beams)
-            _hit_segment(0, high, ax, ay, ex, ey, cosines, sines, out)
+            _hit_segment(0, high, segment, cosines, sines, out)
 
     for i in range(circles.shape[0]):
         px, py, radius = circles[i, 0] - x, circles[i, 1] - y, circles[i, 2]
@@ -146,25 +167,17 @@ def cast_rays(x, y, heading, angle_min, angle_increment, range_max, segments, ci
         if distance - radius > range_max:
             continue
         if distance <= radius:
-            _hit_circle(0, num_beams, cx, cy, radius, cosines, sines, out)
+            _hit_circle(0, num_beams, (cx, cy, radius), cosines, sines, out)
             continue
         half = math.asin(radius / distance) + _PAD
         start = _polar(cx, cy) - half
         start = start + turn if start < 0.0 else start
-        last_beam = (start + 2.0 * half) / angle_increment
-        _hit_circle(
-            math.ceil(start / angle_increment),
-            min(int(last_beam) + 1, num_beams),
-            cx,
-            cy,
-            radius,
-            cosines,
-            sines,
-            out,
-        )
+        last_beam = (start + 2.0 * half) / increment
+        low, high = math.ceil(start / increment), min(int(last_beam) + 1, num_beams)
+        _hit_circle(low, high, (cx, cy, radius), cosines, sines, out)
         if last_beam >= beams_per_turn:
             high = min(int(last_beam - beams_per_turn) + 1, num_beams)
-            _hit_circle(0, high, cx, cy, radius, cosines, sines, out)
+            _hit_circle(0, high, (cx, cy, radius), cosines, sines, out)
 
     for k in range(num_beams):
         if out[k] > range_max:

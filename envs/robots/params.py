@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import ConfigDict
 
+from envs.geometry.raycast import Beams
+
 _STRICT_KEYS = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -77,6 +79,11 @@ class LidarParams:
     def angles(self) -> np.ndarray:
         """Angles of the beams in the sensor's frame, shape (num_beams,), float64 [rad]."""
         return self.angle_min + np.arange(self.num_beams) * self.angle_increment
+
+    @property
+    def beams(self) -> Beams:
+        """Geometry of the beams, as kernels take it."""
+        return Beams(self.angle_min, self.angle_increment, self.range_max)
 
     @property
     def directions(self) -> np.ndarray:

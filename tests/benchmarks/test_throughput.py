@@ -110,8 +110,7 @@ def test_naive_lidar_sees_what_cast_rays_sees(hall):
     seen = physics.scan(pose, np.random.default_rng(0))
     physics.close()
     sensor, ranges = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0)), np.empty(360)
-    geometry = (lidar.angle_min, lidar.angle_increment, lidar.range_max)
-    cast_rays(*sensor, *geometry, hall.world.segments, hall.world.circles, ranges)
+    cast_rays(*sensor, lidar.beams, hall.world.segments, hall.world.circles, ranges)
     assert np.mean(np.abs(np.nan_to_num(seen - ranges, posinf=9.0)) < 0.003) > 0.98  # but for grazing beams
 
 

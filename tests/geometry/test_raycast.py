@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.raycast import cast_rays
+from envs.geometry.raycast import Beams, cast_rays
 from envs.worlds import load_world
 
 TURN = 2 * math.pi
@@ -11,9 +11,9 @@ NOTHING = np.empty((0, 4))
 NO_CIRCLES = np.empty((0, 3))
 
 
-def all_pairs(x, y, heading, angle_min, increment, range_max, segments, circles, num_beams):
+def all_pairs(x, y, heading, beams, segments, circles, num_beams):
     """Every beam against every segment and circle."""
-    angles = heading + angle_min + increment * np.arange(num_beams)
+    angles = heading + beams.angle_min + beams.angle_increment * np.arange(num_beams)
     d = np.column_stack([np.cos(angles), np.sin(angles)])
     with np.errstate(all="ignore"):
         a, e = segments[:, :2] - (x, y), segments[:, 2:] - segments[:, :2]
@@ -26,13 +26,14 @@ def all_pairs(x, y, heading, angle_min, increment, range_max, segments, circles,
         root = np.sqrt(along**2 - (c**2).sum(axis=1) + circles[:, 2] ** 2)
         near = np.where(along - root >= 0, along - root, along + root)
         hits = np.minimum(hits, np.where(near >= 0, near, np.inf).min(axis=1, initial=np.inf))
-    return np.where(hits <= range_max, hits, np.inf)
+    return np.where(hits <= beams.range_max, hits, np.inf)
 
 
 def cast(segments=NOTHING, circles=NO_CIRCLES, *, at=(0.0, 0.0), heading=0.0, angles=(0.0, math.pi / 2, 4), reach=10.0):
     angle_min, increment, num_beams = angles
     out = np.empty(num_beams)
-    cast_rays(*at, heading, angle_min, increment, reach, np.array(segments, float), np.array(circles, float), out)
+    beams = Beams(angle_min, increment, reach)
+    cast_rays(*at, heading, beams, np.array(segments, float), np.array(circles, float), out)
     return out
 
 
@@ -46,7 +47,7 @@ def test_equals_testing_all_pairs_in_worlds(name, fov, num_beams):
     for _ in range(92_160 // (9 * num_beams) + 1):
         x, y = rng.uniform(world.bounds[:2], world.bounds[2:])
         heading = rng.uniform(-9, 9)
-        arguments = (x, y, heading, -fov / 2, increment, 8.0, world.segments, world.circles)
+        arguments = (x, y, heading, Beams(-fov / 2, increment, 8.0), world.segments, world.circles)
         cast_rays(*arguments, out)
         np.testing.assert_allclose(out, all_pairs(*arguments, num_beams), rtol=0, atol=1e-6)
 
@@ -58,7 +59,7 @@ def test_equals_testing_all_pairs_in_a_thicket():
     circles = np.column_stack([rng.uniform(-6, 6, (40, 2)), rng.uniform(0.02, 0.6, 40)])
     out = np.empty(360)
     for _ in range(60):
-        arguments = (*rng.uniform(-6, 6, 2), rng.uniform(-9, 9), -math.pi, TURN / 360, 5.0, segments, circles)
+        arguments = (*rng.uniform(-6, 6, 2), rng.uniform(-9, 9), Beams(-math.pi, TURN / 360, 5.0), segments, circles)
         cast_rays(*arguments, out)
         np.testing.assert_allclose(out, all_pairs(*arguments, 360), rtol=0, atol=1e-6)
 
@@ -67,7 +68,7 @@ def test_float32_ranges_are_the_rounded_ones():
     segments = np.array([[2.0, -5.0, 2.1, 5.0]])
     exact, single = np.empty(90), np.empty(90, dtype=np.float32)
     for out in (exact, single):
-        cast_rays(0.1, 0.2, 0.3, -math.pi, TURN / 90, 10.0, segments, NO_CIRCLES, out)
+        cast_rays(0.1, 0.2, 0.3, Beams(-math.pi, TURN / 90, 10.0), segments, NO_CIRCLES, out)
     np.testing.assert_allclose(single, exact, rtol=1e-6)
 
 

@@ -27,8 +27,7 @@ SURE = np.diag([0.05**2, 0.05**2, 0.05**2])
 
 def _scan(pose, segments=SEGMENTS, circles=CIRCLES):
     ranges = np.empty(LIDAR.num_beams, dtype=np.float32)
-    increment = LIDAR.angle_increment
-    cast_rays(*pose, LIDAR.angle_min, increment, LIDAR.range_max, segments, circles, ranges)
+    cast_rays(*pose, LIDAR.beams, segments, circles, ranges)
     return ranges
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.raycast import cast_rays
+from envs.geometry.raycast import Beams, cast_rays
 from envs.worlds import WORLD_NAMES, load_world
 
 BEAMS, POSES, REACH = 360, 25, 12.0
@@ -47,7 +47,7 @@ def test_ranges_agree_within_two_millimetres(bullet, name):
         x, y = rng.uniform(world.bounds[:2], world.bounds[2:])
         heading = rng.uniform(-math.pi, math.pi)
         increment = 2 * math.pi / BEAMS
-        cast_rays(x, y, heading, 0.0, increment, REACH, world.segments, world.circles, ranges)
+        cast_rays(x, y, heading, Beams(0.0, increment, REACH), world.segments, world.circles, ranges)
         angles = heading + increment * np.arange(BEAMS)
         theirs = cast_in_bullet(bullet, client, x, y, 0.5 * world.height, angles)
         with np.errstate(invalid="ignore"):

@@ -20,7 +20,7 @@ def scan(pose, rng=None, noise=0.01):
     out = np.empty(LIDAR.num_beams, dtype=np.float32)
     sensor = pose.compose(Pose2D(LIDAR.mount.x, LIDAR.mount.y, LIDAR.mount.yaw))
     walls, no_circles = np.array(ROOM + BOX, dtype=float), np.empty((0, 3))
-    cast_rays(*sensor, LIDAR.angle_min, LIDAR.angle_increment, LIDAR.range_max, walls, no_circles, out)
+    cast_rays(*sensor, LIDAR.beams, walls, no_circles, out)
     return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
 
 
