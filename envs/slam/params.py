@@ -1,6 +1,7 @@
 """Parameters of TinySLAM, and the presets that come with it."""
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ class TinySlamParams:
     """Everything that TinySLAM can be told.
 
     Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/slam.md` compares them with the
-    original's launch file, with the report that seed 1 is, and with what the environments use.
+    original's launch file, with Nguyen et al. (TinySLAM for a robot vacuum, 2025), and with what the environments use.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -36,7 +37,7 @@ class TinySlamParams:
     """Candidates that may be tried for one scan."""
     cell: Literal["avg", "base", "report"] = "avg"
     """How cells take in observations: as their mean (`avg`), by exponential forgetting (`base`), or by the formula in
-    the text of seed 1 (`report`)."""
+    the text of Nguyen et al., 2025 (`report`)."""
     estimator: Literal["const", "area"] = "const"
     """What a beam says of a cell: always the same (`const`), or what follows from where it cuts the cell (`area`)."""
     occupied_prob: float = 0.95
@@ -98,6 +99,9 @@ def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] 
             names file and key.
         FileNotFoundError: there is no file at the path.
     """
+    if preset == "seed1":
+        warnings.warn("TinySLAM's preset 'seed1' is now called 'robot_vacuum'", DeprecationWarning, stacklevel=2)
+        preset = "robot_vacuum"
     found = resolve(preset, PRESETS, "preset", files=True)
     values = read_mapping(found) if isinstance(found, Path) else asdict(found)
     source = str(found) if isinstance(found, Path) else "params"

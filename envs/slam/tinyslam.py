@@ -18,7 +18,7 @@ _ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 class TinySlam:
-    """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), which seed 1 reports on; see Steux and El Hamzaoui, 2010."""
+    """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010)."""
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
         """Build a SLAM for one lidar.

@@ -168,9 +168,11 @@ def test_presets(name):
 
 
 def test_presets_hold_the_documented_numbers():
-    seed1, upstream = load_params("seed1"), load_params("upstream")
+    report, upstream = load_params("robot_vacuum"), load_params("upstream")
     changed = {"hole_width": 0.05, "sigma_xy": 0.01, "sigma_theta": 0.02}
-    assert seed1 == dataclasses.replace(upstream, **changed)
+    assert report == dataclasses.replace(upstream, **changed)
+    with pytest.warns(DeprecationWarning, match="robot_vacuum"):
+        assert load_params("seed1") == report
     assert (upstream.hole_width, upstream.sigma_xy, upstream.sigma_theta) == (1.5, 0.2, 0.1)
     assert (upstream.max_failed, upstream.max_tries, upstream.resolution) == (20, 100, 0.1)
     assert (upstream.occupied_prob, upstream.empty_prob, upstream.cell) == (0.95, 0.01, "avg")
