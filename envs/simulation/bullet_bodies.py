@@ -21,6 +21,8 @@ _LIGHT = 1e-3
 _PLATE = 0.01
 """Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
 where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
+_MESH_VERTICES = 120_000
+"""Greatest number of vertices of one mesh, a multiple of 4: PyBullet refuses more than 131,072."""
 _UNSTOPPABLE = 1e4
 """Mass of a mover [kg]."""
 _ROTOR = 0.25
@@ -124,14 +126,18 @@ def build_world(bullet: ModuleType, client: int, world: World) -> list[int]:
     A mover is a heavy body whose pose and velocity are set in every substep: what it walks into has to give way.
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
-    mesh = build_mesh(bullet, client, *extrude(world))
+    vertices, triangles = extrude(world)
+    meshes = []
+    for first in range(0, len(vertices), _MESH_VERTICES):
+        part = vertices[first : first + _MESH_VERTICES]
+        meshes.append(build_mesh(bullet, client, part, triangles[: 6 * len(part) // 4]))
     cylinders = [
         bullet.createCollisionShape(
             bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height, physicsClientId=client
         )
         for mover in world.movers
     ]
-    static = [bullet.createMultiBody(0.0, shape, physicsClientId=client) for shape in (plane, mesh)]
+    static = [bullet.createMultiBody(0.0, shape, physicsClientId=client) for shape in (plane, *meshes)]
     movers = [bullet.createMultiBody(_UNSTOPPABLE, shape, physicsClientId=client) for shape in cylinders]
     for body in (*static, *movers):
         group, mask = (GROUND, ROLLING) if body == static[0] else (OBSTACLES, CHASSIS)

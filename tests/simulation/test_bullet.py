@@ -21,6 +21,20 @@ def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
     make_simulator("kinematic", load_robot("turtlebot3_burger"), 0.1)
 
 
+def test_worlds_may_have_more_walls_than_fit_into_one_mesh(bullet, room):
+    """A floor of 200 m x 60 m has 47,000 of them, circles included; the last one is as solid as the first."""
+    xs = np.linspace(-9.0, 9.0, 35_000)
+    far = np.column_stack([xs, np.full_like(xs, 9.0), xs, np.full_like(xs, 9.1)])
+    world = room(10.0, segments=[*far.tolist(), [0.3, -1.0, 0.3, 1.0]])
+    simulator = make_simulator(bullet, load_robot("turtlebot3_burger"), 0.1)
+    simulator.reset(world, [ORIGIN], [np.random.default_rng(0)])
+    for _ in range(30):
+        reading = simulator.step([Twist(0.2, 0.0)])[0]
+    assert reading.bumper
+    assert simulator.states[0].pose.x < 0.3
+    simulator.close()
+
+
 def test_pybullet_is_imported_late_and_silently(bullet):
     code = """
 import sys
