@@ -16,9 +16,8 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from agents.config import TrainingConfig
-from agents.files import write_folder
 from agents.run_folder import CheckpointError, list_checkpoints
-from envs.files import explain_errors
+from envs.files import explain_errors, write_folder
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""

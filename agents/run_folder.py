@@ -14,8 +14,7 @@ from pathlib import Path
 
 from agents.config import TrainingConfig
 from agents.curves import draw_learning_curve
-from agents.files import write_file
-from envs.files import dump_record
+from envs.files import dump_record, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""

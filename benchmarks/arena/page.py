@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.files import write_file
 from benchmarks.arena.measures import Measure
 from benchmarks.arena.plots import Picture
 from benchmarks.arena.statistics import Estimate
+from envs.files import write_file
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from agents.files import write_file
 from benchmarks.arena.leaderboard import (
     axis_sections,
     gap_section,
@@ -33,6 +32,7 @@ from benchmarks.arena.terminal import ranking_table, terminal_table
 from benchmarks.arena.theme import short
 from benchmarks.arena.trace import load_traces, slug
 from benchmarks.arena.workers import Result
+from envs.files import write_file
 
 TITLE = "The arena"
 """Heading of the leaderboard's page."""

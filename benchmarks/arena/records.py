@@ -11,10 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.files import write_file
 from agents.run_folder import commit
 from baselines.episode import Episode
 from benchmarks.arena.policies import Policy
+from envs.files import write_file
 
 ROWS = "episodes"
 """The rows are in `episodes.csv`, those of a shard in a file of its own, `episodes-<shard>.csv`."""

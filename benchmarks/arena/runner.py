@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from agents.files import write_file
 from agents.policies import Level
 from agents.run_folder import CheckpointError
 from baselines.episode import exploration_of
@@ -18,6 +17,7 @@ from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all
+from envs.files import write_file
 
 NOT_RUN = "not tried yet"
 """Why an episode is missing that nobody has tried."""

@@ -1,7 +1,8 @@
-"""YAML files into checked records, and names into objects: what every folder reads its inputs with."""
+"""Reading YAML files into checked records, names into objects, and writing files that are whole or absent."""
 
 from .names import explain_unknown, load_object, resolve
 from .records import dump_record, explain_errors, parse_record, read_mapping, read_record
+from .writing import write_file, write_folder
 
 __all__ = [
     "dump_record",
@@ -12,4 +13,6 @@ __all__ = [
     "read_mapping",
     "read_record",
     "resolve",
+    "write_file",
+    "write_folder",
 ]

@@ -1,9 +1,8 @@
 """Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
 
-import os
-from collections.abc import Callable
+import io
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import yaml
@@ -11,7 +10,7 @@ from PIL import Image, UnidentifiedImageError
 from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat
 from scipy import ndimage
 
-from envs.files import read_record
+from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 
 from .outline import outline
@@ -39,7 +38,7 @@ class MapFile(BaseModel):
 def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
     """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided.
 
-    Both files are written under temporary names and then renamed, so that a full disk never leaves half a map.
+    A full disk leaves neither file in part.
 
     Args:
         grid: the grid.
@@ -60,7 +59,7 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
     pixels = np.full(grid.data.shape, 205, dtype=np.uint8)
     pixels[(grid.data >= 0) & (grid.data < 100 * FREE_THRESH)] = 254
     pixels[grid.data >= 100 * OCCUPIED_THRESH] = 0
-    image = Image.fromarray(np.ascontiguousarray(pixels[::-1]))
+    image = io.BytesIO()
     content = {
         "image": image_path.name,
         "resolution": float(grid.resolution),
@@ -71,25 +70,17 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
         "mode": "trinary",
     }
     file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
-    _write(image_path, lambda file: image.save(file, format=file_format))
-    _write(yaml_path, lambda file: file.write(text.encode()))
+    Image.fromarray(np.ascontiguousarray(pixels[::-1])).save(image, format=file_format)
+    _save(image_path, image.getvalue())
+    _save(yaml_path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
     return yaml_path
 
 
-def _write(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
-    """Write a file under a temporary name beside its own, then rename it."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+def _save(path: Path, content: bytes | str) -> None:
     try:
-        with temporary.open("wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        write_file(path, content)
     except OSError as error:
         raise OSError(error.errno, f"cannot save {path}: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def load_map(path: str | Path) -> OccupancyGrid:
