@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from envs.geometry import Pose2D
+from envs.estimation.motion import make_motion_source
 from envs.observation import fill_motion, scale_scan
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
 
@@ -15,16 +15,16 @@ class Senses:
         """Prepare for an episode."""
         self._robot = robot
         self._period = control_period
-        self._odometry = WheelOdometry(robot)
+        self._odometry = make_motion_source(robot, control_period)
         self._has_ticks = False
         self._action = np.zeros(2, dtype=np.float32)
 
     def observe(self, reading: Reading) -> dict[str, np.ndarray]:
         """Return `scan` and `motion`; see `ExploreEnv`. The time that has passed is left out."""
         if not self._has_ticks:
-            self._odometry.reset(reading.ticks)
+            self._odometry.reset(reading)
             self._has_ticks = True
-        moved: Pose2D = self._odometry.update(reading.ticks)
+        moved = self._odometry.update(reading)
         scan, motion = np.empty_like(reading.ranges), np.empty(6, dtype=np.float32)
         scale_scan(reading.ranges, self._robot.lidar.range_max, scan)
         robot, v, w = self._robot, moved.x / self._period, moved.theta / self._period

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.coverage import ExplorableArea, explorable_area
+from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap, plan_path
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Twist, make_simulator
 from envs.worlds import World
 
@@ -108,13 +109,13 @@ def record(
     driver = Errands(setup.robot, setup.area, rng_driver)
     simulator = make_simulator(setup.physics, setup.robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
-    wheels = WheelOdometry(setup.robot)
-    wheels.reset(reading.ticks)
+    odometry = make_motion_source(setup.robot, PERIOD)
+    odometry.reset(reading)
     ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.states[0].pose]
     for _ in range(round(duration / PERIOD)):
         reading = simulator.step([driver.act(truth[-1])])[0]
         ranges.append(reading.ranges)
-        motions.append(wheels.update(reading.ticks))
+        motions.append(odometry.update(reading))
         truth.append(simulator.states[0].pose)
     simulator.close()
     return Drive(np.array(ranges), np.array(motions), np.array(truth))

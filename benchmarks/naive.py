@@ -16,9 +16,10 @@ from benchmarks.naive_physics import NaivePhysics
 from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.halls import Hall
 from envs.coverage import ExplorableArea, explorable_area
+from envs.estimation.motion import wheel_motion
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.rewards import RewardWeights
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.slam import load_params
 
 CROP_SIZE = 64
@@ -101,7 +102,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._told_the_truth = slam == "truth"
         self.slam = NaiveSlam(robot.lidar, load_params("default"), match_scans=slam == "tinyslam")
         self._physics = NaivePhysics(hall, robot, self._period)
-        self._odometry = WheelOdometry(robot)
         self._weights = RewardWeights()
         pixels = (np.arange(CROP_SIZE) + 0.5 - CROP_SIZE / 2) * PIXEL / self.slam.resolution
         self._grid = np.stack(np.meshgrid(pixels, pixels, indexing="ij"))
@@ -128,7 +128,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._num_explorable = np.count_nonzero(self.area.explorable)
         self.start = self._hall.world.spawns[0]
         self._physics.reset(self.start)
-        self._odometry.reset(self._physics.ticks())
+        self._ticks = self._physics.ticks()
         self.pose = self._physics.pose()
         self.slam.reset(self.np_random)
         self._ranges = self._physics.scan(self.pose, self.np_random)
@@ -145,7 +145,11 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._steps += 1
         before, self.pose = self.pose, self._physics.pose()
         self._ranges = self._physics.scan(self.pose, self.np_random)
-        self._motion = self._odometry.update(self._physics.ticks())
+        (left_before, right_before), (left, right) = self._ticks, self._physics.ticks()
+        self._ticks = left, right
+        wheels = self._robot.odometry
+        motion = wheel_motion(left - left_before, right - right_before, wheels.metres_per_tick, wheels.track)
+        self._motion = Pose2D(*motion)
         motion = before.between(self.pose) if self._told_the_truth else self._motion
         gained = self._gain(self.slam.update(self._ranges, motion))
         self._num_seen += gained

@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.coverage import Coverage, ExplorableArea, explorable_area, map_iou
+from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.map_pyramid import MapPyramid
@@ -14,7 +15,7 @@ from envs.observation import Trail, observation_space, observe
 from envs.rendering.scene import Scene
 from envs.rewards import RewardWeights
 from envs.robot_env import RobotEnv, choose_robot, choose_start, read_start
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import make_slam
 from envs.worlds import World, world_sampler
@@ -126,7 +127,7 @@ class ExploreEnv(RobotEnv):
         self.resolution = map_resolution
         self.slam = make_slam(slam, self.robot.lidar, map_resolution)
         self.slam_is_told_the_truth = slam == "truth"
-        self.odometry = WheelOdometry(self.robot)
+        self.odometry = make_motion_source(self.robot, self.control_period)
         self._next_place: tuple[World, ExplorableArea] | None = None
         self.observation_space: spaces.Space[Any] = observation_space(self.robot)
 
@@ -145,7 +146,7 @@ class ExploreEnv(RobotEnv):
             self.time_limit = area.usual_time_limit(self.robot.max_v)
         simulator_rng, slam_rng = self.np_random.spawn(2)
         self._stand(self.world, self.start, simulator_rng)
-        self.odometry.reset(self.reading.ticks)
+        self.odometry.reset(self.reading)
         self.slam.reset(slam_rng)
         self.belief = self.slam.update(self.reading.ranges, Pose2D(0.0, 0.0, 0.0))
         self.coverage = Coverage(area, self.start)
@@ -211,7 +212,7 @@ class ExploreEnv(RobotEnv):
 
     def _update_belief(self, pose_before: Pose2D) -> None:
         """Feed the new scan to the SLAM, with the motion that it may know of."""
-        motion = self.odometry.update(self.reading.ticks)
+        motion = self.odometry.update(self.reading)
         self._twist = Twist(motion.x / self.control_period, motion.theta / self.control_period)
         if self.slam_is_told_the_truth:
             motion = pose_before.between(self._state.pose)

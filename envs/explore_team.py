@@ -123,7 +123,7 @@ class ExploreTeamEnv(DrivenEnv):
         self.resolution = map_resolution
         self.simulator = make_simulator(physics, self.robot, self.control_period, num_robots)
         self.slam_is_told_the_truth = slam == "truth"
-        self.members = [Member(self.robot, self._make_slam(slam)) for _ in range(num_robots)]
+        self.members = [Member(self.robot, self._make_slam(slam), self.control_period) for _ in range(num_robots)]
         self.plans: list[np.ndarray | None] = [None] * num_robots
         """Planned path of each robot for drawing, shape (n, 2), map frame [m]; set them from outside, `reset` clears
         them."""

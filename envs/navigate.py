@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.coverage import explorable_area
+from envs.estimation.motion import make_motion_source
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
@@ -18,7 +19,7 @@ from envs.observation import Trail, observation_space, observe
 from envs.rendering.scene import NavigationScene
 from envs.rewards import NavigateRewards
 from envs.robot_env import RobotEnv, check_positive, choose_robot, choose_start, is_pose, read_start
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.slam import Belief
 from envs.worlds import World, world_sampler
@@ -166,7 +167,7 @@ class NavigateEnv(RobotEnv):
         self.resolution = map_resolution
         self.localizer = make_localizer(localizer, self.robot.lidar, amcl)
         self.localizer_is_told_the_truth = localizer == "truth"
-        self.odometry = WheelOdometry(self.robot)
+        self.odometry = make_motion_source(self.robot, self.control_period)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 **observation_space(self.robot).spaces,
@@ -193,7 +194,7 @@ class NavigateEnv(RobotEnv):
         start = choose_start(self._start, self.world, self.area, self.robot, self.np_random)
         simulator_rng, localizer_rng = self.np_random.spawn(2)
         self._stand(self.world, start, simulator_rng)
-        self.odometry.reset(self.reading.ticks)
+        self.odometry.reset(self.reading)
         grid = known_map(self.area) if self._map is None else self._map
         self._tell_start(grid, start, localizer_rng)
         self.estimate = self.localizer.estimate
@@ -296,7 +297,7 @@ class NavigateEnv(RobotEnv):
 
     def _update_belief(self, pose_before: Pose2D) -> None:
         """Feed the new scan to the localiser, with the motion that it may know of."""
-        motion = self.odometry.update(self.reading.ticks)
+        motion = self.odometry.update(self.reading)
         self._twist = Twist(motion.x / self.control_period, motion.theta / self.control_period)
         if self.localizer_is_told_the_truth:
             motion = pose_before.between(self._state.pose)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from envs.estimation.motion import WheelMotion
 from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.route import Progress, Route, steer
 from envs.simulation import Reading, make_simulator
 from envs.slam import Slam, TinySlam, load_params, make_slam
@@ -120,7 +121,7 @@ class _Mapper:
     def __init__(self, robot: RobotParams, slam: Slam, rng: np.random.Generator) -> None:
         self.slam = slam
         self.slam.reset(rng)
-        self._wheels = WheelOdometry(robot)
+        self._wheels = WheelMotion(robot)
         self._way = Pose2D(0.0, 0.0, 0.0)
         self._offsets: list[complex] = []
         self.poses: list[Pose2D] = []
@@ -133,13 +134,13 @@ class _Mapper:
 
     def begin(self, reading: Reading) -> None:
         """Take in the first reading."""
-        self._wheels.reset(reading.ticks)
+        self._wheels.reset(reading)
         self._first_heading = self._heading = reading.heading
         self._use(reading)
 
     def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
         """Take in the next reading, mapping at the true motion if it is told."""
-        motion = true_motion or self._wheels.update(reading.ticks)
+        motion = true_motion or self._wheels.update(reading)
         if true_motion is None and not math.isnan(reading.heading):
             motion = _turned(motion, reading.heading - self._heading)
             self._heading = reading.heading

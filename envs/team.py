@@ -7,12 +7,13 @@ import numpy as np
 from numba import njit
 
 from envs.coverage import ExplorableArea
+from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.lines import cell_along
 from envs.geometry.pose import distance
 from envs.observation import Trail
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState, Twist
 from envs.slam import GivenPoseSlam, TinySlam
 from envs.worlds import World
@@ -31,10 +32,10 @@ MATES_RANGE = 16.0
 class Member:
     """One robot of a team: where it truly is, what it senses and believes, and what it has done."""
 
-    def __init__(self, robot: RobotParams, slam: TinySlam | GivenPoseSlam) -> None:
-        """Prepare a robot with a SLAM of its own, whose map may be shared."""
+    def __init__(self, robot: RobotParams, slam: TinySlam | GivenPoseSlam, control_period: float) -> None:
+        """Prepare a robot with a SLAM of its own, whose map may be shared; `control_period` is in seconds."""
         self.slam = slam
-        self._odometry = WheelOdometry(robot)
+        self._odometry = make_motion_source(robot, control_period)
 
     def stand(self, reading: Reading, state: RobotState) -> None:
         """Begin an episode: nothing is driven yet."""
@@ -49,7 +50,7 @@ class Member:
         """Driven so far in truth [m]."""
         self.collisions = 0
         """Contacts so far."""
-        self._odometry.reset(reading.ticks)
+        self._odometry.reset(reading)
         self.true_trail.append(state.pose)
 
     def drive(self, action: np.ndarray, reading: Reading, state: RobotState, period: float) -> tuple[Pose2D, Pose2D]:
@@ -69,7 +70,7 @@ class Member:
         self.true_trail.append(state.pose)
         self.path_length += distance(state.pose.x - before.x, state.pose.y - before.y)
         self.collisions += reading.bumper and not touched
-        motion = self._odometry.update(reading.ticks)
+        motion = self._odometry.update(reading)
         self.twist = Twist(motion.x / period, motion.theta / period)
         return motion, before.between(state.pose)
 

@@ -13,10 +13,10 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from envs.coverage import count_new
+from envs.estimation.motion import wheel_motion
 from envs.geometry.pose import between, compose, distance, wrap_angle
 from envs.map_pyramid import crop_pyramid, mark_visited, pool_map
 from envs.observation import fill_motion, is_apart, scale_scan
-from envs.robots.odometry import wheel_motion
 from envs.simulation.drive import Timing
 from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.sensors import OTHER_NORMALS, measure_ranges

@@ -19,7 +19,7 @@ def numbers_of(env: ExploreEnv, simulator: KinematicSimulator, slam: TinySlam | 
         period=env.control_period,
         substeps=simulator.timing.substeps,
         ticks_per_radian=robot.odometry.ticks_per_radian,
-        metres_per_tick=env.odometry.metres_per_tick,
+        metres_per_tick=robot.odometry.metres_per_tick,
         odometry_track=float(robot.odometry.track),
         told_pose=isinstance(slam, GivenPoseSlam),
         told_truth=env.slam_is_told_the_truth,

@@ -4,8 +4,9 @@ from collections import deque
 
 import numpy as np
 
+from envs.estimation.motion import WheelMotion
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import RobotParams, WheelOdometry
+from envs.robots import RobotParams
 from envs.simulation import Reading
 
 from .ekf import Ekf, EkfParams, Estimate, Kind, Measurement
@@ -72,7 +73,7 @@ class FusedPose:
         self._kinds = FUSIONS[fusion]
         self._latency = latency
         self._has_compass = robot.imu.has_compass
-        self._odometry, self._wheels, self._compass = WheelOdometry(robot), WheelMeter(robot), CompassMeter(robot)
+        self._odometry, self._wheels, self._compass = WheelMotion(robot), WheelMeter(robot), CompassMeter(robot)
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
     def reset(
@@ -94,7 +95,7 @@ class FusedPose:
             rng: source of the localizer's noise.
             covariance: of the initial state, see `start_covariance`.
         """
-        self._odometry.reset(reading.ticks)
+        self._odometry.reset(reading)
         self._wheels.reset(reading.time, reading.ticks)
         self._compass.reset(reading.time, north)
         self._delayed.clear()
@@ -107,7 +108,7 @@ class FusedPose:
 
     def update(self, reading: Reading) -> Estimate:
         """Update by a reading."""
-        motion = self._odometry.update(reading.ticks)
+        motion = self._odometry.update(reading)
         localized = self.localizer.update(reading.ranges, motion)
         wheels = self._wheels.update(reading.time, reading.ticks)
         self.measurements = [wheels]

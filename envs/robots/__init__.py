@@ -1,7 +1,6 @@
-"""Robots: their numbers as data, one YAML file each in `library/`, and wheel odometry."""
+"""Robots: their parameters as data, one YAML file each in `library/`."""
 
 from .loader import ROBOT_NAMES, load_robot
-from .odometry import WheelOdometry
 from .params import (
     BodyParams,
     Caster,
@@ -28,7 +27,6 @@ __all__ = [
     "OdometryParams",
     "RobotParams",
     "RobotRecord",
-    "WheelOdometry",
     "load_robot",
     "pack_robot",
     "robot_record",

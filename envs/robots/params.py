@@ -132,6 +132,8 @@ class OdometryParams:
     """Track that the controller assumes [m]."""
     ticks_per_rev: float
     """Encoder counts in one turn of a wheel."""
+    uses_gyro: bool = False
+    """Takes turns from the gyroscope, not from the wheels."""
     open_loop: bool = False
     """Counts the commanded steps instead of measured ones (stepper motors without encoders)."""
 

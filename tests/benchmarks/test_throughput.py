@@ -18,11 +18,12 @@ from benchmarks.speed.references import advance_in_numpy
 from benchmarks.speed.report import plot_growth
 from benchmarks.speed.results import Effort, Results
 from benchmarks.speed.targets import targets
+from envs.estimation.motion import make_motion_source
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.raycast import cast_rays
-from envs.robots import WheelOdometry, robot_record
+from envs.robots import robot_record
 from envs.simulation import Twist, make_simulator
 from envs.simulation.drive import Timing
 from envs.simulation.kinematic import Obstacles, advance
@@ -69,14 +70,14 @@ def test_a_box_is_outlined_where_it_stands():
 def drive_both(hall, told_truth, steps):
     """Give NaiveSlam and the project's own SLAM the same scans, motions and draws; return both and the true pose."""
     robot = benchmark_robot()
-    simulator, wheels = make_simulator("kinematic", robot, 0.1), WheelOdometry(robot)
+    simulator, odometry = make_simulator("kinematic", robot, 0.1), make_motion_source(robot, 0.1)
     naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not told_truth)
     own = make_slam("truth" if told_truth else "tinyslam", robot.lidar)
     for slam in (naive, own):
         slam.reset(np.random.default_rng(1))
     [reading] = simulator.reset(hall.world, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
     motion = Pose2D(0.0, 0.0, 0.0)
-    wheels.reset(reading.ticks)
+    odometry.reset(reading)
     actions = make_actions(1)
     for _ in range(steps):
         new = naive.update(reading.ranges, motion)
@@ -85,7 +86,7 @@ def drive_both(hall, told_truth, steps):
         truth = simulator.states[0].pose
         v, w = next(actions)[0].tolist()
         [reading] = simulator.step([Twist(v * robot.max_v, w * robot.max_w)])
-        motion = wheels.update(reading.ticks)
+        motion = odometry.update(reading)
         if told_truth:
             motion = truth.between(simulator.states[0].pose)
     return naive, own, truth

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from envs.estimation.motion import WheelMotion
 from envs.geometry import Pose2D
-from envs.robots import ROBOT_NAMES, WheelOdometry, load_robot
+from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
 
 SECONDS = 5
@@ -73,15 +74,15 @@ def test_acceleration_is_limited(physics, plain):
 def test_odometry_errs_as_documented(physics, name, plain):
     robot = without_slip(load_robot(name))
     forward, turning = gains(robot)
-    simulator, odometry = make_simulator(physics, robot, 0.1), WheelOdometry(robot)
+    simulator, odometry = make_simulator(physics, robot, 0.1), WheelMotion(robot)
     for command in (Twist(robot.max_v, 0.0), Twist(0.0, 0.5 * robot.max_w)):
         reading = simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])[0]
-        odometry.reset(reading.ticks)
+        odometry.reset(reading)
         believed = true = 0.0
         for _ in range(50):
             before = simulator.states[0].pose
             reading = simulator.step([command])[0]
-            motion, truth = odometry.update(reading.ticks), before.between(simulator.states[0].pose)
+            motion, truth = odometry.update(reading), before.between(simulator.states[0].pose)
             believed += motion.x if command.v else motion.theta
             true += truth.x if command.v else truth.theta
         assert true / believed == pytest.approx(forward if command.v else turning, rel=0.01)
@@ -91,16 +92,16 @@ def test_slip_spreads_as_stated(physics, plain):
     """Over d metres a wheel slips with standard deviation slip_std * sqrt(d), and encoders do not see it."""
     robot = load_robot("turtlebot3_burger")
     robot = replace(robot, drive=replace(robot.drive, slip_std=0.02))
-    simulator, odometry = make_simulator(physics, robot, 0.1), WheelOdometry(robot)
+    simulator, odometry = make_simulator(physics, robot, 0.1), WheelMotion(robot)
     command = Twist(0.2, 0.0)
     headings, odometry_headings, runs = [], [], 60
     rng = np.random.default_rng(0)
     for _ in range(runs):
-        odometry.reset(simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [rng])[0].ticks)
+        odometry.reset(simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [rng])[0])
         for _ in range(25):
             reading = simulator.step([command])[0]
         headings.append(simulator.states[0].pose.theta)
-        odometry_headings.append(odometry.update(reading.ticks).theta)
+        odometry_headings.append(odometry.update(reading).theta)
         distance = simulator.states[0].pose.x
     expected = math.sqrt(2.0) * 0.02 * math.sqrt(distance) / robot.drive.track
     assert np.std(headings) == pytest.approx(expected, rel=3.0 / math.sqrt(2 * runs))

@@ -1,0 +1,105 @@
+"""Sources of motion: how far a robot has come since the last reading, by its own sensors."""
+
+import math
+from typing import Protocol
+
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.robots import RobotParams
+from envs.simulation import Reading
+
+
+class MotionSource(Protocol):
+    """Measures how the base has moved from reading to reading."""
+
+    def reset(self, reading: Reading) -> None:
+        """Start at a reading."""
+        ...
+
+    def update(self, reading: Reading) -> Pose2D:
+        """Return the pose of the base now, seen from the base at the last reading."""
+        ...
+
+
+def make_motion_source(robot: RobotParams, control_period: float) -> MotionSource:
+    """Return a robot's own odometry.
+
+    Args:
+        robot: the robot; its YAML file says whether its odometry uses the gyroscope.
+        control_period: time between two readings [s].
+    """
+    return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)
+
+
+@njit(cache=True, error_model="numpy")
+def arc_motion(distance, turn):
+    """Return the pose at the end of a circular arc, seen from its start, as (x, y, theta) [m, m, rad].
+
+    Args:
+        distance: length of the arc, negative backward [m].
+        turn: change of heading along it [rad].
+    """
+    half = 0.5 * turn
+    chord = distance * math.sin(half) / half if half != 0.0 else distance
+    return chord * math.cos(half), chord * math.sin(half), turn
+
+
+@njit(cache=True, error_model="numpy")
+def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
+    """Return the motion of the base by the wheels alone, which are taken to turn evenly; see `arc_motion`.
+
+    Args:
+        left_ticks: encoder counts of the left wheel during the motion.
+        right_ticks: encoder counts of the right wheel during the motion.
+        metres_per_tick: how far a wheel rolls in one count [m].
+        track: distance between the wheels [m].
+    """
+    left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
+    return arc_motion(0.5 * (left + right), (right - left) / track)
+
+
+@njit(cache=True, error_model="numpy")
+def gyro_motion(left_ticks, right_ticks, metres_per_tick, turn):
+    """Return the motion of the base by the wheels and a measured change of heading [rad]; see `wheel_motion`."""
+    return arc_motion(0.5 * (left_ticks + right_ticks) * metres_per_tick, turn)
+
+
+class WheelMotion:
+    """Wheel odometry, with the wheels as the controller takes them to be."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._metres_per_tick, self._track = robot.odometry.metres_per_tick, robot.odometry.track
+        self._ticks = (0, 0)
+
+    def reset(self, reading: Reading) -> None:
+        """Start at a reading."""
+        self._ticks = reading.ticks
+
+    def update(self, reading: Reading) -> Pose2D:
+        """Return the pose of the base now, seen from the base at the last reading."""
+        (left_before, right_before), (left, right) = self._ticks, reading.ticks
+        self._ticks = reading.ticks
+        return Pose2D(*wheel_motion(left - left_before, right - right_before, self._metres_per_tick, self._track))
+
+
+class GyroMotion:
+    """Odometry that takes distances from the wheels and turns from the gyroscope, as the TurtleBot3's own does.
+
+    Wheels that slip falsify the heading most, where the gyroscope drifts slowly.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        self._metres_per_tick, self._period = robot.odometry.metres_per_tick, control_period
+        self._ticks = (0, 0)
+
+    def reset(self, reading: Reading) -> None:
+        """Start at a reading."""
+        self._ticks = reading.ticks
+
+    def update(self, reading: Reading) -> Pose2D:
+        """Return the pose of the base now, seen from the base at the last reading."""
+        (left_before, right_before), (left, right) = self._ticks, reading.ticks
+        self._ticks = reading.ticks
+        turn = reading.yaw_rate * self._period
+        return Pose2D(*gyro_motion(left - left_before, right - right_before, self._metres_per_tick, turn))

@@ -1,0 +1,72 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from envs.estimation.motion import GyroMotion, WheelMotion, make_motion_source
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.simulation import Reading
+
+PERIOD = 0.1
+
+
+@pytest.fixture
+def robot():
+    """Counts so fine that rounding does not show."""
+    robot = load_robot("turtlebot3_burger")
+    return replace(robot, odometry=replace(robot.odometry, ticks_per_rev=1e9))
+
+
+def after(robot, left, right, yaw_rate=0.0, offset=(0, 0)):
+    """The reading after the wheels have rolled these distances [m]."""
+    per_metre = robot.odometry.ticks_per_rev / (2 * math.pi * robot.odometry.wheel_radius)
+    ticks = round(left * per_metre) + offset[0], round(right * per_metre) + offset[1]
+    return Reading(0.0, np.empty(0, dtype=np.float32), ticks, yaw_rate, math.nan, False)
+
+
+@pytest.mark.parametrize("source", [WheelMotion, lambda robot: GyroMotion(robot, PERIOD)])
+def test_straight_on(robot, source):
+    odometry = source(robot)
+    odometry.reset(after(robot, 0.0, 0.0, offset=(5, -7)))
+    assert odometry.update(after(robot, 1.5, 1.5, offset=(5, -7))) == pytest.approx((1.5, 0.0, 0.0), abs=1e-6)
+    assert odometry.update(after(robot, 1.5, 1.5, offset=(5, -7))) == (0.0, 0.0, 0.0)
+
+
+def test_a_turn_on_the_spot_and_a_circle(robot):
+    odometry = WheelMotion(robot)
+    half = 0.5 * robot.odometry.track
+    odometry.reset(after(robot, 0.0, 0.0))
+    assert odometry.update(after(robot, -half * 0.3, half * 0.3)) == pytest.approx((0, 0, 0.3), abs=1e-6)
+    odometry.reset(after(robot, 0.0, 0.0))
+    quarter = math.pi / 2
+    motion = odometry.update(after(robot, (1 - half) * quarter, (1 + half) * quarter))
+    assert motion == pytest.approx((1.0, 1.0, quarter), abs=1e-6)
+
+
+def test_motions_add_up_however_finely_they_are_read(robot):
+    odometry = WheelMotion(robot)
+    odometry.reset(after(robot, 0.0, 0.0))
+    pose, left, right = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
+    for _ in range(100):
+        left, right = left + 0.02, right + 0.023
+        pose = pose.compose(odometry.update(after(robot, left, right)))
+    odometry.reset(after(robot, 0.0, 0.0))
+    assert pose == pytest.approx(odometry.update(after(robot, left, right)), abs=1e-6)
+
+
+def test_turns_come_from_the_gyroscope_and_distances_from_the_wheels(robot):
+    odometry = GyroMotion(robot, PERIOD)
+    odometry.reset(after(robot, 0.0, 0.0))
+    quarter = math.pi / 2
+    # The left wheel spins; the arc of radius 1 m is as long as the wheels have rolled on average.
+    motion = odometry.update(after(robot, quarter + 0.1, quarter - 0.1, yaw_rate=quarter / PERIOD))
+    assert motion == pytest.approx((1.0, 1.0, quarter), abs=1e-6)
+
+
+def test_the_robot_says_which_odometry_it_has(robot):
+    wheels = replace(robot, odometry=replace(robot.odometry, uses_gyro=False))
+    assert isinstance(make_motion_source(wheels, PERIOD), WheelMotion)
+    gyro = replace(robot, odometry=replace(robot.odometry, uses_gyro=True))
+    assert isinstance(make_motion_source(gyro, PERIOD), GyroMotion)
