@@ -1,4 +1,4 @@
-"""What happens beside the learning: evaluations, checkpoints, and the progress bar."""
+"""Callbacks of a training: evaluations, checkpoints, and the progress bar."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from agents.run_folder import write_evaluations
 
 
 class RunCallback(BaseCallback):
-    """Evaluates and saves between updates, whenever it is time to."""
+    """Evaluates the policy and saves checkpoints between updates."""
 
     model: PPO
 
@@ -93,7 +93,7 @@ class RunCallback(BaseCallback):
 
 
 class ProgressBar(BaseCallback):
-    """Shows steps, their rate, and how much of the place recent training episodes explored."""
+    """Shows steps, their rate, and the explored share of recent training episodes."""
 
     def __init__(self, total_steps: int, evaluations: list[dict[str, int | float | str]]) -> None:
         """Show the way to `total_steps`, and the last of `evaluations`."""

@@ -36,7 +36,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(title)
     measures = {
-        "explored_fraction": "explored share of the place",
+        "explored_fraction": "explored share of the world",
         "gained_area": "explored beyond the first scan [m²]",
     }
     for axes, (measure, label) in zip(figure.subplots(1, 2), measures.items(), strict=True):

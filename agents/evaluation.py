@@ -35,7 +35,7 @@ class Episode:
     area_under_curve: float
     """Mean explored fraction over the whole time limit; after an early end the last value holds."""
     path_length: float
-    """Way driven [m]."""
+    """Distance driven [m]."""
     collisions: float
     """Contacts."""
     success: float
@@ -43,7 +43,7 @@ class Episode:
 
 
 class Evaluator:
-    """Runs the same episodes, on worlds of the test split, for whoever is to be measured."""
+    """Runs the same episodes, on worlds of the test split, for policies and explorers alike."""
 
     def __init__(self, config: TrainingConfig) -> None:
         self._config = config

@@ -1,4 +1,4 @@
-"""The whole path in a few minutes: train a small explorer, meet the classic one, see what came of it."""
+"""The whole path in a few minutes: train a small explorer, compare it with the classic one, film and report."""
 
 import contextlib
 import shutil
@@ -36,9 +36,9 @@ WORLD = "turtlebot3_world"
 NUM_FRAMES = 80
 """Pictures in a film, about."""
 INTRO = (
-    "A small PPO explorer was trained for a few minutes on procedural worlds. Here it meets a place that it has never "
-    "seen, beside the classic frontier explorer and one that drives at random. None of them is told the truth: map and "
-    "position come from TinySLAM."
+    "A small PPO explorer was trained for a few minutes on procedural worlds. Here it explores a world that it has "
+    "never seen, beside the classic frontier explorer and one that drives at random. None of them sees ground truth: "
+    "map and pose come from TinySLAM."
 )
 """Stands at the head of the report."""
 
@@ -62,7 +62,7 @@ def demo(
         jobs: processes that it is spread over.
 
     Returns:
-        What came of it, in a sentence.
+        The results, in a sentence.
     """
     from agents.training import train  # torch takes seconds to load: the first line should not wait for it
 
@@ -92,7 +92,7 @@ def demo(
     median = typical_and_worst(rows, learned.name)[0]
     seed = median["seed"]
     lead = {
-        f"The trained explorer in a place that it has never seen (seed {seed}, its median episode).": _film(
+        f"The trained explorer in a world that it has never seen (seed {seed}, its median episode).": _film(
             settings, learned, median, work, "exploration.gif"
         ),
         "The classic explorer from the same start.": _film(

@@ -1,1 +1,1 @@
-"""The arena: explorers on the same places with the same seeds, their measures, and a report."""
+"""The arena: explorers in the same worlds with the same seeds, their measures, and a report."""

@@ -21,13 +21,12 @@ class AxisEntry:
     """An explorer under one value of an axis."""
 
     policy: str
-    """Who."""
     value: str
     """Value of the axis."""
     base: str
     """Value that it is compared with."""
     worlds: tuple[str, ...]
-    """Where there are starts that all values share."""
+    """Worlds with starts that all values share."""
     estimates: dict[str, Estimate]
     """By the names of `SHOWN`."""
     differences: dict[str, Estimate]
@@ -49,7 +48,7 @@ def compare_axis(rows: Sequence[Row], axis: str) -> list[AxisEntry]:
     ordered = [base, *(value for value in values if value != base)]
     entries = []
     for policy in policies_of(rows):
-        # Under each value it stands for a policy of its own, in the same place.
+        # Under each value it stands for a policy of its own, from the same starts.
         versions = [row | {"policy": row[axis], axis: base} for row in rows if row["policy"] == policy]
         starts = set.intersection(*(set(by_start(versions, value)) for value in ordered))
         shared = [row for value in ordered for start, row in by_start(versions, value).items() if start in starts]

@@ -1,4 +1,4 @@
-"""The leaderboard: everything that an evaluation of many places has to say, as a page."""
+"""The leaderboard: everything that an evaluation in many worlds has to say, as a page."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ import yaml
 from benchmarks.arena.axis import COMPARED as AXIS_COMPARED
 from benchmarks.arena.axis import SHOWN as AXIS_SHOWN
 from benchmarks.arena.axis import compare_axis
-from benchmarks.arena.measures import BY_NAME, MEASURES
+from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import BOUND, PAIRED_AXES, policies_of, pool, reference_of
 from benchmarks.arena.ranking import GAPS, PRIMARY, SHOWN, Entry, gaps, rank
@@ -23,13 +23,13 @@ from benchmarks.arena.unfinished import DRIFT, MARKS, find_unfinished
 PERCENT = BY_NAME["reached_95"]
 """How shares are printed."""
 TIME = BY_NAME["time_to_95"]
-"""What the table of places shows."""
+"""What the table of worlds shows."""
 DASH = Cell("-")
 """An empty cell."""
 
 
 def ranking_section(rows: Sequence[Row]) -> Section:
-    """Return who explores best, over all places.
+    """Return the ranking of the explorers over all worlds.
 
     Args:
         rows: related episodes (`benchmarks.arena.pairs.relate`) from starts that all competitors share.
@@ -43,8 +43,7 @@ def ranking_section(rows: Sequence[Row]) -> Section:
     )
     if any(entry.rank is None for entry in entries):
         text += (
-            f" The {BOUND} is told the true map, and always where it is: it shows what can be reached, and is not "
-            "ranked."
+            f" The {BOUND} uses the true map and the true pose: it is the bound of what can be reached, and not ranked."
         )
     return Section("Leaderboard", (text, _ranking_table(entries)))
 
@@ -62,9 +61,18 @@ def _ranking_table(entries: Sequence[Entry]) -> Table:
             Cell.of(entry.estimates[m.name], m, entry.policy in best[m.name]) if m.name in entry.estimates else DASH
             for m in SHOWN
         ]
-        place = f"{entry.rank}. " if entry.rank else "bound: "
-        lines.append((Cell(f"{place}{short(entry.policy)}"), *cells))
+        rank = f"{entry.rank}. " if entry.rank else "bound: "
+        lines.append((Cell(f"{rank}{short(entry.policy)}"), *cells))
     return Table(("", *(m.title for m in SHOWN)), tuple(lines))
+
+
+def story(row: Row) -> str:
+    """Say in a line how an episode went."""
+    left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
+    return (
+        f"{100 * row['explored_fraction']:.1f} % in {row['duration']:.0f} s and {row['path_length']:.0f} m "
+        f"({row['end_reason'].replace('_', ' ')}{left}), map IoU {100 * row['map_iou']:.0f} %"
+    )
 
 
 def gap_section(rows: Sequence[Row]) -> Section | None:
@@ -100,20 +108,21 @@ def measures_section(rows: Sequence[Row]) -> Section:
         cells = [Cell.of(pool(rows, policy, measure), measure) for measure in others]
         lines.append((Cell(short(policy)), *cells))
     text = (
-        "Interquartile means over the same starts as above. Seconds and metres in small and large places are not of a "
-        "kind: compare explorers, and not the numbers as such."
+        "Interquartile means over the same starts as above. Seconds and metres in small and large worlds cannot be "
+        "pooled in earnest: compare explorers, and not the numbers as such."
     )
     head = ("", *(m.title for m in others))
     return Section("All other measures", (text, Table(head, tuple(lines))))
 
 
-def pairs_section(rows: Sequence[Row]) -> Section | None:
+def pairs_section(rows: Sequence[Row], measures: Sequence[Measure] = GAPS) -> Section | None:
     """Return every explorer against the reference, pair by pair; None if there is only one.
 
     Args:
-        rows: related episodes.
+        rows: episodes; related ones for relative measures.
+        measures: in which they are compared. Where the rows are of several worlds, they should be comparable.
     """
-    comparisons = compare(rows, [measure.name for measure in GAPS])
+    comparisons = compare(rows, measures)
     if not comparisons:
         return None
     reference = short(comparisons[0].reference)
@@ -127,12 +136,12 @@ def pairs_section(rows: Sequence[Row]) -> Section | None:
         f"Difference to {reference} from the same start (interquartile mean), and the probability of improvement: the "
         "share of starts from which the explorer does better, ties counting half."
     )
-    head = ("", *(title for m in GAPS for title in (m.title, f"better than {reference}")))
+    head = ("", *(title for m in measures for title in (m.title, f"better than {reference}")))
     return Section("Pair by pair", (text, Table(head, tuple(map(tuple, lines.values())))))
 
 
-def places_section(rows: Sequence[Row]) -> Section:
-    """Return how long the explorers take in each place.
+def worlds_section(rows: Sequence[Row]) -> Section:
+    """Return how long the explorers take in each world.
 
     Args:
         rows: all episodes.
@@ -154,7 +163,7 @@ def places_section(rows: Sequence[Row]) -> Section:
         "Seconds until 95 % was explored, interquartile mean. Where not every episode got there, how many did stands "
         "beside it; where the others decide the mean, it is a lower bound: more than the limit that they count as."
     )
-    return Section("Place by place", (text, Table(("", *map(short, policies)), tuple(lines))))
+    return Section("World by world", (text, Table(("", *map(short, policies)), tuple(lines))))
 
 
 def axis_section(rows: Sequence[Row], axis: str) -> Section | None:
@@ -179,11 +188,11 @@ def axis_section(rows: Sequence[Row], axis: str) -> Section | None:
         *("", *(m.title for m in AXIS_SHOWN)),
         *(m.title + f", difference to {base}" for m in AXIS_COMPARED),
     )
-    places = list(dict.fromkeys(world for entry in entries for world in entry.worlds))
+    worlds = dict.fromkeys(world for entry in entries for world in entry.worlds)
     starts = entries[0].estimates[PRIMARY.name].n
     title = "What mapping error costs" if axis == "slam" else f"What {axis} costs"
     text = (
-        f"The same explorers from the same {starts} starts in {', '.join(places)}. Differences are paired, those of "
+        f"The same explorers from the same {starts} starts in {', '.join(worlds)}. Differences are paired, those of "
         f"times and distances as shares of what the explorer needed under {base}."
     )
     return Section(title, (text, Table(head, tuple(lines))))
@@ -198,10 +207,10 @@ def unfinished_section(rows: Sequence[Row]) -> Section:
     """Return which episodes did not get to the marks, where, and why."""
     found = find_unfinished(rows)
     parts: list[str | Table] = [
-        f"Every episode that explored less than {100 * MARKS[1]:.0f} %, by explorer and place. A map counts as drifted "
+        f"Every episode that explored less than {100 * MARKS[1]:.0f} %, by explorer and world. A map counts as drifted "
         f"where the root mean square position error exceeds {DRIFT:.1f} m."
     ]
-    head = ("place", "episodes", "below 95 %", "below 99 %", "least explored %", "left on average m²", "why it ended")
+    head = ("world", "episodes", "below 95 %", "below 99 %", "least explored %", "left on average m²", "why it ended")
     for policy in policies_of(rows):
         mine = [one for one in found if one.policy == policy]
         total = sum(row["policy"] == policy for row in rows)
@@ -222,7 +231,7 @@ def unfinished_section(rows: Sequence[Row]) -> Section:
 
 
 def missing_section(missing: Sequence[Failure], num_rows: int, num_fair: int) -> Section | None:
-    """Return what could not be run, and why; None if nothing is missing.
+    """Return the episodes that could not be run, and why; None if none is missing.
 
     Args:
         missing: the episodes.
@@ -232,13 +241,13 @@ def missing_section(missing: Sequence[Failure], num_rows: int, num_fair: int) ->
     if not missing:
         return None
     lines = []
-    for (place, reason), group in group_failures([one for one in missing if one.reason != NOT_RUN]).items():
+    for (where, reason), group in group_failures([one for one in missing if one.reason != NOT_RUN]).items():
         who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
-        lines.append((Cell(place), Cell(str(len(group))), Cell(who), Cell(reason)))
+        lines.append((Cell(where), Cell(str(len(group))), Cell(who), Cell(reason)))
     untried = sum(failure.reason == NOT_RUN for failure in missing)
     text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
     text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
-    table = Table(("place and robot", "episodes", "explorers", "why"), tuple(lines), words=(2, 3))
+    table = Table(("world and robot", "episodes", "explorers", "why"), tuple(lines), words=(2, 3))
     return Section("Not run", (text, table) if lines else (text,))
 
 

@@ -61,7 +61,7 @@ def _extent(traces: Sequence[Trace]) -> tuple[float, float, float, float]:
 
 
 def _map_figure(rows: int, cols: int, extent: tuple[float, float, float, float], width: float, theme: Theme) -> Figure:
-    """Make a figure for maps that are `width` inches wide, and as high as the place asks for."""
+    """Make a figure for maps that are `width` inches wide, and as high as the world asks for."""
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     size = (cols * width + 0.3, rows * (min(max(aspect, 0.4), 2.0) * width + 0.3))
     return Figure(figsize=size, dpi=110, layout="constrained", facecolor=theme.paper)

@@ -1,4 +1,4 @@
-"""Pictures over all places: curves, performance profiles, typical and worst episodes."""
+"""Pictures over all worlds: curves, performance profiles, typical and worst episodes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +9,7 @@ import numpy as np
 
 from baselines.episode import Curve
 from benchmarks.arena.curve_plots import Bands, draw_curves, draw_profiles, sample_curves, sample_profiles
+from benchmarks.arena.leaderboard import story
 from benchmarks.arena.map_plots import draw_growth
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Figure, Section
@@ -82,16 +83,11 @@ def gallery_section(folder: Path, rows: Sequence[Row]) -> Section:
     for policy in policies_of(rows):
         for kind, row in zip(("typical", "worst"), typical_and_worst(rows, policy), strict=True):
             trace = Trace.load(trace_path(folder, row))
-            left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
-            caption = (
-                f"{short(policy)}, {kind}: {labels[case_of(row)]}, seed {row['seed']}: "
-                f"{100 * row['explored_fraction']:.1f} % in {row['duration']:.0f} s and {row['path_length']:.0f} m "
-                f"({row['end_reason'].replace('_', ' ')}{left}), map IoU {100 * row['map_iou']:.0f} %"
-            )
+            caption = f"{short(policy)}, {kind}: {labels[case_of(row)]}, seed {row['seed']}: {story(row)}"
             picture = Picture.of(partial(draw_growth, {policy: trace}))
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
     text = (
-        f"Of each explorer the episode with the median {PRIMARY.label} over all places, and the one with the lowest. "
+        f"Of each explorer the episode with the median {PRIMARY.label} over all worlds, and the one with the lowest. "
         "The last picture of a strip is the final map. Colours: when a cell became known. Red: the true walls."
     )
     return Section("Typical and worst episodes", (text, *figures))

@@ -93,11 +93,11 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
     write_file(page, "\n\n".join(blocks) + "\n")
 
 
-def to_html(sections: Sequence[Section]) -> str:
+def to_html(sections: Sequence[Section], heading: str = "h2") -> str:
     """Return a page as a piece of HTML that carries its pictures."""
     pieces = []
     for section in sections:
-        pieces.append(f"<h2>{html.escape(section.title)}</h2>")
+        pieces.append(f"<{heading}>{html.escape(section.title)}</{heading}>")
         small = [part for part in section.parts if isinstance(part, Figure) and not part.is_wide]
         for part in section.parts:
             if isinstance(part, str):
@@ -105,17 +105,16 @@ def to_html(sections: Sequence[Section]) -> str:
             elif isinstance(part, Table):
                 pieces.append(_html_table(part))
             elif part.is_wide:
-                pieces.append(themed(part.picture, part.caption, "wide"))
+                pieces.append(_themed(part, "wide"))
             elif part is small[0]:
-                figures = "".join(themed(figure.picture, figure.caption) for figure in small)
-                pieces.append(f'<div class="pair">{figures}</div>')
+                pieces.append(f'<div class="pair">{"".join(map(_themed, small))}</div>')
     return "\n".join(pieces)
 
 
-def themed(picture: Picture, caption: str, kind: str = "") -> str:
+def _themed(figure: Figure, kind: str = "") -> str:
     """Return a figure element whose picture follows the reader's light or dark mode."""
-    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{data_url(picture.dark)}">'
-    return figure_element(data_url(picture.light), caption, dark, kind)
+    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{data_url(figure.picture.dark)}">'
+    return figure_element(data_url(figure.picture.light), figure.caption, dark, kind)
 
 
 def figure_element(url: str, caption: str, sources: str = "", kind: str = "") -> str:
@@ -131,12 +130,6 @@ def data_url(content: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def html_table(head: Sequence[str], lines: Sequence[str]) -> str:
-    """Return a table element from headings and rows in HTML."""
-    cells = "".join(f"<th>{cell}</th>" for cell in head)
-    return f'<div class="table"><table><thead><tr>{cells}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-
-
 def _html_table(table: Table) -> str:
     lines = []
     for first, *others in table.lines:
@@ -146,7 +139,9 @@ def _html_table(table: Table) -> str:
             for k, cell in enumerate(others, start=1)
         )
         lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
-    content = html_table([html.escape(heading) for heading in table.head], lines)
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.head)
+    table_head = f"<thead><tr>{head}</tr></thead>"
+    content = f'<div class="table"><table>{table_head}<tbody>{"".join(lines)}</tbody></table></div>'
     if not table.title:
         return content
     return f"<details><summary>{html.escape(table.title)}</summary>{content}</details>"

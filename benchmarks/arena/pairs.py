@@ -1,4 +1,4 @@
-"""Episodes that share a start: what makes explorers comparable with each other, and places with each other."""
+"""Episodes that share a start: what makes explorers comparable with each other, and worlds with each other."""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,11 +9,11 @@ from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, estimate, success_rate
 
 BOUND = "oracle"
-"""Explorer that is told the truth. It bounds what can be reached, and does not compete."""
+"""Explorer that uses ground truth. It bounds what can be reached, and does not compete."""
 REFERENCES = ("nearest", "frontier")
-"""Whom the others are compared with: the first of these that takes part, or else the first policy."""
+"""Policies that the others are compared with: the first of these that takes part, or else the first policy."""
 PAIRED_AXES = ("physics", "slam")
-"""Columns along which starts stay the same. Robots differ in where they can stand."""
+"""Columns along which starts stay the same. Robots differ in which cells they can traverse."""
 
 Case = tuple[str, str, str, str]
 """World, robot, physics and SLAM: a stratum of the statistics."""
@@ -41,7 +41,7 @@ def policies_of(rows: Iterable[Row]) -> list[str]:
 
 
 def reference_of(policies: Sequence[str]) -> str:
-    """Return whom the others are compared with."""
+    """Return the policy that the others are compared with."""
     return next((name for name in REFERENCES if name in policies), policies[0])
 
 
@@ -51,7 +51,7 @@ def by_start(rows: Iterable[Row], policy: str) -> dict[tuple[Case, int], Row]:
 
 
 def common_starts(rows: Sequence[Row]) -> list[Row]:
-    """Return the episodes from starts from which every competitor has one: nobody profits from a place left out."""
+    """Return the episodes from starts from which every competitor has one: no policy profits from a world left out."""
     competitors = [name for name in policies_of(rows) if name != BOUND] or policies_of(rows)
     starts = set.intersection(*(set(by_start(rows, name)) for name in competitors)) if competitors else set()
     return [row for row in rows if (case_of(row), row["seed"]) in starts]

@@ -1,4 +1,4 @@
-"""Write down what an evaluation found."""
+"""Write the results of an evaluation."""
 
 import json
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from benchmarks.arena.leaderboard import (
     missing_section,
     origin_section,
     pairs_section,
-    places_section,
     ranking_section,
     unfinished_section,
+    worlds_section,
 )
 from benchmarks.arena.overview import curves_section, gallery_section
 from benchmarks.arena.page import Section, write_markdown
@@ -37,8 +37,8 @@ from envs.files import write_file
 TITLE = "The arena"
 """Heading of the leaderboard's page."""
 TEXT = (
-    "Explorers meet the same places, from the same starts, with the same noise, and are measured by the truth, which "
-    "no competitor is told. "
+    "Explorers meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
+    "which no competitor sees. "
 )
 """Stands at the head of that page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
@@ -64,9 +64,9 @@ def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, consol
             progress.update(task, advance=1, latest=latest)
 
         failures = evaluation.run(jobs, ray, on_result)
-    for (place, reason), group in group_failures(failures).items():
+    for (where, reason), group in group_failures(failures).items():
         who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
-        line = f"{len(group)} episodes of {who} in {place} could not be run: {reason}"
+        line = f"{len(group)} episodes of {who} in {where} could not be run: {reason}"
         console.print(line, style="red", markup=False, highlight=False)
     return failures
 
@@ -116,7 +116,7 @@ def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], command: str) -> l
         pairs_section(fair) if fair else None,
         measures_section(fair) if fair else None,
         *axis_sections(_all_rows(evaluation)),
-        places_section(rows),
+        worlds_section(rows),
         unfinished_section(rows),
         missing_section(evaluation.missing(), len(rows), len(fair)),
         gallery_section(evaluation.folder, rows),

@@ -1,4 +1,4 @@
-"""Who explores best, over all places: what the leaderboard shows, as numbers."""
+"""The ranking of explorers over all worlds: what the leaderboard shows, as numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,6 @@ class Entry:
     """An explorer on the leaderboard."""
 
     policy: str
-    """Who."""
     rank: int | None
     """From 1; None for the bound, which does not compete."""
     estimates: dict[str, Estimate]
@@ -66,7 +65,7 @@ def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
 
     Args:
         rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
-        policy: who.
+        policy: name of the policy.
     """
     policies = policies_of(rows)
     reference = reference_of(policies)

@@ -32,20 +32,16 @@ Readers = Mapping[str, Callable[[str], Any]]
 
 
 class Key(NamedTuple):
-    """Which episode. The names are columns."""
+    """Identifies an episode. The names are columns."""
 
     policy: str
-    """Policy as given on the command line."""
+    """As given on the command line."""
     world: str
-    """World as given on the command line."""
+    """As given on the command line."""
     seed: int
-    """Seed of the episode."""
     robot: str
-    """Name of the robot."""
     physics: str
-    """Physics."""
     slam: str
-    """SLAM in the loop."""
 
 
 _READERS: dict[Any, Callable[[str], Any]] = {float: float, int: int, bool: int, str: str}
@@ -67,7 +63,7 @@ def make_row(policy: Policy, key: Key, episode: Episode) -> Row:
 
 
 def key_of(row: Row) -> Key:
-    """Return which episode a row is of."""
+    """Return the key of a row's episode."""
     return Key(*(row[name] for name in Key._fields))
 
 
@@ -122,7 +118,7 @@ class Records:
         self._rows[key_of(row)] = row
 
     def add_failure(self, key: Key, reason: str) -> None:
-        """Take note of an episode that could not be run."""
+        """Record an episode that could not be run."""
         if self._failures.get(key) == reason:
             return
         _open_table(self._failures_file, FAILURE_COLUMNS)

@@ -1,4 +1,4 @@
-"""Run explorers on the same places with the same seeds."""
+"""Run explorers in the same worlds with the same seeds."""
 
 import contextlib
 import re
@@ -20,7 +20,7 @@ from benchmarks.arena.workers import Result, Task, prepare, run_all
 from envs.files import write_file
 
 NOT_RUN = "not tried yet"
-"""Why an episode is missing that nobody has tried."""
+"""Why an episode is missing that was not tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +56,12 @@ class Failure:
     """An episode that could not be run."""
 
     key: Key
-    """Which."""
     reason: str
-    """Why, in a line."""
+    """In a line."""
 
 
 def group_failures(failures: Sequence[Failure]) -> dict[tuple[str, str], list[Failure]]:
-    """Return failures by place (with its robot) and reason."""
+    """Return failures by world (with its robot) and reason."""
     groups: dict[tuple[str, str], list[Failure]] = {}
     for failure in failures:
         groups.setdefault((f"{failure.key.world} with {failure.key.robot}", failure.reason), []).append(failure)
@@ -163,10 +162,10 @@ class Evaluation:
         for case, seed, policies in starts:
             for policy in (self.policies[name] for name in policies):
                 key = Key(policy.name, case.world, seed, self._robots[case], case.physics, case.slam)
-                # A bound that has to find out where it is would be none: it is told, whatever SLAM it is the bound for.
-                told = replace(case, slam="truth") if policy.kind == BOUND else case
+                # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
+                run_case = replace(case, slam="truth") if policy.kind == BOUND else case
                 # Where the usual robot is also named, it drives once.
-                tasks.setdefault(key, Task(key, policy, told, self.settings.time_limit, self._objects(told)))
+                tasks.setdefault(key, Task(key, policy, run_case, self.settings.time_limit, self._objects(run_case)))
         return list(tasks.values())
 
     def _find(self, task: Task) -> Row | None:

@@ -24,16 +24,15 @@ GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Where an episode takes place, and under which conditions."""
+    """World, robot, physics and SLAM of an episode."""
 
     world: str
-    """World, as the environment takes it."""
+    """As the environment takes it, or the name of one that is given."""
     robot: str
-    """Robot, as the environment takes it, or `usual`."""
+    """As the environment takes it, or the name of one that is given, or `usual`."""
     physics: str
-    """Physics."""
     slam: str
-    """SLAM in the loop."""
+    """As the environment takes it, or the name of one that is given."""
 
     def make_env(
         self,
@@ -67,9 +66,7 @@ class SlamAxis(Section):
     """The same explorers under several SLAMs: what mapping error costs them. Without worlds it is left out."""
 
     policies: tuple[str, ...] = ()
-    """Explorers."""
     worlds: tuple[str, ...] = ()
-    """Worlds."""
     episodes: PositiveInt = 5
     """Episodes of each explorer in each world under each SLAM."""
     slam: tuple[str, ...] = ("truth", "odometry", "tinyslam")
@@ -88,9 +85,9 @@ class Settings(Section):
     episodes: PositiveInt = 10
     """Episodes of each policy in each world."""
     family_episodes: PositiveInt | None = None
-    """Episodes in each procedural family, where each is another place; null takes `episodes`."""
+    """Episodes in each procedural family, where each is another world; null takes `episodes`."""
     seed: int = Field(default=0, ge=0)
-    """Seed of the first episode, the next ones count up: same place, start and noise for every policy."""
+    """Seed of the first episode, the next ones count up: same world, start and noise for every policy."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
     """Robots by name, path or `module:attribute`; `usual` takes each world's own."""
     physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
@@ -98,7 +95,7 @@ class Settings(Section):
     slam: tuple[str, ...] = Field(default=("tinyslam",), min_length=1)
     """`tinyslam`, `odometry`, `truth`, or `module:attribute`."""
     time_limit: PositiveFloat | None = None
-    """Length of an episode [s]; null lets it grow with the place."""
+    """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True
     """Whether the report has a section with curves, maps and tables for every world; with many it grows large."""
     slam_axis: SlamAxis = SlamAxis()
@@ -125,7 +122,7 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield every case and seed, and who starts there."""
+        """Yield every case and seed, and the policies that start there."""
         for case in _cases(self.worlds, self.robots, self.physics, self.slam):
             for seed in self._seeds(case.world):
                 yield case, seed, self.policies

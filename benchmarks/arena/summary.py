@@ -14,8 +14,8 @@ Summary = dict[str, dict[str, dict[str, Estimate]]]
 
 JSON = ("iqm", "low", "high", "n", "never")
 """Fields of an estimate that `summary.json` holds."""
-COMPARED = ("area_under_curve", "time_to_95", "distance_to_95")
-"""Measures in which policies are compared pair by pair."""
+COMPARED = tuple(BY_NAME[name] for name in ("area_under_curve", "time_to_95", "distance_to_95"))
+"""Measures in which policies are compared pair by pair in one world."""
 
 
 def summarise(rows: Sequence[Row]) -> Summary:
@@ -52,29 +52,26 @@ class Comparison:
     """A policy against the reference, on the same worlds and seeds."""
 
     policy: str
-    """Who is compared."""
     reference: str
-    """With whom."""
     measure: Measure
-    """In what."""
     difference: Estimate
     """Interquartile mean of policy minus reference."""
     improvement: Estimate
     """Probability that the policy does better than the reference."""
 
 
-def compare(rows: Sequence[Row], measures: Sequence[str] = COMPARED) -> list[Comparison]:
+def compare(rows: Sequence[Row], measures: Sequence[Measure] = COMPARED) -> list[Comparison]:
     """Compare every policy with the reference (`benchmarks.arena.pairs`) on the starts that they share.
 
     Args:
         rows: all episodes. Where they are of several cases, the measures should be comparable between them.
-        measures: names.
+        measures: in which.
     """
     policies = policies_of(rows)
     reference = reference_of(policies)
     comparisons = []
     for policy in policies:
-        for measure in (BY_NAME[name] for name in measures):
+        for measure in measures:
             a, b = paired_values(rows, policy, reference, measure)
             if policy != reference and a and measure.higher_is_better is not None:
                 better = probability_of_improvement(a, b, measure.higher_is_better)

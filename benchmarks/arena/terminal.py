@@ -27,15 +27,15 @@ def terminal_table(summary: Summary, case: str) -> Table:
 
 def ranking_table(entries: Sequence[Entry]) -> Table:
     """Lay out the head of the leaderboard: a row per policy, a column per measure."""
-    table = _table("All places")
+    table = _table("All worlds")
     cells = {}
     for name in ("area_under_curve", "relative_time", "reached_95"):
         measure = BY_NAME[name]
         table.add_column(f"{measure.title}", justify="right")
         cells[name] = _cells({e.policy: e.estimates[name] for e in entries if name in e.estimates}, measure)
     for entry in entries:
-        place = f"{entry.rank}." if entry.rank else "bound:"
-        table.add_row(f"{place} {short(entry.policy)}", *(column.get(entry.policy, "") for column in cells.values()))
+        rank = f"{entry.rank}." if entry.rank else "bound:"
+        table.add_row(f"{rank} {short(entry.policy)}", *(column.get(entry.policy, "") for column in cells.values()))
     return table
 
 

@@ -1,4 +1,4 @@
-"""What an episode leaves beside its measures: where the robot drove, and what it knew when."""
+"""The course of an episode: the estimated path, and when which cell became known."""
 
 import io
 import re
@@ -23,7 +23,7 @@ class Trace:
     curve: Curve
     """The explored fraction over time and distance, n samples."""
     trail: np.ndarray
-    """Shape (n, 2), float32, believed positions of the robot at the samples [m]."""
+    """Shape (n, 2), float32, estimated positions of the robot at the samples [m]."""
     grid: OccupancyGrid
     """The final map, cut to what is known."""
     known_since: np.ndarray
@@ -67,15 +67,15 @@ class Trace:
 class Recorder:
     """Watches an episode; pass `watch` to `run_episode` and ask for the `trace` afterwards."""
 
-    def __init__(self, place: ExploreEnv) -> None:
-        self._place = place
+    def __init__(self, env: ExploreEnv) -> None:
+        self._env = env
         self._trail: list[tuple[float, float]] = []
         self._known_since: np.ndarray = np.empty((0, 0), dtype=np.float32)
         self._origin = (0.0, 0.0)
 
     def watch(self, info: dict[str, Any]) -> None:
-        """Take note of what the robot believes now."""
-        belief = self._place.belief
+        """Record the pose estimate, and the time of the cells that became known."""
+        belief = self._env.belief
         self._trail.append((belief.pose.x, belief.pose.y))
         self._fit(belief.grid)
         if "decision_steps" in info:  # the belief's new cells are those of the decision's last step
@@ -86,20 +86,20 @@ class Recorder:
 
     def trace(self, curve: Curve) -> Trace:
         """Return the course of the episode that has ended with `curve`."""
-        place = self._place
-        known = place.belief.grid.data >= 0
+        env = self._env
+        known = env.belief.grid.data >= 0
         rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
         cut = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        resolution, (x, y) = place.belief.grid.resolution, place.belief.grid.origin
+        resolution, (x, y) = env.belief.grid.resolution, env.belief.grid.origin
         origin = x + float(cols[0]) * resolution, y + float(rows[0]) * resolution
         return Trace(
             curve,
             np.array(self._trail, dtype=np.float32),
-            OccupancyGrid(place.belief.grid.data[cut].copy(), resolution, origin),
+            OccupancyGrid(env.belief.grid.data[cut].copy(), resolution, origin),
             self._known_since[cut].copy(),
-            place.start,
-            place.world.segments.astype(np.float32),
-            place.world.circles.astype(np.float32),
+            env.start,
+            env.world.segments.astype(np.float32),
+            env.world.circles.astype(np.float32),
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:

@@ -1,4 +1,4 @@
-"""Where explorers did not finish, and why, as far as the data tell."""
+"""Episodes that did not explore everything, and why, as far as the data tell."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -27,9 +27,8 @@ class Unfinished:
     """The episodes of an explorer in a case that did not reach the last mark."""
 
     policy: str
-    """Who."""
     case: str
-    """Where."""
+    """Label of the world, and of what else distinguishes it."""
     episodes: int
     """Episodes in all."""
     below: tuple[int, ...]

@@ -36,11 +36,8 @@ class Task:
     """One episode to run."""
 
     key: Key
-    """Which."""
     policy: Policy
-    """Who."""
     case: Case
-    """Where."""
     time_limit: float | None
     """Length of the episode [s]; None lets the environment choose it."""
     given: Mapping[str, Any] = field(default_factory=dict)
@@ -53,10 +50,9 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of a task."""
+    """The outcome of a task."""
 
     key: Key
-    """Which episode."""
     row: Row | None = None
     """The episode; None if it could not be run."""
     trace: bytes = b""
@@ -68,9 +64,9 @@ class Result:
 def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
     """Yield the results of tasks as they end."""
     if jobs == 1 or len(tasks) < 2:
-        with contextlib.closing(_Workplace()) as workplace:
+        with contextlib.closing(_Worker()) as worker:
             for task in tasks:
-                yield _run(workplace, task)
+                yield _run(worker, task)
         return
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
@@ -89,10 +85,10 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
 
 def run_in_worker(task: Task) -> Result:
     """Run a task in a process that keeps its environment and explorers for the next one."""
-    return _run(_workplace, task)
+    return _run(_worker, task)
 
 
-class _Workplace:
+class _Worker:
     """Keeps one environment and the explorers between the episodes of a process."""
 
     def __init__(self) -> None:
@@ -133,8 +129,8 @@ def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy
     run(env, decide_with(explorer, exploration_of(env)), observation, info, max_steps=steps)
 
 
-_workplace = _Workplace()
-"""The workplace of a worker process."""
+_worker = _Worker()
+"""What a worker process keeps between tasks."""
 
 
 def _start_worker() -> None:
@@ -153,10 +149,10 @@ def _follow(parent: int) -> None:
     os._exit(1)
 
 
-def _run(workplace: _Workplace, task: Task) -> Result:
+def _run(worker: _Worker, task: Task) -> Result:
     """Run an episode. What goes wrong in it is its own result: the others go on."""
     try:
-        return workplace.run(task)
+        return worker.run(task)
     except Exception as error:
         if not isinstance(error, (ValueError, CheckpointError)):  # those speak for themselves
             logging.getLogger(__name__).exception("%s", task.key)

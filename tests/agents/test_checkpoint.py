@@ -172,7 +172,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     assert [other.name for other in tmp_path.iterdir()] == ["table.csv"]
 
 
-def test_places_without_a_checkpoint_are_told(tmp_path):
+def test_folders_without_a_checkpoint_are_told(tmp_path):
     with pytest.raises(CheckpointError, match=r"nowhere is no folder; a run folder has checkpoints/step_<number>/"):
         find_checkpoint(tmp_path / "nowhere")
     with pytest.raises(CheckpointError, match="is neither a run folder nor a checkpoint folder"):

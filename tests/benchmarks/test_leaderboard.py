@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.arena.axis import compare_axis
-from benchmarks.arena.leaderboard import gap_section, places_section, ranking_section, unfinished_section
+from benchmarks.arena.leaderboard import gap_section, ranking_section, unfinished_section, worlds_section
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
 from benchmarks.arena.ranking import gaps, rank, typical_and_worst
@@ -139,10 +139,10 @@ def reached_in(policy, *times):
     return [row(policy, k, time=t, explored=1.0 if t < math.inf else 0.5, **limited) for k, t in enumerate(times)]
 
 
-def test_places_tell_how_many_got_there():
+def test_worlds_tell_how_many_reached_the_mark():
     rows = [*reached_in("a", 60.0, 80.0, math.inf), *reached_in("b", math.inf, math.inf, math.inf)]
     rows += reached_in("c", 400.0, 400.0, 400.0)
-    ((name, *cells),) = places_section(rows).parts[1].lines
+    ((name, *cells),) = worlds_section(rows).parts[1].lines
     assert name.text == "maze"
     assert [(cell.text, cell.note) for cell in cells] == [("> 180", "2 of 3"), ("> 400", "0 of 3"), ("400", "")]
 

@@ -114,7 +114,7 @@ def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, caps
     assert "| ZeroDivisionError: no way out" in page
     assert "4 of 6 episodes" in page  # from the two starts that both have
 
-    # Mended, the same command runs what is missing and nothing else.
+    # Fixed, the same command runs what is missing and nothing else.
     lines = (tmp_path / "episodes.csv").read_text().splitlines()
     assert len(lines) == 1 + 6
     monkeypatch.setitem(baselines.EXPLORERS, "fragile", RandomExplorer)
@@ -200,7 +200,7 @@ def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path
     assert "0 of 4 episodes" in (tmp_path / "leaderboard.md").read_text()
 
 
-def test_the_bound_is_told_where_it_is_whatever_it_bounds(tmp_path):
+def test_the_bound_uses_the_true_pose_whatever_it_bounds(tmp_path):
     settings = Settings(
         policies=("oracle", "nearest"),
         worlds=("pimouse_arena",),
