@@ -1,6 +1,6 @@
 """Compare explorers in the same worlds with the same seeds.
 
-python evaluate.py --policies nearest ppo:runs/RUN my_package.explorers:Mine --worlds turtlebot3_house rooms --out runs/a
+python evaluate.py --policies ppo:runs/RUN my_package.explorers:Mine --worlds turtlebot3_house rooms --out runs/a
 python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs
 
 Run again, the same command goes on where it stopped.
