@@ -1,4 +1,4 @@
-"""TinySLAM in plain NumPy, as one writes it who knows NumPy well: algorithm, params and work are `envs.slam`'s."""
+"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `envs.slam`."""
 
 import math
 
@@ -129,9 +129,9 @@ class NaiveSlam:
         """Shape (height, width), int64: number of observations."""
         self._sums = np.zeros(self.shape)
         self.pose = Pose2D(0.0, 0.0, 0.0)
-        """Believed pose; the first is the origin."""
+        """Estimated pose; the first is the origin."""
         self.scans_drawn = 0
-        """Number of scans in the map."""
+        """Number of integrated scans."""
         self._last_drawn: Pose2D | None = None
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:

@@ -11,7 +11,7 @@ from benchmarks.errands import PERIOD, Drive
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.localization.likelihood_field import LikelihoodField
-from envs.localization.motion_model import DifferentialDrive
+from envs.localization.motion_model import differential_drive
 from envs.localization.resampling import Injection, KldParams, resample
 from envs.robots import LidarParams
 
@@ -32,7 +32,7 @@ def _median_update(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params
 
 def _median_steps(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params: AmclParams) -> float:
     """Return the median time of propagating, weighting and resampling alone [us], without the estimate."""
-    move, weigh, particles = DifferentialDrive(params), LikelihoodField(params, lidar, grid), params.max_particles
+    weigh, particles = LikelihoodField(params, lidar, grid), params.max_particles
     rng = np.random.default_rng(0)
     cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
     other, none = np.empty_like(cloud), Injection(np.empty((3, 1), dtype=np.float32), 0.0)
@@ -40,7 +40,7 @@ def _median_steps(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params:
     spent = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
         begin = time.perf_counter()
-        move(Pose2D(*motion))(cloud, rng)
+        differential_drive(params, Pose2D(*motion))(cloud, rng)
         weights = np.full(particles, 1.0 / particles)
         weigher = weigh(ranges)
         assert weigher is not None

@@ -15,7 +15,7 @@ from .beam_model import BeamModel
 from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
 from .likelihood_field import LikelihoodField
 from .localizer import PoseEstimate
-from .motion_model import DifferentialDrive
+from .motion_model import differential_drive
 from .params import AmclParams
 from .resampling import Injection, KldParams, resample
 
@@ -42,7 +42,6 @@ class Amcl:
         """
         self.params = params
         self._lidar = lidar
-        self._motion_model = DifferentialDrive(params)
         self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
         self._map: OccupancyGrid | None = None
         self._bins = np.empty(params.most_particles, dtype=np.int32)
@@ -101,7 +100,7 @@ class Amcl:
             or math.hypot(moved.x, moved.y) >= params.update_min_d
             or abs(moved.theta) >= params.update_min_a
         ):
-            self._motion_model(moved)(self._particles, self.rng)
+            differential_drive(params, moved)(self._particles, self.rng)
             self._is_first = False
             self._moved = _ORIGIN
             self._correct(ranges)

@@ -56,9 +56,7 @@ class BeamMixture(NamedTuple):
     z_max: float
     z_rand: float
     sigma_hit: float
-    """[m]."""
     lambda_short: float
-    """[1/m]."""
 
 
 class RayMap(NamedTuple):

@@ -72,20 +72,14 @@ def cosine(theta):
 
 
 class NoisyMotion(NamedTuple):
-    """A motion as rotation, translation, rotation, with the standard deviations of their errors."""
+    """A motion as rotation [rad], translation [m], rotation [rad], with the standard deviations of their errors."""
 
     rot1: float
-    """First rotation [rad]."""
     trans: float
-    """Translation [m]."""
     rot2: float
-    """Second rotation [rad]."""
     std_rot1: float
-    """[rad]."""
     std_trans: float
-    """[m]."""
     std_rot2: float
-    """[rad]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,35 +104,29 @@ def propagate(particles, motion, seed):
         thetas[i] = wrap(heading + rot2 + std2 * normal(seed, k + count + count))
 
 
-class DifferentialDrive:
-    """The odometry motion model of a differential drive, as Nav2 computes it."""
+def differential_drive(params: AmclParams, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
+    """Return a sampler of the odometry motion model of a differential drive, as Nav2 computes it.
 
-    def __init__(self, params: AmclParams) -> None:
-        self._alphas = params.alpha1, params.alpha2, params.alpha3, params.alpha4
+    Args:
+        params: of the filter: `alpha1` to `alpha4`.
+        motion: pose of the base now, as odometry sees it from the base before.
 
-    def __call__(self, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
-        """Return the sampler of a motion.
+    Returns:
+        A function that moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
+    """
+    trans = math.hypot(motion.x, motion.y)
+    rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
+    rot2 = wrap_angle(motion.theta - rot1)
+    # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
+    noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
+    noisy = NoisyMotion(
+        *(rot1, trans, rot2),
+        std_rot1=math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2),
+        std_trans=math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),
+        std_rot2=math.sqrt(params.alpha1 * noise2**2 + params.alpha2 * trans**2),
+    )
 
-        Args:
-            motion: pose of the base now, as odometry sees it from the base before.
+    def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
+        propagate(particles, noisy, rng.integers(1 << 64, dtype=np.uint64))
 
-        Returns:
-            A function that moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
-        """
-        trans = math.hypot(motion.x, motion.y)
-        rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
-        rot2 = wrap_angle(motion.theta - rot1)
-        # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
-        noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
-        alpha1, alpha2, alpha3, alpha4 = self._alphas
-        noisy = NoisyMotion(
-            *(rot1, trans, rot2),
-            std_rot1=math.sqrt(alpha1 * noise1**2 + alpha2 * trans**2),
-            std_trans=math.sqrt(alpha3 * trans**2 + alpha4 * (noise1**2 + noise2**2)),
-            std_rot2=math.sqrt(alpha1 * noise2**2 + alpha2 * trans**2),
-        )
-
-        def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
-            propagate(particles, noisy, rng.integers(1 << 64, dtype=np.uint64))
-
-        return sample
+    return sample
