@@ -33,9 +33,9 @@ def test_documented_biases():
     assert mouse.odometry.open_loop
     assert mouse.drive.wheel_radius / mouse.odometry.wheel_radius == pytest.approx(48 / 45)
     assert mouse.odometry.track / mouse.drive.track == pytest.approx(90 / 92.5)
-    original, seed3 = load_robot("tugbot_original"), load_robot("tugbot")
+    original, corrected = load_robot("tugbot_original"), load_robot("tugbot")
     assert (original.odometry.track, original.drive.track) == (0.5605, 0.514)
-    assert seed3.odometry.track == seed3.drive.track == 0.514
+    assert corrected.odometry.track == corrected.drive.track == 0.514
     unbiased = set(ROBOT_NAMES) - {"raspimouse", "tugbot_original"}
     for name in unbiased:
         robot = load_robot(name)
@@ -43,14 +43,14 @@ def test_documented_biases():
         assert robot.odometry.wheel_radius == robot.drive.wheel_radius
 
 
-def test_lidars_of_the_seeds():
+def test_lidars_are_as_documented():
     assert (load_robot("turtlebot3_burger").lidar.range_min, load_robot("turtlebot3_burger").lidar.range_max) == (
         0.12,
         3.5,
     )
     tugbot = load_robot("tugbot").lidar
     assert (tugbot.range_min, tugbot.range_max, tugbot.num_beams) == (0.6, 10.0, 360)
-    seed4 = load_robot("mpo_500").lidar
-    assert (seed4.range_min, seed4.range_max) == (0.5, 50.0)
-    assert math.degrees(seed4.fov) == pytest.approx(270)
-    assert math.degrees(seed4.angle_increment) == pytest.approx(0.25)
+    scanner = load_robot("mpo_500").lidar
+    assert (scanner.range_min, scanner.range_max) == (0.5, 50.0)
+    assert math.degrees(scanner.fov) == pytest.approx(270)
+    assert math.degrees(scanner.angle_increment) == pytest.approx(0.25)
