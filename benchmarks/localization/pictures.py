@@ -13,7 +13,7 @@ from .maps import KnownWorld, record_from_anywhere
 from .runs import KIDNAPPED_AT, START_STD
 from .tracks import localize
 
-CLOUD_TIMES = (0.0, 0.2, 3.0, 15.0)
+PARTICLE_TIMES = (0.0, 0.2, 3.0, 15.0)
 """Times at which particles are shown [s]."""
 
 
@@ -32,7 +32,7 @@ def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.nd
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(2, 4, figsize=(15, 7.6), layout="constrained")
-    _draw_clouds(axes[0], known, seed)
+    _draw_particles(axes[0], known, seed)
     grid = axes[1, 0].get_gridspec()
     for ax in axes[1]:
         ax.remove()
@@ -42,16 +42,16 @@ def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.nd
     plt.close(figure)
 
 
-def _draw_clouds(axes, known: KnownWorld, seed: int) -> None:
-    drive = record_from_anywhere(known.setup, np.random.SeedSequence(seed), max(CLOUD_TIMES))
+def _draw_particles(axes, known: KnownWorld, seed: int) -> None:
+    drive = record_from_anywhere(known.setup, np.random.SeedSequence(seed), max(PARTICLE_TIMES))
     amcl = Amcl(known.setup.robot.lidar, PRESETS["default"])
     amcl.reset(known.grid, None, np.random.default_rng(seed))
     x_min, y_min, x_max, y_max = known.grid.bounds
-    ax_at = dict(zip((round(time / PERIOD) for time in CLOUD_TIMES), axes))
+    ax_at = dict(zip((round(time / PERIOD) for time in PARTICLE_TIMES), axes))
     for k, (ranges, motion) in enumerate(zip(drive.ranges, drive.motions.tolist())):
         if k in ax_at:
-            ax, cloud = ax_at[k], amcl.particles
-            shown = cloud[:: max(1, len(cloud) // 4000)]
+            ax, particles = ax_at[k], amcl.particles
+            shown = particles[:: max(1, len(particles) // 4000)]
             ax.imshow(
                 np.where(known.grid.data < 0, 60, known.grid.data),
                 cmap="Greys",
@@ -61,7 +61,7 @@ def _draw_clouds(axes, known: KnownWorld, seed: int) -> None:
             )
             ax.scatter(shown[:, 0], shown[:, 1], s=2, color="tab:blue", linewidths=0)
             ax.plot(*drive.truth[k, :2], "o", color="tab:red", markersize=7, markerfacecolor="none")
-            ax.set_title(f"{k * PERIOD:g} s: {len(cloud):,} particles")
+            ax.set_title(f"{k * PERIOD:g} s: {len(particles):,} particles")
             ax.set_axis_off()
         amcl.update(ranges, Pose2D(*motion))
 

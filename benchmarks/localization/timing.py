@@ -67,7 +67,7 @@ def update_times(known: KnownWorld) -> dict[str, float]:
     for _ in range(REPEATS):
         for n, sensor in itertools.product((1000, 2000), ("likelihood_field", "likelihood_field_prob")):
             params = replace(PRESETS["nav2"], min_particles=n, max_particles=n, sensor=sensor)
-            for what, measure in (("update", _median_update), ("move, weigh, draw", _median_steps)):
+            for what, measure in (("update", _median_update), ("propagate, reweight, resample", _median_steps)):
                 time_us = measure(known.grid, lidar, drive, params)
                 spent.setdefault(f"{n} x 60 {sensor}, {what}", []).append(time_us)
     if cores is not None:

@@ -22,7 +22,7 @@ _MARGIN = np.float32(1.42)
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
-    """Follow a ray to the first obstacle, in steps as long as the way is certainly clear (sphere tracing).
+    """Follow a ray to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
 
     Args:
         distances: shape (height, width), float32, from each cell to the nearest obstacle, 0 in it [cells].

@@ -53,7 +53,7 @@ class EkfParams:
     gate: float = 0.999
     """Share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`."""
     patience: float = 2.0
-    """Once all measurements of a kind have been gated for this long [s], the filter takes itself to have diverged: it
+    """Once all measurements of a kind have been gated for this long [s], the filter counts as diverged: it
     inflates the covariance of what that kind measures and accepts the next one, which is counted as `recovered`."""
 
     def __post_init__(self) -> None:

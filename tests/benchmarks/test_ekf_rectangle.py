@@ -23,7 +23,7 @@ def drive():
 
 
 def make_drive(errors, covariance, seed=0):
-    """A drive whose estimate of one fusion errs as told."""
+    """A drive with given errors of one fusion."""
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
     return Drive(
         physics="kinematic",
@@ -49,7 +49,7 @@ def test_a_drive_holds_every_fusion_at_every_step(drive):
         assert np.abs(drive.error(fusion)).max() < 0.1
     assert drive.truth[-1, 0] > 1.0
     assert drive.counts["encoder"] == drive.counts["compass"] == {"accepted": STEPS}
-    # Fusions are told apart: wheels alone know nothing of the compass, the localiser is not filtered.
+    # Fusions differ: wheels alone do without the compass, the localizer is not filtered.
     errors = [drive.error(fusion) for fusion in FUSIONS]
     assert all((one != other).any() for k, one in enumerate(errors) for other in errors[:k])
 

@@ -28,8 +28,8 @@ def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
     assert one.ranges.tobytes() == same.ranges.tobytes()
     assert one.truth.shape == one.motions.shape == (21, 3)
     np.testing.assert_array_equal(one.motions[0], 0.0)
-    way = np.hypot(*np.diff(one.truth[:, :2], axis=0).T).sum()
-    assert np.hypot(*one.motions[:, :2].T).sum() == pytest.approx(way, rel=0.1)
+    length = np.hypot(*np.diff(one.truth[:, :2], axis=0).T).sum()
+    assert np.hypot(*one.motions[:, :2].T).sum() == pytest.approx(length, rel=0.1)
 
 
 def test_kidnapping_joins_two_drives():
@@ -60,7 +60,7 @@ def test_symmetries_of_a_rectangle_and_of_an_l():
     assert symmetries(OccupancyGrid(data, 0.05, (1.0, 2.0))) == []
 
 
-def test_times_that_were_never_reached_are_told_from_those_that_were():
+def test_times_that_were_never_reached_are_infinite_or_none():
     never = np.zeros(600, dtype=bool)
     late = never.copy()
     late[100:] = True

@@ -1,4 +1,4 @@
-"""The Kalman filter against a slow reference, against known answers, and against everything that measurements do."""
+"""The Kalman filter against a slow reference, known answers, and late, missing and wrong measurements."""
 
 import math
 
@@ -204,7 +204,7 @@ def test_an_outlier_is_stopped():
     assert with_outlier.counts["map"]["gated"] == 1
 
 
-def test_a_robot_carried_away_is_found_again():
+def test_the_filter_recovers_from_a_kidnapped_robot():
     ekf = started(EkfParams(patience=2.0))
     verdicts = []
     for k in range(1, 60):

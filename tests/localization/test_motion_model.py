@@ -59,16 +59,16 @@ def test_without_noise_particles_move_as_odometry_does():
 @pytest.mark.parametrize("backwards", [False, True])
 def test_spread_follows_the_alphas(backwards):
     params = AmclParams(alpha1=0.04, alpha2=0.01, alpha3=0.09, alpha4=0.02)
-    turn, way = 0.5, 2.0
-    # Turning by `turn`, then going `way` along the new heading; backwards is the same motion with the tail in front.
+    turn, distance = 0.5, 2.0
+    # Turning by `turn`, then driving `distance` along the new heading, forwards or backwards.
     sign = -1.0 if backwards else 1.0
-    motion = Pose2D(sign * way * math.cos(turn), sign * way * math.sin(turn), turn)
+    motion = Pose2D(sign * distance * math.cos(turn), sign * distance * math.sin(turn), turn)
     particles = np.zeros((3, 200_000), dtype=np.float32)
     differential_drive(params, motion)(particles, np.random.default_rng(3))
-    theta_variance = 0.04 * turn**2 + 0.01 * way**2 + 0.01 * way**2
-    way_variance = 0.09 * way**2 + 0.02 * turn**2
+    theta_variance = 0.04 * turn**2 + 0.01 * distance**2 + 0.01 * distance**2
+    distance_variance = 0.09 * distance**2 + 0.02 * turn**2
     assert particles[2].std() == pytest.approx(math.sqrt(theta_variance), rel=0.02)
-    assert np.hypot(particles[0], particles[1]).std() == pytest.approx(math.sqrt(way_variance), rel=0.03)
+    assert np.hypot(particles[0], particles[1]).std() == pytest.approx(math.sqrt(distance_variance), rel=0.03)
 
 
 def test_same_seed_same_bytes():

@@ -124,16 +124,16 @@ def test_rays_end_where_the_finest_walk_ends():
         x, y, angle = rng.uniform(0, 80), rng.uniform(0, 60), rng.uniform(-math.pi, math.pi)
         dx, dy = math.cos(angle), math.sin(angle)
         found = march(distances, *map(np.float32, (x, y, dx, dy, 50.0)))
-        way = 0.0
-        while way < 50.0:
-            col, row = math.floor(x + way * dx), math.floor(y + way * dy)
+        travelled = 0.0
+        while travelled < 50.0:
+            col, row = math.floor(x + travelled * dx), math.floor(y + travelled * dy)
             if not (0 <= col < 80 and 0 <= row < 60):
-                way = 50.0
+                travelled = 50.0
             elif blocked[row, col]:
                 break
             else:
-                way += 0.01
-        worst.append(abs(found - min(way, 50.0)))
+                travelled += 0.01
+        worst.append(abs(found - min(travelled, 50.0)))
     # What sticks into the ray by less than half a cell may be missed, and here obstacles are specks of a single cell.
     assert np.mean(np.array(worst) < 0.55) > 0.93
 
