@@ -8,7 +8,8 @@ import numpy as np
 import tyro
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import Ekf, Measurement
+from envs.localization.ekf import Ekf
+from envs.localization.measurements import Measurement
 
 from .drive import follow_route, make_env, make_started_filter
 

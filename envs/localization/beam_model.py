@@ -10,7 +10,8 @@ from numba import njit
 from envs.geometry import UNKNOWN, OccupancyGrid
 from envs.robots import LidarParams
 
-from .likelihood_field import OCCUPIED_FROM, Beams, obstacle_distances
+from .beams import Beams
+from .likelihood_field import OCCUPIED_FROM, obstacle_distances
 from .motion_model import cosine, sine
 from .params import AmclParams
 

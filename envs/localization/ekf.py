@@ -12,24 +12,16 @@ import contextlib
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2
 
 from envs.geometry import Pose2D, wrap_angle
 
-from .ekf_kernels import STATE_SIZE, THETA, V, W, X, Y, correct, innovation_of, predict
+from .ekf_kernels import STATE_SIZE, correct, innovation_of, predict
+from .measurements import KINDS, MEASURED, Measurement
 
-Kind = Literal["map", "encoder", "compass"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Kinds of measurement."""
-MEASURED: dict[str, np.ndarray] = {
-    "map": np.array([X, Y, THETA]),
-    "encoder": np.array([V, W]),
-    "compass": np.array([THETA, W]),
-}
-"""Entries of the state that each kind measures: the rows of H in equations (5), (7) and (9)."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "unusable"]
 """Outcome of a measurement; see `EkfParams`."""
 
@@ -65,32 +57,6 @@ class EkfParams:
                 raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
         if not 0.0 < self.gate < 1.0:
             raise ValueError(f"gate must lie in (0, 1), got {self.gate!r}")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Measurement:
-    """Measurement of a part of the state."""
-
-    time: float
-    """When it was taken, by the clock that all measurements share [s]."""
-    kind: Kind
-    """Sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
-    values: np.ndarray
-    """Shape (k,), float64 [m, rad, m/s, rad/s]; with NaN or infinity in it the measurement is `unusable`."""
-    covariance: np.ndarray
-    """Shape (k, k), float64, of the values' errors; symmetric and positive definite."""
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
-        size = len(MEASURED[self.kind])
-        if self.values.shape != (size,) or self.covariance.shape != (size, size):
-            raise ValueError(
-                f"a {self.kind} measurement has {size} values and a covariance of shape {(size, size)}, "
-                f"got shapes {self.values.shape} and {self.covariance.shape}"
-            )
-        if not math.isfinite(self.time):
-            raise ValueError(f"time of a measurement must be finite, got {self.time!r}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,10 +9,10 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Reading
 
-from .ekf import Ekf, EkfParams, Estimate, Kind, Measurement
+from .ekf import Ekf, EkfParams, Estimate
 from .ekf_kernels import STATE_SIZE
 from .localizer import Localizer
-from .measurements import CompassMeter, WheelMeter
+from .measurements import CompassMeter, Kind, Measurement, WheelMeter
 
 FUSIONS: dict[str, tuple[Kind, ...]] = {
     "encoder": ("encoder",),

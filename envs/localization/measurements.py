@@ -1,16 +1,53 @@
-"""Readings of wheel encoders and compass as measurements for the filter, with the covariances of the sensors."""
+"""Measurements for the Kalman filter, and how readings of wheel encoders and compass become measurements."""
 
 import math
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from envs.geometry import wrap_angle
 from envs.robots import RobotParams
 
-from .ekf import Measurement
+from .ekf_kernels import THETA, V, W, X, Y
 
+Kind = Literal["map", "encoder", "compass"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Kinds of measurement."""
+MEASURED: dict[str, np.ndarray] = {
+    "map": np.array([X, Y, THETA]),
+    "encoder": np.array([V, W]),
+    "compass": np.array([THETA, W]),
+}
+"""Entries of the state that each kind measures: the rows of H in equations (5), (7) and (9)."""
 MIN_HEADING_STD = 1e-4
 """Standard deviation of a perfect compass [rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """Measurement of a part of the state."""
+
+    time: float
+    """When it was taken, by the clock that all measurements share [s]."""
+    kind: Kind
+    """Sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
+    values: np.ndarray
+    """Shape (k,), float64 [m, rad, m/s, rad/s]; with NaN or infinity in it the measurement is `unusable`."""
+    covariance: np.ndarray
+    """Shape (k, k), float64, of the values' errors; symmetric and positive definite."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
+        size = len(MEASURED[self.kind])
+        if self.values.shape != (size,) or self.covariance.shape != (size, size):
+            raise ValueError(
+                f"a {self.kind} measurement has {size} values and a covariance of shape {(size, size)}, "
+                f"got shapes {self.values.shape} and {self.covariance.shape}"
+            )
+        if not math.isfinite(self.time):
+            raise ValueError(f"time of a measurement must be finite, got {self.time!r}")
 
 
 class WheelMeter:

@@ -11,8 +11,9 @@ from benchmarks.ekf_rectangle.drive import Drive, run_drive
 from benchmarks.ekf_rectangle.faults import FAULTS, FaultyChannel
 from benchmarks.ekf_rectangle.measures import PAPER, measure, nees_bounds
 from envs.geometry import Pose2D
-from envs.localization.ekf import Ekf, Measurement
+from envs.localization.ekf import Ekf
 from envs.localization.fusion import FUSIONS, start_covariance
+from envs.localization.measurements import Measurement
 
 STEPS = 60
 

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import KINDS, MEASURED, Ekf, EkfParams, Measurement
+from envs.localization.ekf import Ekf, EkfParams
 from envs.localization.ekf_kernels import predict
+from envs.localization.measurements import KINDS, MEASURED, Measurement
 
 NOISE = {
     "map": np.diag([0.02, 0.02, 0.01]) ** 2,
