@@ -31,13 +31,10 @@ def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.nd
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(2, 4, figsize=(15, 7.6), layout="constrained")
-    _draw_particles(axes[0], known, seed)
-    grid = axes[1, 0].get_gridspec()
-    for ax in axes[1]:
-        ax.remove()
-    _draw_error(figure.add_subplot(grid[1, :2]), known, seed)
-    _draw_cost(figure.add_subplot(grid[1, 2:]), cost)
+    figure, axes = plt.subplot_mosaic("0123;eecc", figsize=(15, 7.6), layout="constrained")
+    _draw_particles([axes[key] for key in "0123"], known, seed)
+    _draw_error(axes["e"], known, seed)
+    _draw_cost(axes["c"], cost)
     figure.savefig(path, dpi=80)
     plt.close(figure)
 
