@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from envs.files import explain_unknown, load_object
-from envs.rewards import RewardWeights
+from envs.tasks.rewards import RewardWeights
 
 
 class Section(BaseModel):

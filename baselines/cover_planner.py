@@ -8,7 +8,7 @@ from baselines.cover import Cover
 from baselines.cover_places import Places
 from baselines.cover_tour import search_tour
 from baselines.cover_views import pack_bits, unpack_bits, views_from
-from envs.coverage import ExplorableArea
+from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 """Most cells that stand for the area to see."""

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, cast
 import gymnasium
 import numpy as np
 
-from envs.coverage import map_iou
 from envs.explore import ExploreEnv
+from envs.tasks.coverage import map_iou
 
 from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
 
@@ -119,7 +119,7 @@ class Episode:
     heading_rmse: float
     """Root mean square error of the estimated heading [rad]."""
     map_iou: float
-    """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.coverage.map_iou`)."""
+    """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.tasks.coverage.map_iou`)."""
     decision_ms: float
     """Mean wall-clock time of a decision [ms]."""
     success: bool

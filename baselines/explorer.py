@@ -4,11 +4,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from envs.coverage import ExplorableArea
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.slam import Belief
+from envs.worlds import ExplorableArea
 
 
 class Explorer(Protocol):

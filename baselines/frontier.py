@@ -26,8 +26,8 @@ from baselines.navigator import Navigator
 from baselines.survey import Survey
 from baselines.viewpoints import find_viewpoint
 from envs.geometry import OccupancyGrid
+from envs.geometry.distance_transform import squared_distances
 from envs.navigation import count_unknown, dbscan
-from envs.navigation.costmap import squared_distances
 from envs.navigation.frontiers import FREE_BELOW
 from envs.robots import RobotParams
 from envs.slam import Belief

@@ -24,9 +24,9 @@ from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.localization import load_preset
 from envs.navigate import NavigateEnv
-from envs.navigate_setup import draw_goal
 from envs.navigation import crop_to_known
 from envs.rendering.navigation import NavigationPicture
+from envs.tasks.goals import draw_goal
 from envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)

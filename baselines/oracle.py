@@ -16,12 +16,13 @@ from baselines.nearest import NearestExplorer
 from baselines.senses import Senses
 from baselines.survey import Survey
 from baselines.true_map import TrueMap
-from envs.coverage import Coverage, ExplorableArea
 from envs.geometry import Pose2D
 from envs.navigation import plan_path
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.slam import Belief
+from envs.tasks.coverage import Coverage
+from envs.worlds import ExplorableArea
 
 FIRST_ROUNDS = 300
 """How long the first tour is looked for; see `search_tour`."""
@@ -110,7 +111,7 @@ class OracleExplorer:
         if planner is None:
             return False
         x, y, _ = self._start.compose(belief.pose)
-        completed = Belief(belief.pose, self._truth.complete(belief.grid), belief.new_cells)
+        completed = Belief(belief.pose, self._truth.complete(belief.grid), belief.update.new_cells)
         surveys = [navigator.survey(completed, tightness) for tightness in range(navigator.max_tightness + 1)]
         if navigator.status is Status.FAILED and planner.stops:
             planner.leave_out(planner.stops[0])

@@ -6,8 +6,8 @@ from baselines.obstacles import ObstacleMemory
 from baselines.path_follower import FollowerParams, PathFollower
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
-from envs.route import Route
 from envs.simulation import Twist
+from envs.tasks.route import Route
 
 LOOKAHEAD_TIME = 0.75
 """Lookahead over speed [s]: half of the path follower's, because a route is smooth where a raster's path is not."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from envs.estimation.motion import make_motion_source
-from envs.observation import fill_motion, scale_scan
+from envs.observations.scan import scale_scan
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -25,10 +25,11 @@ class Senses:
             self._odometry.reset(reading)
             self._has_ticks = True
         moved = self._odometry.update(reading)
-        scan, motion = np.empty_like(reading.ranges), np.empty(6, dtype=np.float32)
+        scan = np.empty_like(reading.ranges)
         scale_scan(reading.ranges, self._robot.lidar.range_max, scan)
         robot, v, w = self._robot, moved.x / self._period, moved.theta / self._period
-        fill_motion(v, w, robot.max_v, robot.max_w, self._action[0], self._action[1], reading.bumper, 0.0, motion)
+        motion = np.array([v / robot.max_v, w / robot.max_w, *self._action, reading.bumper, 0.0], dtype=np.float32)
+        motion = motion.clip(-1.0, 1.0)
         return {"scan": scan, "motion": motion}
 
     def twist(self, action: np.ndarray) -> Twist:

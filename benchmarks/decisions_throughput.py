@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.explore_frontiers_vector import ExploreFrontiersVectorEnv
+from envs.vector import ExploreFrontiersVectorEnv
 
 PLACE = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 WARM_UP = 3
@@ -55,9 +55,9 @@ def single() -> Callable[[], tuple[int, int, float]]:
     return decide
 
 
-def lanes(count: int) -> Callable[[], tuple[int, int, float]]:
-    """Return the same for a number of lanes."""
-    env = ExploreFrontiersVectorEnv(count, num_threads=1, autoreset_mode=AutoresetMode.NEXT_STEP, **PLACE)
+def vector(count: int) -> Callable[[], tuple[int, int, float]]:
+    """Return the same for a number of sub-environments."""
+    env = ExploreFrontiersVectorEnv(count, num_workers=0, autoreset_mode=AutoresetMode.NEXT_STEP, **PLACE)
     env.reset(seed=0)
     nearest = np.zeros(count, dtype=np.int64)
 
@@ -75,10 +75,10 @@ def main(decisions: int = 600, slices: int = 20, sizes: tuple[int, ...] = (16, 6
     Args:
         decisions: of each environment; 600 take them through about two thirds of an episode.
         slices: into how many turns these are divided.
-        sizes: numbers of lanes that are compared with the single environment.
+        sizes: numbers of sub-environments that are compared with the single environment.
     """
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    designs = {"single": single(), **{f"{count} lanes": lanes(count) for count in sizes}}
+    designs = {"single": single(), **{f"{count} sub-environments": vector(count) for count in sizes}}
     tallies = {name: Tally() for name in designs}
     for decide in designs.values():
         for _ in range(WARM_UP):

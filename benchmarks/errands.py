@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.coverage import ExplorableArea, explorable_area
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap, plan_path
 from envs.robots import RobotParams
 from envs.simulation import Twist, make_simulator
-from envs.worlds import World
+from envs.worlds import ExplorableArea, World, explorable_area
 
 RESOLUTION = 0.05
 """Side of a map cell [m]."""

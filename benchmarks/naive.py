@@ -15,12 +15,12 @@ from gymnasium import spaces
 from benchmarks.naive_physics import NaivePhysics
 from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.halls import Hall
-from envs.coverage import ExplorableArea, explorable_area
 from envs.estimation.motion import wheel_motion
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.rewards import RewardWeights
 from envs.robots import RobotParams
 from envs.slam import load_params
+from envs.tasks.rewards import RewardWeights
+from envs.worlds import ExplorableArea, explorable_area
 
 CROP_SIZE = 64
 """Side of the map crop [pixels]."""
@@ -29,7 +29,7 @@ PIXEL = 0.125
 OCCUPIED_FROM = 0.5
 """Least occupancy at which a cell counts as occupied."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Points of a map cell that are looked up in the truth; see `envs.coverage.count_new`."""
+"""Points of a map cell that are looked up in the truth; see `envs.tasks.coverage.mark_known`."""
 
 
 def crop_map(values: np.ndarray, counts: np.ndarray, x: float, y: float, theta: float, grid: np.ndarray) -> np.ndarray:

@@ -156,7 +156,7 @@ class NaiveSlam:
             return True
         distance = math.hypot(self.pose.x - self._last_drawn.x, self.pose.y - self._last_drawn.y)
         turn = abs(wrap_angle(self.pose.theta - self._last_drawn.theta))
-        return distance >= self._params.draw_distance or turn >= self._params.draw_angle
+        return distance >= self._params.min_travel_distance or turn >= self._params.min_travel_angle
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         params, mount = self._params, self._lidar.mount

@@ -23,10 +23,8 @@ from tqdm import tqdm
 
 from baselines.navigation.episode import Drive, drive
 from baselines.navigation.map_navigator import MapNavigatorParams
-from envs.coverage import explorable_area
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
-from envs.navigate_setup import known_map
 from envs.navigation import (
     CostmapParams,
     LayeredCostmap,
@@ -36,6 +34,8 @@ from envs.navigation import (
     smooth_path,
     travel_field,
 )
+from envs.tasks.goals import known_map
+from envs.worlds import explorable_area
 
 WORLDS = ("turtlebot3_house", "tugbot_warehouse")
 REPEATS = 15

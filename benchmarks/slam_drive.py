@@ -15,11 +15,12 @@ import numpy as np
 import tyro
 
 from benchmarks.errands import RESOLUTION, Setup, make_setup, record
-from envs.coverage import map_iou
+from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
 from envs.robots import load_robot
-from envs.slam import Slam, make_slam
+from envs.slam import make_slam
+from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
 
 
@@ -48,7 +49,7 @@ class DriveErrors:
     """The same after that alignment."""
 
 
-def drive(setup: Setup, slam: Slam, seed: int, duration: float) -> DriveErrors:
+def drive(setup: Setup, slam: Estimator, seed: int, duration: float) -> DriveErrors:
     """Send a robot on errands from the world's first spawn, and compare estimated with true poses.
 
     Args:

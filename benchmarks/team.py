@@ -25,8 +25,8 @@ from baselines.rrt.team_episode import run_team_episode
 from benchmarks.arena.measures import Measure
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
+from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
-from envs.map_pyramid import OCCUPIED_FROM
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
 ROOMS_SIZE = (20.0, 20.0)

@@ -1,19 +1,20 @@
 """Exploration at the level of decisions: choose a frontier, and the robot drives there."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.arguments import check_positive
 from envs.compilation import announce_compilation
-from envs.coverage import map_iou
 from envs.explore import ExploreEnv
 from envs.frontier_choice import DRIVING, FEATURES, OUTCOMES, OVER, RESET, FrontierChoice, act, judge
 from envs.frontier_choice.candidates import find_candidates
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.map_pyramid import CROP_SIZE
-from envs.robot_env import check_positive
+from envs.observations import FAR_PIXEL, MapCrop, make_parts
+from envs.simulation import Twist
 
 
 def make_choice(explore: ExploreEnv, max_candidates: int, max_decision_time: float) -> FrontierChoice:
@@ -42,7 +43,7 @@ def candidates_space(max_candidates: int) -> spaces.Dict:
         {
             "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
             "action_mask": spaces.MultiBinary(max_candidates),
-            "map": spaces.Box(0, 255, (3, CROP_SIZE, CROP_SIZE), np.uint8),
+            "map": spaces.Box(0, 255, (3, 40, 40), np.uint8),
             "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
         }
     )
@@ -151,20 +152,21 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.action_space = spaces.Discrete(max_candidates)
         self.observation_space: spaces.Space[Any] = candidates_space(max_candidates)
         self._command = np.zeros(2, dtype=np.float32)
-        self._ended = [False, False]
+        self._parts = make_parts({"map": {"resolution": FAR_PIXEL}, "motion": None}, {"map": MapCrop})
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Put the robot into a place it does not know and return the first observation and info."""
+        """Start an episode and return the first observation and info; see `LidarEnv.reset`."""
         super().reset(seed=seed)
-        self._observation, info = self.explore.reset(seed=seed)
+        _, info = self.explore.reset(seed=seed, options=options)
         reading = self.explore.reading
         self.choice.reset()
         self.choice.sense(reading.ranges, 0.0, 0.0, reading.bumper)
         self.choice.survey(self)
-        self._steps = self._touches = 0
-        return self._observe(), self._complete(info, info, -1, RESET)
+        self._steps, self._quantities = 0, dict.fromkeys(info["rewards"], 0.0)
+        self._path_length, self._taken, self._result = 0.0, -1, RESET
+        return self.observe(), self._info()
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive until the next decision is due.
@@ -172,20 +174,44 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Raises:
             ValueError: if the action is not an integer from 0 to `max_candidates` - 1.
         """
+        self.apply(action)
+        return self.observe(), *self.outcome()
+
+    def apply(self, action: Any) -> None:
+        """Drive until the next decision is due, without looking at what came of it; raises as `step`."""
         if not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {len(self.choice.features) - 1}, got {action!r}")
-        choice, explore = self.choice, self.explore
-        taken = choice.valid(int(action))
-        self._steps = self._touches = 0
-        before = self._info
-        outcome = choice.decide(taken, self)
-        info = self._complete(self._info, before, taken, outcome)
-        terminated, truncated = self._ended
-        if not (terminated or truncated or len(choice.places)):
-            terminated = True
-            info["map_iou"] = map_iou(explore.belief.grid, explore.coverage.area, explore.start)
-            info["end_reason"] = choice.end_reason
-        return self._observe(), sum(info["rewards"].values()), terminated, truncated, info
+        self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
+        self._path_length = self.explore.truths[0].path_length
+        self._taken = self.choice.valid(int(action))
+        self._result = self.choice.decide(self._taken, self)
+
+    def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Return reward, terminated, truncated and info of the last decision; see `LidarEnv.outcome`."""
+        explore, info = self.explore, self._info()
+        terminated, truncated = explore.is_over
+        reason = explore.task.end_reason
+        if not (terminated or truncated or len(self.choice.places)):
+            terminated, reason = True, self.choice.end_reason
+        truncated = truncated or (is_last and not terminated)
+        if terminated or truncated:
+            info |= explore.task.final_metrics()
+            info["end_reason"] = reason or "time_limit"
+        return sum(info["rewards"].values()), terminated, truncated, info
+
+    def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+        """Return the observation in fresh arrays, or write it to the arrays of `out`."""
+        if out is None:
+            spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
+            out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
+        out["candidates"][...], out["action_mask"][...] = self.choice.features, self.choice.mask
+        for name, part in self._parts.items():
+            part.write(self.explore.robots[0], out[name])
+        return dict(out)
+
+    def prepare(self) -> None:
+        """Draw the world of the next episode ahead of time; see `LidarEnv.prepare`."""
+        self.explore.prepare()
 
     def action_masks(self) -> np.ndarray:
         """Return which actions have a candidate, shape (max_candidates,), bool, as sb3-contrib's MaskablePPO asks."""
@@ -217,46 +243,39 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def drive(self) -> int:
         """Drive until the pilot has something to say; see `envs.frontier_choice`."""
         choice, explore = self.choice, self.explore
-        pilot, robot = choice.pilot[0], explore.robot
-        motion = self._observation["motion"]
+        pilot, params, robot = choice.pilot[0], explore.robot, explore.robots[0]
+        limits, command = (params.max_v, params.max_w), self._command
         while True:
-            explore.plan = choice.plan
-            v = float(motion[0]) * robot.max_v
-            act(pilot, choice.path, choice.obstacles, *self.pose, v, choice.numbers, self._command)
-            self._observation, _, *self._ended, self._info = explore.step(self._command)
+            if explore.render_mode == "human":
+                explore.plan = choice.plan
+                explore.render()
+            act(pilot, choice.path, choice.obstacles, *self.pose, robot.twist.v, choice.numbers, command)
+            robot.action = v, w = command.tolist()
+            explore.advance([Twist(v * limits[0], w * limits[1])])
             self._steps += 1
-            motion, reading = self._observation["motion"], explore.reading
-            self._touches += reading.bumper
-            choice.sense(reading.ranges, float(motion[0]) * robot.max_v, float(motion[1]) * robot.max_w, reading.bumper)
-            if any(self._ended):
+            for name, quantity in explore.task.quantities().items():
+                self._quantities[name] += quantity
+            reading = robot.reading
+            choice.sense(reading.ranges, *robot.twist, reading.bumper)
+            if any(explore.is_over):
                 return OVER
             grid = self.grid
             map_frame = (grid.data, grid.resolution, *grid.origin, choice.block, choice.given_up)
             code = judge(pilot, choice.obstacles, *self.pose, reading.bumper, *map_frame, choice.numbers)
             if code != DRIVING:
+                explore.plan = choice.plan
                 return code
 
-    def _observe(self) -> dict[str, np.ndarray]:
-        return {
-            "candidates": self.choice.features.copy(),
-            "action_mask": self.choice.mask,
-            "map": self._observation["map_far"],
-            "motion": self._observation["motion"],
-        }
-
-    def _complete(self, info: dict[str, Any], before: dict[str, Any], action: int, outcome: int) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         """Return the info of `ExploreEnv` after a decision, with what there is to say of the decision."""
-        self._info = info
-        gained = info["explored_area"] - before["explored_area"]
-        duration = self._steps * self.explore.control_period
-        touching, is_covered = self._touches / max(self._steps, 1), outcome != RESET and info["is_success"]
+        explore = self.explore
+        info = explore.info(explore.task.weights.terms(self._quantities))
         return info | {
-            "rewards": self.explore.weights.terms(gained, touching, is_covered, duration),
             "action_mask": self.choice.mask,
-            "action": action,
-            "outcome": OUTCOMES[outcome],
-            "decision_time": duration,
-            "decision_length": info["path_length"] - before["path_length"],
+            "action": self._taken,
+            "outcome": OUTCOMES[self._result],
+            "decision_time": self._steps * explore.control_period,
+            "decision_length": info["path_length"] - self._path_length,
             "decision_steps": self._steps,
-            "area_left": self.explore.coverage.area.area - info["explored_area"],
+            "area_left": explore.coverage.area.area - info["explored_area"],
         }

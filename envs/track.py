@@ -1,33 +1,24 @@
 """The tracking environment: follow a route by a pose that is fused from map, encoders and compass."""
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-from gymnasium import spaces
-
+from envs.arguments import check_positive
+from envs.core import LidarEnv
+from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
-from envs.geometry.pose import distance
 from envs.localization import Amcl, AmclParams
-from envs.localization.fusion import FusedPose, start_covariance
-from envs.observation import fill_motion, scale_scan
+from envs.localization.ekf import Estimate
+from envs.localization.fusion import FusedPose
+from envs.observations import Observations
 from envs.rendering.scene import NavigationScene
-from envs.rewards import TrackRewards
-from envs.robot_env import RobotEnv, check_positive
 from envs.robots import RobotParams, load_robot
-from envs.route import Progress, Route, rectangle
-from envs.route_map import make_route_map
-from envs.worlds import World, load_world
+from envs.simulation import make_simulator
+from envs.tasks.follow_route import FollowRoute, FusedRobot
+from envs.tasks.rewards import TrackRewards
+from envs.tasks.route import Route
+from envs.worlds import World
 
-NUM_AHEAD = 10
-"""Points of the route that an observation shows."""
-AHEAD_SPACING = 0.4
-"""Distance between them [m]."""
-AHEAD_SCALE = 5.0
-"""What 1 stands for in their coordinates [m]."""
-END = 0.1
-"""Distance from the end of the route at which it counts as reached [m]."""
 AMCL_PARAMS = AmclParams(
     sensor="likelihood_field_prob",
     max_beams=180,
@@ -40,18 +31,20 @@ AMCL_PARAMS = AmclParams(
     update_min_d=0.2,
     update_min_a=0.1,
 )
-"""A map with cells of 0.02 m and a lidar that errs by less deserve a sharper look than Nav2's defaults take."""
+"""A map with cells of 0.02 m and a lidar with smaller errors deserve a sharper sensor model than Nav2's defaults."""
+OBSERVATIONS = ("scan", "route", "motion")
+"""Parts of an observation by default."""
 
 
-class TrackEnv(RobotEnv):
-    """Follow a route with a robot that knows its place by a map, its wheels and a compass.
+class TrackEnv(LidarEnv):
+    """Follow a route with a robot that is localized by a map, its wheels and a compass.
 
     ## Description
     A differential-drive robot stands at the beginning of a route, with a map that was made beforehand by driving the route
-    by hand. Each step drives it for one control period. A localiser (AMCL) then finds it on the map, now and then and a
-    little late; encoders tell its speed, a compass its heading; and a Kalman filter fuses them into the pose by which
-    the robot sees the route. The task is to follow the route to its end. The defaults are the experiment of seed 4: a
-    rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
+    by hand. Each step drives it for one control period. A localizer (AMCL) then finds it on the map, at a lower rate and
+    with latency; encoders measure its speed, a compass its heading; and an extended Kalman filter fuses them into the pose
+    in which the robot sees the route. The task is to follow the route to its end. The defaults repeat the experiment of
+    the EKF report that docs/ekf.md names: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -62,16 +55,16 @@ class TrackEnv(RobotEnv):
     | key | space | meaning |
     |---|---|---|
     | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
-    | `route` | `Box(-1, 1, (10, 2), float32)` | points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of where the robot believes to be, over 5 m |
+    | `route` | `Box(-1, 1, (10, 2), float32)` | points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of the estimated pose, over 5 m |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper pressed (0 or 1), share of the time limit passed |
 
     ## Rewards
     The sum of the terms in `info["rewards"]`, weighted by `TrackRewards`: `progress` along the route, `deviation` from it,
-    `time`, `collision`, `completed`. Progress and deviation are the robot's, not those that it believes in.
+    `time`, `collision`, `completed`. Progress and deviation are the true ones, not the estimated ones.
 
     ## Starting State
     The robot stands still at the beginning of the route, off by a normal draw with the standard deviations
-    `start_spread`; it believes to stand right there.
+    `start_spread`; the filter takes it to stand right there.
 
     ## Episode End
     1. Termination: the end of the route is reached.
@@ -82,7 +75,7 @@ class TrackEnv(RobotEnv):
 
     ## Information
     Each step: `progress` (share of the route driven), `deviation` (to the left of the route [m]), `pose_error` (position
-    [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether the localiser says that it
+    [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether the localizer says that it
     is), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
     `"time_limit"`).
 
@@ -93,16 +86,18 @@ class TrackEnv(RobotEnv):
     | `robot` | `"mpo_500"` | library robot, path of a robot YAML, or `RobotParams` |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
     | `path` | `None` | points (x, y) in the world frame [m]; `None` is the rectangle of 78 m from the world's first spawn |
-    | `fusion` | `"full"` | what the pose rests on: `"full"` (map, encoders, compass if there is one), `"encoder_compass"`, `"encoder"`, or `"amcl"` (the localiser's own) |
+    | `fusion` | `"full"` | what is fused into the pose: `"full"` (map, encoders, compass if there is one), `"encoder_compass"`, `"encoder"`, or `"amcl"` (the localizer's own) |
     | `slam` | `"tinyslam"` | which SLAM makes the map |
     | `map_seed` | `0` | seed of the drive that makes the map |
     | `map_resolution` | `0.02` | side of a map cell [m] |
-    | `map_latency` | `0.1` | how late the localiser answers [s] |
+    | `map_latency` | `0.1` | latency of the localizer [s] |
     | `control_hz` | `17.0` | steps per second |
     | `time_limit` | `None` | length of an episode [s]; `None` gives twice the time that the route takes at full speed, and 30 s |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
     | `reward` | `TrackRewards()` | weights, also as a mapping |
+    | `observations` | `("scan", "route", "motion")` | parts of the observation, see `envs.observations.make_parts` |
+    | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped |
     | `render_mode` | `None` | `"human"` or `"rgb_array"` |
 
     ## Version History
@@ -117,7 +112,7 @@ class TrackEnv(RobotEnv):
         physics: str = "bullet",
         path: Any = None,
         fusion: str = "full",
-        slam: str = "tinyslam",
+        slam: Any = "tinyslam",
         map_seed: int = 0,
         map_resolution: float = 0.02,
         map_latency: float = 0.1,
@@ -126,6 +121,8 @@ class TrackEnv(RobotEnv):
         max_deviation: float = 2.0,
         start_spread: tuple[float, float] = (0.02, 0.02),
         reward: TrackRewards | Mapping[str, float] = TrackRewards(),
+        observations: Observations = OBSERVATIONS,
+        clip_actions: bool = False,
         render_mode: str | None = None,
     ) -> None:
         """See the class for the arguments.
@@ -133,143 +130,77 @@ class TrackEnv(RobotEnv):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        check_positive(max_deviation=max_deviation)
-        if not 0 <= map_latency < math.inf:
-            raise ValueError(f"map_latency must be finite and not negative, got {map_latency!r}")
-        if len(start_spread) != 2 or not all(0 <= spread < math.inf for spread in start_spread):
-            raise ValueError(f"start_spread must be two numbers that are not negative, got {start_spread!r}")
-        self.weights = TrackRewards.of(reward)
-        super().__init__(
-            robot=load_robot(robot),
+        params = load_robot(robot)
+        check_positive(control_hz=control_hz)
+        period = 1.0 / control_hz
+        task = FollowRoute(
+            params,
+            world=world,
+            path=path,
             physics=physics,
+            slam=slam,
+            map_seed=map_seed,
+            map_resolution=map_resolution,
+            control_period=period,
+            max_deviation=max_deviation,
+            start_spread=start_spread,
+            reward=reward,
+        )
+        self.localizer = Amcl(params.lidar, AMCL_PARAMS)
+        fused = FusedPose(params, self.localizer, fusion, map_latency)
+        super().__init__(
+            task,
+            make_simulator(physics, params, period),
+            [FusedRobot(params, period, fused, make_motion_source(params, period))],
+            observations,
             control_hz=control_hz,
-            time_limit=time_limit,
+            time_limit=time_limit or task.usual_time_limit,
             render_mode=render_mode,
+            clip_actions=clip_actions,
         )
-        self.world = world if isinstance(world, World) else load_world(world)
-        self.route_world = Route.of(rectangle(self.world.spawns[0]) if path is None else path)
-        self.start = self.route_world.start
-        """World pose of the map frame's origin."""
-        self.route = self.route_world.seen_from(self.start)
-        """The route in the map frame."""
-        self.time_limit = time_limit or 30.0 + 2.0 * self.route.length / self.robot.max_v
-        self.max_deviation = max_deviation
-        self._physics, self._slam, self._map_seed, self._resolution = physics, slam, map_seed, map_resolution
-        self._start_spread = start_spread
-        self.localizer = Amcl(self.robot.lidar, AMCL_PARAMS)
-        self.fused = FusedPose(self.robot, self.localizer, fusion, map_latency)
-        self.observation_space: spaces.Space[Any] = spaces.Dict(
-            {
-                "scan": spaces.Box(0.0, 1.0, (self.robot.lidar.num_beams,), np.float32),
-                "route": spaces.Box(-1.0, 1.0, (NUM_AHEAD, 2), np.float32),
-                "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
-            }
-        )
+        self.task: FollowRoute = task
+        self.fused = fused
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Put the robot at the beginning of the route; the first reset makes the map."""
-        super().reset(seed=seed)
-        simulator_rng, localizer_rng = self.np_random.spawn(2)
-        self.map = make_route_map(
-            self.world,
-            self.robot,
-            self._physics,
-            self._slam,
-            self.route_world.points.tobytes(),
-            self._resolution,
-            self.control_period,
-            self._map_seed,
-        )
-        spread, turn = self._start_spread
-        off = Pose2D(*(self.np_random.standard_normal(3) * (spread, spread, turn)).tolist())
-        self._stand(self.world, self.start.compose(off), simulator_rng)
-        origin = Pose2D(0.0, 0.0, 0.0)
-        self.estimate = self.fused.reset(
-            self.map.grid, self.map.north, origin, self.reading, localizer_rng, start_covariance(spread, turn)
-        )
-        self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
-        self._driven, self._deviation = self._true_progress.update(self._state.pose)
-        self.progress.update(origin)
-        if self.render_mode == "human":
-            self.render()
-        return self._observe(), self._info(dict.fromkeys(TrackRewards.names(), 0.0))
+    @property
+    def estimate(self) -> Estimate:
+        """The fused pose and velocity."""
+        return self.robots[0].estimate  # type: ignore[attr-defined]
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for one control period.
+    @property
+    def start(self) -> Pose2D:
+        """World pose of the map frame's origin: the beginning of the route."""
+        return self.task.map_pose
 
-        Raises:
-            ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1].
-        """
-        self._drive(action)
-        self.estimate = self.fused.update(self.reading)
-        self.progress.update(self.estimate.pose)
-
-        driven_before = self._driven
-        self._driven, self._deviation = self._true_progress.update(self._state.pose)
-        away = distance(*(self._true_progress.route.points[self._true_progress.index] - self._state.pose[:2]))
-        completed = self._driven >= self.route.length - END
-        strayed = not completed and away > self.max_deviation
-        truncated = not (completed or strayed) and self._is_late
-        rewards = self.weights.terms(
-            self._driven - driven_before, abs(self._deviation), self.reading.bumper, completed, self.control_period
-        )
-        info = self._info(rewards)
-        if completed or strayed or truncated:
-            info["end_reason"] = "completed" if completed else "strayed" if strayed else "time_limit"
-        if self.render_mode == "human":
-            self.render()
-        return self._observe(), sum(rewards.values()), completed or strayed, truncated, info
+    @property
+    def route(self) -> Route:
+        """The route, map frame."""
+        return self.task.route
 
     @property
     def true_pose(self) -> Pose2D:
-        """Where the robot truly is, in the map frame; for metrics, never for a policy."""
-        return self.start.between(self._state.pose)
+        """True pose of the robot in the map frame; for metrics, never for a policy."""
+        return self.start.between(self.truths[0].state.pose)
 
     def scene(self) -> NavigationScene:
         """Return this moment for drawing: the robot on its map."""
+        robot, truth = self.robots[0], self.truths[0]
         return NavigationScene(
             world=self.world,
             robot=self.robot,
             pose=self.true_pose,
             estimated_pose=self.estimate.pose,
-            is_lost=self.localizer.estimate.is_lost,
+            is_lost=robot.belief.is_lost,
             particles=self.localizer.particles,
-            grid=self.map.grid,
+            grid=robot.belief.grid,
             ranges=self.reading.ranges,
-            trail=self.start.inverse().transform(self._true_trail.positions),
+            trail=self.start.inverse().transform(truth.trail.positions),
             goal=None,
-            plan=self.route.points[self.progress.index :],
-            time=self.reading.time,
-            collisions=self._collisions,
+            plan=self.route.points[self.task.progress.index :],
+            time=self.time,
+            collisions=robot.collisions,
         )
 
     def _painter(self) -> Callable[[tuple[int, int]], Any]:
         from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
 
         return NavigationPicture
-
-    def _observe(self) -> dict[str, np.ndarray]:
-        robot, estimate, scan = self.robot, self.estimate, np.empty_like(self.reading.ranges)
-        scale_scan(self.reading.ranges, robot.lidar.range_max, scan)
-        ahead = estimate.pose.inverse().transform(self.progress.ahead(AHEAD_SPACING * np.arange(NUM_AHEAD)))
-        motion = np.empty(6, dtype=np.float32)
-        elapsed = self.reading.time / self.time_limit
-        limits, action = (robot.max_v, robot.max_w), (self._action[0], self._action[1])
-        fill_motion(estimate.v, estimate.w, *limits, *action, self.reading.bumper, elapsed, motion)
-        return {"scan": scan, "route": np.clip(ahead / AHEAD_SCALE, -1.0, 1.0).astype(np.float32), "motion": motion}
-
-    def _info(self, rewards: dict[str, float]) -> dict[str, Any]:
-        error = self.estimate.pose.between(self.true_pose)
-        return {
-            "progress": self._driven / self.route.length,
-            "deviation": self._deviation,
-            "pose_error": np.array([distance(error.x, error.y), abs(error.theta)]),
-            "path_length": self._path_length,
-            "collisions": self._collisions,
-            "is_lost": self.localizer.estimate.is_lost,
-            "time": self.reading.time,
-            "rewards": rewards,
-            "is_success": self._driven >= self.route.length - END,
-        }

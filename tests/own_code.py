@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from envs.rewards import RewardWeights
 from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import GivenPoseSlam, load_params
+from envs.slam import KnownPoses, load_params
+from envs.tasks.rewards import RewardWeights
 from envs.worlds import load_world
 
 
@@ -60,7 +60,7 @@ ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
 
 def my_slam(lidar, resolution):
     """A SLAM: maps at the pose that odometry leads to."""
-    return GivenPoseSlam(lidar, replace(load_params("default"), resolution=resolution))
+    return KnownPoses(lidar, replace(load_params("default"), resolution=resolution))
 
 
 @dataclass(frozen=True, slots=True)

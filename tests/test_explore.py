@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from envs.explore import ExploreEnv
-from envs.rewards import RewardWeights
+from envs.tasks.rewards import RewardWeights
 from tests.rollouts import rollout
 
 IDS = sorted(id for id in gymnasium.registry if id.startswith("lidarnaut/Explore"))

@@ -13,7 +13,7 @@ import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.rewards import RewardWeights
+from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
 INFO_KEYS = {

@@ -9,14 +9,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.coverage import explorable_area
+from envs.estimation.peers import remove_peers
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import Pose2D
+from envs.observations.peers import PEERS_RANGE
 from envs.robots import load_robot
 from envs.simulation.contact import check_starts
-from envs.team import MATES_RANGE, draw_starts, observe_mates, without_mates
-from envs.worlds import Mover, World, world_sampler
+from envs.tasks.starts import draw_starts
+from envs.worlds import Mover, World, explorable_area, world_sampler
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 BURGER = load_robot("turtlebot3_burger")
@@ -72,7 +73,7 @@ def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
         stacked, team_reward, *team_ends, team_info = team.step(action[None])
         assert (reward, ends) == (team_reward, team_ends)
         assert env.belief.pose == team.beliefs[0].pose
-    np.testing.assert_array_equal(env.slam.map.words, team.members[0].slam.map.words)
+    np.testing.assert_array_equal(env.slam.map.words, team.robots[0].estimator.map.words)
     np.testing.assert_array_equal(env.belief.grid.data, team.beliefs[0].grid.data)
 
 
@@ -103,7 +104,7 @@ def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
     for _ in range(50):
         team.step(np.array([[0.8, 0.2], [0.5, -0.1], [0.3, 0.3]], dtype=np.float32))
         alone.step(np.array([0.8, 0.2], dtype=np.float32))
-    assert math.dist(team.members[0].state.pose[:2], alone._state.pose[:2]) < 0.03
+    assert math.dist(team.truths[0].state.pose[:2], alone.truths[0].state.pose[:2]) < 0.03
     team.close()
 
 
@@ -142,10 +143,10 @@ def test_robots_start_near_each_other_in_sight_and_know_how_they_stand():
     env = ExploreTeamEnv(**{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
     for seed in range(3):
         env.reset(seed=seed)
-        poses = [member.state.pose for member in env.members]
+        poses = [truth.state.pose for truth in env.truths]
         assert env.start == poses[0]
         for k, pose in enumerate(poses):
-            believed = env.start.compose(env.members[k].slam.belief.pose)
+            believed = env.start.compose(env.beliefs[k].pose)
             np.testing.assert_allclose(believed, pose, atol=1e-9)
             for other in poses[:k]:
                 assert 2 * BURGER.radius + 0.2 <= math.dist(pose[:2], other[:2])
@@ -156,10 +157,10 @@ def test_starts_can_be_chosen_but_not_in_each_other():
     poses = ((1.0, 1.0, 0.5), (2.0, 1.0, -0.5))
     env = ExploreTeamEnv(world=hall(), physics="kinematic", start=poses)
     env.reset(seed=0)
-    assert tuple(tuple(member.state.pose) for member in env.members) == poses
+    assert tuple(tuple(truth.state.pose) for truth in env.truths) == poses
     same = ExploreTeamEnv(world=hall(), physics="kinematic", start=np.array(poses))
     same.reset(seed=0)
-    assert tuple(tuple(member.state.pose) for member in same.members) == poses
+    assert tuple(tuple(truth.state.pose) for truth in same.truths) == poses
     close = ExploreTeamEnv(world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
     with pytest.raises(ValueError, match="robots 0 and 1"):
         close.reset(seed=0)
@@ -207,10 +208,10 @@ def test_starts_are_not_behind_walls():
     env = ExploreTeamEnv(world=world, physics="kinematic", num_robots=2, start=(1.0, 1.0, 0.0))
     for seed in range(10):
         env.reset(seed=seed)
-        assert env.members[1].state.pose.x < 1.5
+        assert env.truths[1].state.pose.x < 1.5
 
 
-def test_mates_are_seen():
+def test_peers_are_seen():
     start = ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi))
     env = ExploreTeamEnv(world=hall(), physics="kinematic", start=start)
     observation, _ = env.reset(seed=0)
@@ -219,40 +220,42 @@ def test_mates_are_seen():
         x = BURGER.lidar.mount.x
         seen = observation["scan"][k, ahead] * BURGER.lidar.range_max
         assert seen == pytest.approx(2.0 - BURGER.radius - x, abs=0.05)
-    np.testing.assert_allclose(observation["mates"], [[2 / MATES_RANGE, 0, -1, 0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(observation["mates"], [[2 / PEERS_RANGE, 0, -1, 0]] * 2, atol=1e-6)
 
 
-def test_mates_are_shown_by_their_place_and_heading():
-    shown = observe_mates(Pose2D(1.0, 1.0, math.pi / 2), [Pose2D(1.0, 5.0, 0.0), Pose2D(-30.0, 1.0, math.pi / 2)])
-    np.testing.assert_allclose(shown, [[4 / MATES_RANGE, 0, 0, -1], [0, 1, 1, 0]], atol=1e-6)
+def test_peers_are_shown_by_position_and_heading_and_saturate():
+    start = ((1.0, 1.0, math.pi / 2), (1.0, 3.5, 0.0), (39.0, 1.0, math.pi / 2))
+    env = ExploreTeamEnv(world=hall(40.0), physics="kinematic", num_robots=3, start=start, slam="truth")
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_allclose(observation["mates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)
 
 
-def test_beams_that_end_at_a_mate_are_left_out_and_no_others():
+def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
     angles = np.linspace(-math.pi, math.pi, 36, endpoint=False)
     directions = np.vstack([np.cos(angles), np.sin(angles)])
     ranges = np.full(36, 3.0, dtype=np.float32)
     ranges[18], ranges[9], ranges[0] = 1.8, np.nan, np.inf
-    out = without_mates(ranges, directions, 0.0, 0.0, 5.0, 5.0, math.pi / 2, np.array([[5.0, 7.0]]), 0.3)
-    # Beam 18 looks ahead, which is to y = 6.8; its neighbours pass the mate at a distance.
+    out = remove_peers(ranges, directions, 0.0, 0.0, 5.0, 5.0, math.pi / 2, np.array([[5.0, 7.0]]), 0.3)
+    # Beam 18 looks ahead, which is to y = 6.8; its neighbours pass the peer at a distance.
     assert np.flatnonzero(np.isnan(out)).tolist() == [9, 18]
     assert np.isinf(out[0])
     assert not np.isnan(ranges[18])
 
 
 @pytest.mark.parametrize("slam", ["truth", "tinyslam"])
-def test_mates_leave_no_trace_in_the_map(slam):
+def test_peers_leave_no_trace_in_the_map(slam):
     start = ((1.0, 2.0, 0.0), (2.5, 2.0, math.pi / 2), (2.0, 3.2, 0.0))
     env = ExploreTeamEnv(world=hall(), physics="kinematic", num_robots=3, slam=slam, start=start, target_coverage=1.0)
     env.reset(seed=1)
     grid, highest = env.beliefs[0].grid, 0
     for _ in range(150):
-        backwards = env.members[1].reading.bumper
+        backwards = env.robots[1].reading.bumper
         env.step(np.array([[0.3, 0.5], [-1.0, 0.5] if backwards else [0.8, 0.1], [0.0, 0.3]], dtype=np.float32))
         x, y = env.start.transform(grid.centers(np.argwhere(grid.data >= 0))).T
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
-    # 32 if the beams that end at mates are drawn: their own scans clear most of where they stand.
+    # 32 if the beams that end at peers are integrated: their own scans clear most of where they stand.
     assert highest <= 12
 
 
@@ -269,7 +272,7 @@ def test_robots_bump_into_each_other_and_both_feel_it(physics):
     assert infos[-1]["collisions"][2] == 0
     # Both pay for it.
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
-    first, second = (member.state.pose for member in env.members[:2])
+    first, second = (truth.state.pose for truth in env.truths[:2])
     if physics == "kinematic":
         # Nobody is pushed or driven through.
         assert tuple(second) == start[1]

@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import data_equivalence as same
 import envs  # noqa: F401
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
-from envs.navigate_setup import DeadReckoning
-from envs.rewards import NavigateRewards
+from envs.tasks.goals import DeadReckoning
+from envs.tasks.rewards import NavigateRewards
 from envs.worlds import save_map
 from tests.rollouts import rollout
 
@@ -200,7 +200,7 @@ def test_places_where_no_robot_can_stand_are_refused():
         NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
     # A pillar, and outside of the walls.
     for goal in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)):
-        with pytest.raises(ValueError, match="no place where the robot can stand"):
+        with pytest.raises(ValueError, match="no pose that the robot can reach"):
             NavigateEnv(**QUICK, goal=goal).reset(seed=0)
     env = NavigateEnv(**QUICK)
     env.reset(seed=0)

@@ -14,10 +14,10 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
-from envs.rewards import TrackRewards
 from envs.robots import load_robot
-from envs.route import Progress, Route, rectangle
-from envs.route_map import make_route_map
+from envs.tasks.rewards import TrackRewards
+from envs.tasks.route import Progress, Route, rectangle
+from envs.tasks.route_map import make_route_map
 from envs.track import TrackEnv
 from envs.worlds import load_world
 from tests.rollouts import rollout

@@ -6,8 +6,8 @@ import numpy as np
 
 from baselines.survey import Survey
 from envs.geometry import Pose2D
+from envs.geometry.distance_transform import squared_distances
 from envs.geometry.polyline import lengths_along
-from envs.navigation.costmap import squared_distances
 
 PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a robot that passes and of one that waits [m]."""

@@ -24,10 +24,10 @@ from baselines.rrt.params import TEAM_PARAMS, RrtParams
 from baselines.rrt.right_of_way import is_beside, outline
 from baselines.rrt.team_robot import TeamRobot
 from baselines.survey import Survey
+from envs.estimation.peers import PeerFilter
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.slam import Belief
-from envs.team import MateFilter
 
 BLOCKING_REACH = 1.5
 """How far ahead on its path a robot is blocked by a peer [m]."""
@@ -59,7 +59,7 @@ class RrtTeam:
         self._team = [TeamRobot(self._params, k, self.assign, self._is_anyone_driving) for k in range(num_robots)]
         for teammate in self._team:
             teammate.join(robot, control_period, rng, self._detector)
-        self._peer_filter = MateFilter(robot)
+        self._peer_filter = PeerFilter(robot)
 
     @property
     def end_reason(self) -> str | None:

@@ -81,7 +81,7 @@ class Recorder:
         if "decision_steps" in info:  # the belief's new cells are those of the decision's last step
             rows, cols = np.nonzero((belief.grid.data >= 0) & np.isinf(self._known_since))
         else:
-            rows, cols = belief.new_cells.T
+            rows, cols = belief.update.new_cells.T
         self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
 
     def trace(self, curve: Curve) -> Trace:

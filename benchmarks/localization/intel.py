@@ -11,7 +11,7 @@ from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.logs import Log, load_log, pose_errors, rms
 from envs.robots import LidarParams
-from envs.slam import GivenPoseSlam, TinySlamParams
+from envs.slam import KnownPoses, TinySlamParams
 
 from .tracks import localize
 
@@ -48,7 +48,7 @@ START_STD = (0.1, 0.1, 0.05)
 
 def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
     """Draw a log at reference poses, shape (m, 3) [m, rad], seen from the first one, which becomes the origin."""
-    mapper = GivenPoseSlam(log.lidar, MAP)
+    mapper = KnownPoses(log.lidar, MAP)
     mapper.reset(np.random.default_rng(0))
     before = Pose2D(0.0, 0.0, 0.0)
     for ranges, row in zip(log.ranges, reference.tolist()):

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.errands import RESOLUTION, Drive, Setup, make_setup, record
+from envs.arguments import choose_robot
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.robot_env import choose_robot
 from envs.worlds import load_world
 
 

@@ -7,24 +7,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import naive, naive_slam
+from benchmarks import naive_slam
 from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.designs import benchmark_robot
 from benchmarks.speed.halls import Hall
 from benchmarks.speed.loops import (
     repeat_advance,
     repeat_cast_rays,
-    repeat_count_new,
     repeat_crop,
     repeat_draw_scan,
     repeat_match,
-    repeat_pool_map,
+    repeat_pool_cells,
 )
 from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
-from envs.coverage import explorable_area
+from envs.estimation import Window
+from envs.estimation.map_pyramid import Level
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
-from envs.map_pyramid import CROP_SIZE, FAR_PIXEL, NEAR_PIXEL, MapPyramid
+from envs.observations import NEAR_PIXEL
 from envs.robots import robot_record
 from envs.simulation.drive import make_timing
 from envs.simulation.kinematic import Obstacles
@@ -37,8 +37,8 @@ from envs.slam.matcher import match, project_hits
 
 PERIOD = 0.1
 """Control period [s]."""
-NUM_NEW_CELLS = 1000
-"""Cells that `count_new` is given."""
+CROP_SIZE = 40
+"""Pixels along the sides of a crop."""
 
 
 class Kernel(NamedTuple):
@@ -60,7 +60,6 @@ class Scene:
     def __init__(self, hall: Hall) -> None:
         self.world, self.robot, self.params = hall.world, benchmark_robot(), load_params("default")
         self.lidar = self.robot.lidar
-        self.area = explorable_area(self.world, self.robot, self.params.resolution)
         self._rng = np.random.default_rng(0)
         self.map, self.naive = GridMap(self.params, self.lidar), NaiveSlam(self.lidar, self.params)
         for k in range(12):
@@ -68,8 +67,7 @@ class Scene:
             self.naive.pose = self.pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), angle)
             self.ranges = self._scan()
             self.naive.draw(self.ranges, self.params.quality)
-            self.map.draw(self.ranges, self.pose, self.params.quality)
-        self.new_cells = np.argwhere(self.naive.counts > 0)[:NUM_NEW_CELLS].astype(np.int32)
+            self.map.integrate(self.ranges, self.pose, self.params.quality)
 
     @property
     def sensor(self) -> Pose2D:
@@ -86,7 +84,7 @@ class Scene:
 def make_kernels(hall: Hall) -> list[Kernel]:
     """Prepare every kernel with what it would meet in a hall."""
     scene = Scene(hall)
-    makers = (_cast_rays, _match, _draw_scan, _pool_map, _crop, _count_new, _advance)
+    makers = (_cast_rays, _match, _draw_scan, _pool_map, _crop, _advance)
     return [make(scene) for make in makers]
 
 
@@ -181,70 +179,49 @@ def _draw_scan(scene: Scene) -> Kernel:
 
 
 def _pool_map(scene: Scene) -> Kernel:
-    grid, pyramid = scene.map.grid, MapPyramid(scene.map.grid)
-    cells = np.argwhere(grid.data >= 0)
-    (row_min, col_min), (row_max, col_max) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
-    arguments = (grid.data, (col_min, row_min, col_max, row_max), pyramid.block, pyramid.near, pyramid.far)
+    grid, level = scene.map.grid, _near_level(scene)
+    (row_min, col_min), (row_max, col_max) = _known_corners(grid.data)
+    window = Window(col_min, row_min, col_max, row_max)
 
     def result() -> np.ndarray:
-        repeat_pool_map(1, *arguments)
-        return pyramid.near[:-1].reshape(-(-len(grid.data) // pyramid.block), -1) & 0xFF
+        repeat_pool_cells(1, grid.data, window, level.block, level.words)
+        return level.words[:-1].reshape(level.height, level.width) & 0xFF
 
     return Kernel(
         "pool_map",
-        lambda times: repeat_pool_map(times, *arguments),
+        lambda times: repeat_pool_cells(times, grid.data, window, level.block, level.words),
         result,
-        lambda: pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), pyramid.block)[1],
+        lambda: pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)[1],
     )
 
 
 def _crop(scene: Scene) -> Kernel:
-    grid, pose, pyramid = scene.map.grid, scene.pose, MapPyramid(scene.map.grid)
-    crops = np.empty((2, 3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
-    x, y = pose.x - grid.origin[0], pose.y - grid.origin[1]
-    frame = (*grid.data.shape, pyramid.block, grid.resolution, x, y, pose.theta)
-    side = pyramid.block * grid.resolution
-    nowhere = np.empty((0, 2), dtype=np.int64)
-    near = pool_in_numpy(grid.data, nowhere, pyramid.block)
-    far = pool_in_numpy(grid.data, nowhere, round(FAR_PIXEL / NEAR_PIXEL) * pyramid.block)
+    grid, pose, level = scene.map.grid, scene.pose, _near_level(scene)
+    crop, side = np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8), level.block * grid.resolution
+    x, y = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side
+    pooled = pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)
 
     def repeat(times: int) -> None:
-        repeat_crop(times, pyramid.near, pyramid.far, *frame, crops[0], crops[1])
+        repeat_crop(times, level.words, level.height, level.width, x, y, pose.theta, NEAR_PIXEL / side, crop)
 
     def result() -> np.ndarray:
         repeat(1)
-        return crops
+        return crop
 
-    def reference() -> np.ndarray:
-        levels = ((near, side, NEAR_PIXEL), (far, FAR_PIXEL / NEAR_PIXEL * side, FAR_PIXEL))
-        views = [
-            crop_in_numpy(pooled, x / block, y / block, pose.theta, pixel / block, CROP_SIZE)
-            for pooled, block, pixel in levels
-        ]
-        return np.stack(views)
-
-    return Kernel("crop", repeat, result, reference)
+    return Kernel("crop", repeat, result, lambda: crop_in_numpy(pooled, x, y, pose.theta, NEAR_PIXEL / side, CROP_SIZE))
 
 
-def _count_new(scene: Scene) -> Kernel:
-    area, grid, start = scene.area, scene.map.grid, scene.world.spawns[0]
-    seen, seen_slowly = np.zeros_like(area.explorable), np.zeros_like(area.explorable)
-    map_frame = (*map(float, grid.origin), grid.resolution)
-    world_frame = (*map(float, area.walls.origin), area.walls.resolution)
+def _near_level(scene: Scene) -> Level:
+    """Return the level of the map that `map_near` crops."""
+    level = Level(round(NEAR_PIXEL / scene.map.grid.resolution), None)
+    level.rebuild(scene.map.grid.data)
+    return level
 
-    def repeat(times: int) -> None:
-        repeat_count_new(times, scene.new_cells, map_frame, *start, area.explorable, world_frame, seen)
 
-    def result() -> np.ndarray:
-        repeat(1)
-        return seen
-
-    def reference() -> np.ndarray:
-        seen_slowly[:] = False
-        naive.count_new(scene.new_cells, grid, start, area, seen_slowly)
-        return seen_slowly
-
-    return Kernel("count_new", repeat, result, reference)
+def _known_corners(data: np.ndarray) -> tuple[list[int], list[int]]:
+    """Return first and last (row, column) of what is known of a map, shape (height, width), int8."""
+    cells = np.argwhere(data >= 0)
+    return cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
 
 
 def _advance(scene: Scene) -> Kernel:

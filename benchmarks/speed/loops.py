@@ -5,9 +5,8 @@ They are compiled anew in each run, since cached ones would not notice that a ke
 
 from numba import njit
 
-from envs.coverage import count_new
+from envs.estimation.map_pyramid import crop_level, pool_cells
 from envs.geometry.raycast import cast_rays
-from envs.map_pyramid import crop_pyramid, pool_map
 from envs.simulation.kinematic import advance
 from envs.slam.map_update import beam_ends, draw_scan
 from envs.slam.matcher import match
@@ -36,22 +35,15 @@ def repeat_draw_scan(times, words, occupancy, scan, x, y, c, s, resolution, ends
 
 
 @njit
-def repeat_crop(times, near, far, height, width, block, resolution, x, y, theta, crop_near, crop_far):
+def repeat_crop(times, level, height, width, x, y, theta, pixel, crop):
     for i in range(times):
-        crop_pyramid(near, far, height, width, block, resolution, x + _LITTLE * i, y, theta, crop_near, crop_far)
+        crop_level(level, height, width, x + _LITTLE * i, y, theta, pixel, crop)
 
 
 @njit
-def repeat_pool_map(times, data, touched, block, near, far):
+def repeat_pool_cells(times, data, window, block, level):
     for _ in range(times):
-        pool_map(data, *touched, block, near, far)
-
-
-@njit
-def repeat_count_new(times, cells, map_frame, x, y, theta, explorable, world_frame, seen):
-    for i in range(times):
-        seen[:] = False
-        count_new(cells, *map_frame, x + _LITTLE * i, y, theta, explorable, *world_frame, seen)
+        pool_cells(data, window, block, level)
 
 
 @njit

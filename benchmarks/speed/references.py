@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.geometry import wrap_angle
-from envs.map_pyramid import OCCUPIED_FROM
 from envs.robots import RobotParams
 
 
@@ -41,7 +41,7 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool a map into blocks; see `envs.map_pyramid`.
+    """Pool a map into blocks; see `envs.estimation.map_pyramid`.
 
     Args:
         data: shape (height, width), int8, occupancy.
@@ -65,7 +65,7 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Look at pooled blocks from the robot; see `envs.map_pyramid.crop_level`.
+    """Look at pooled blocks from the robot; see `envs.estimation.map_pyramid.crop_level`.
 
     Args:
         pooled: shape (channels, rows, columns), uint8.

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
 """Farther from every obstacle than the inflation radius."""
@@ -71,52 +72,6 @@ class Costmap:
         row, col = math.floor((y - y0) / resolution), math.floor((x - x0) / resolution)
         height, width = self.costs.shape
         return int(self.costs[row, col]) if 0 <= row < height and 0 <= col < width else COST_UNKNOWN
-
-
-@njit(cache=True, error_model="numpy")
-def squared_distances(occupied, reach):
-    """Measure how far each cell lies from the nearest occupied one, exactly up to a reach.
-
-    Separable as in Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012): first along rows,
-    then down columns. With a small reach the second pass is a plain minimum over offsets, which the compiler
-    vectorises.
-
-    Args:
-        occupied: shape (height, width), bool.
-        reach: distance up to which the result is exact [cells], 1 to 180.
-
-    Returns:
-        Shape (height, width), uint16: squared distance between cell centres [cells2] where that is at most `reach**2`,
-        something greater everywhere else.
-    """
-    height, width = occupied.shape
-    far = np.uint16((reach + 1) * (reach + 1))
-    along_row = np.empty((height, width), dtype=np.uint16)
-    is_empty = np.empty(height, dtype=np.bool_)
-    for row in range(height):
-        line = along_row[row]
-        steps = reach + 1
-        nearest = steps
-        for col in range(width):
-            steps = 0 if occupied[row, col] else min(steps + 1, reach + 1)
-            nearest = min(nearest, steps)
-            line[col] = steps * steps
-        is_empty[row] = nearest > reach
-        steps = reach + 1
-        for col in range(width - 1, -1, -1):
-            steps = 0 if occupied[row, col] else min(steps + 1, reach + 1)
-            line[col] = min(line[col], np.uint16(steps * steps))
-    squared = np.full((height, width), far, dtype=np.uint16)
-    for row in range(height):
-        line = squared[row]
-        for other in range(max(0, row - reach), min(height, row + reach + 1)):
-            if is_empty[other]:
-                continue
-            offset = np.uint16((other - row) * (other - row))
-            source = along_row[other]
-            for col in range(width):
-                line[col] = min(line[col], np.uint16(source[col] + offset))
-    return squared
 
 
 @njit(cache=True, error_model="numpy")

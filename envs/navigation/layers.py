@@ -7,10 +7,11 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import squared_distances
 from envs.geometry.lines import next_cell, start_walk
 from envs.robots import LidarParams
 
-from .costmap import Costmap, CostmapParams, Inflation, squared_distances
+from .costmap import Costmap, CostmapParams, Inflation
 
 
 @dataclass(frozen=True, slots=True)

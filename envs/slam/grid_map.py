@@ -1,10 +1,11 @@
-"""The map that TinySLAM draws its scans into."""
+"""The occupancy grid map that scans are integrated into."""
 
 import math
 
 import numpy as np
 from numba import njit
 
+from envs.estimation import MapUpdate, Window
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
@@ -12,7 +13,6 @@ from envs.robots import LidarParams
 from .cells import unvisited_word
 from .map_update import AVG, BASE, REPORT, beam_ends, draw_scan
 from .params import TinySlamParams
-from .slam import NO_CELLS, Belief
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: an estimate that has run away must not take all memory."""
@@ -20,7 +20,7 @@ MAX_CELLS = 1 << 27
 
 @njit(cache=True, error_model="numpy")
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
-    """Tell whether two poses lie `min_distance` [m] or `min_angle` [rad] or more apart."""
+    """Tell whether two poses are `min_distance` [m] or `min_angle` [rad] or more apart."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
@@ -52,40 +52,24 @@ class GridMap:
     def _origin(self) -> tuple[float, float]:
         return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
-    def offer(self, ranges: np.ndarray, belief: Belief, quality: float) -> None:
-        """Draw a scan at the believed pose if the robot has moved enough since its last one was drawn; see `draw`.
-
-        Updates `new_cells`, `touched` and `drawn_at` of the belief.
-        """
-        last, pose, params = belief.drawn_at, belief.pose, self._params
-        if last is not None and not has_moved(*last, *pose, params.draw_distance, params.draw_angle):
-            belief.new_cells, belief.touched = NO_CELLS, None
-            return
-        belief.drawn_at = pose
-        belief.new_cells, belief.touched = self.draw(ranges, pose, quality)
-
-    def draw(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> tuple[np.ndarray, tuple[int, int, int, int]]:
-        """Draw a scan taken with the base at `pose`.
+    def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
+        """Integrate a scan taken with the base at `pose`.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
             pose: of the base in the map frame.
             quality: weight of the scan, from 0 to 1.
-
-        Returns:
-            Shape (k, 2), int32, (row, column) of the cells that became known; first column and row and last column and
-            row of the cells that were drawn to.
         """
         params, mount = self._params, self._lidar.mount
         c, s = math.cos(pose.theta), math.sin(pose.theta)
         sensor = (pose.x + c * mount.x - s * mount.y, pose.y + s * mount.x + c * mount.y)
         scan = (ranges, self.directions, self._lidar.range_max, params.skip_exceeding)
         x, y = self.to_cells(*sensor)
-        touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
-        if self.grow_to_hold(*touched):
+        extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        if self.grow_to_hold(*extent):
             x, y = self.to_cells(*sensor)
-            touched = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
-        # Made anew for each scan: only what is written takes memory, and the result stays as it is.
+            extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        # Allocated anew for each scan: only what is written takes memory, and the result stays as it is.
         new_cells = np.empty((self._most_cells, 2), dtype=np.int32)
         count = draw_scan(
             self.words,
@@ -104,7 +88,7 @@ class GridMap:
             params.blur == "add",
             new_cells,
         )
-        return new_cells[:count].copy(), touched
+        return MapUpdate(new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""

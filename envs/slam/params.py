@@ -56,10 +56,10 @@ class TinySlamParams:
     """Whether the ramp is added to the occupancy of a passed cell (the original) or takes its place (its successor)."""
     skip_exceeding: bool = False
     """Whether beams without a return are left out of the map; else they clear it up to the lidar's range."""
-    draw_distance: float = 0.0
-    """A scan is drawn once the robot is this far from where the last one was drawn [m]; 0 for every scan. Drawn more
-    often, a scan is drawn to the cells of the one before rather than to the place."""
-    draw_angle: float = 0.0
+    min_travel_distance: float = 0.0
+    """A scan is integrated once the robot is this far from where the last one was [m]; 0 for every scan. Integrated
+    more often, a scan is matched to the noise of the one before rather than to the environment."""
+    min_travel_angle: float = 0.0
     """... or once it has turned by this much since [rad]."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
     """Whether motion is applied along the believed heading, or added as odometry's own frame sees it, as the originals
@@ -72,7 +72,7 @@ class TinySlamParams:
     """Side of a cell [m]."""
 
     def __post_init__(self) -> None:
-        for field in ("sigma_xy", "sigma_theta", "hole_width", "draw_distance", "draw_angle"):
+        for field in ("sigma_xy", "sigma_theta", "hole_width", "min_travel_distance", "min_travel_angle"):
             self._require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
         for field in ("map_width", "map_height", "resolution"):
             self._require(0 < getattr(self, field) < math.inf, field, "must be positive")

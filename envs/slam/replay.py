@@ -12,11 +12,12 @@ import tyro
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
+from envs.estimation import Estimator
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.logs import Log, RelationError, follow_odometry, load_log, load_relations, relation_error, save_trajectory
 from envs.worlds import save_map
 
-from . import SLAM_NAMES, Slam, load_params, make_slam
+from . import SLAM_NAMES, load_params, make_slam
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Run:
     """Over those whose time stamps are unambiguous."""
 
 
-def replay(log: Log, slam: Slam, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
+def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
     """Run a SLAM along a log.
 
     Args:
@@ -148,7 +149,7 @@ def main(options: Options) -> list[Run]:
     return runs
 
 
-def _make_slam(options: Options, log: Log) -> Slam:
+def _make_slam(options: Options, log: Log) -> Estimator:
     if options.slam == "truth":
         raise ValueError(
             "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"

@@ -1,24 +1,25 @@
-"""TinySLAM: match each scan to the map by Monte Carlo search, then draw it in."""
+"""TinySLAM: match each scan to the map by Monte Carlo search, then integrate it."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from envs.estimation import NO_UPDATE, ORIGIN, Belief
 from envs.geometry import Pose2D, wrap_angle
 from envs.robots import LidarParams
 
-from .grid_map import GridMap
+from .grid_map import GridMap, has_moved
 from .matcher import match, project_hits
 from .observers import MatcherObserver
 from .params import TinySlamParams
-from .slam import NO_CELLS, Belief
-
-_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 class TinySlam:
     """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010)."""
+
+    shares_maps = True
+    """Whether several robots may integrate their scans into one map."""
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
         """Build a SLAM for one lidar.
@@ -41,23 +42,23 @@ class TinySlam:
         """The current belief."""
         return self._belief
 
-    def reset(self, rng: np.random.Generator, start: Pose2D = _ORIGIN, shared_map: GridMap | None = None) -> Belief:
-        """Forget everything: an unknown map with the robot at its origin. Candidates are drawn from `rng`.
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
+        """Start with an unknown map, or with one that other robots integrate their scans into as well.
 
         Args:
             rng: source of the candidates.
-            start: known pose of the robot in the map frame, for a robot that is not at its origin.
-            shared_map: the map that other robots draw their scans into as well; None for one of its own.
+            pose: known pose of the robot, map frame.
+            map: the shared map; None for an unknown one.
         """
         self.rng = rng
-        self.map = GridMap(self.params, self._lidar) if shared_map is None else shared_map
-        self._is_first = True
-        self._odometry = start
-        self._belief = Belief(start, self.map.grid, NO_CELLS)
+        self.map = GridMap(self.params, self._lidar) if map is None else map
+        self._last_integrated_pose: Pose2D | None = None
+        self._odometry = pose
+        self._belief = Belief(pose, self.map.grid)
         return self._belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
-        """Take in one scan.
+        """Process one scan.
 
         Args:
             ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
@@ -66,14 +67,15 @@ class TinySlam:
         Raises:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
-        ranges = check_scan(ranges, motion, self._lidar)
-        predicted = self._predict(motion)
-        pose = predicted if self._is_first else self._match(ranges, predicted)
-        quality = self.params.raw_quality if pose is predicted else self.params.quality
-        self._belief.pose = pose
-        self.map.offer(ranges, self._belief, quality)
-        self._is_first = False
-        return self._belief
+        ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
+        predicted, last = self._predict(motion), self._last_integrated_pose
+        belief.pose = predicted if last is None else self._match(ranges, predicted)
+        belief.update = NO_UPDATE
+        if last is None or has_moved(*last, *belief.pose, params.min_travel_distance, params.min_travel_angle):
+            quality = params.raw_quality if belief.pose is predicted else params.quality
+            belief.update = self.map.integrate(ranges, belief.pose, quality)
+            self._last_integrated_pose = belief.pose
+        return belief
 
     def _predict(self, motion: Pose2D) -> Pose2D:
         pose = self._belief.pose

@@ -1,5 +1,6 @@
 """Worlds: a library of files, procedural families, and map files."""
 
+from .explorable import ExplorableArea, explorable_area
 from .library import WORLD_NAMES, load_world, world_sampler
 from .map_files import load_map, save_map, world_from_map
 from .procedural import FAMILIES
@@ -9,9 +10,11 @@ from .world import Mover, World
 __all__ = [
     "FAMILIES",
     "WORLD_NAMES",
+    "ExplorableArea",
     "Mover",
     "World",
     "check_world",
+    "explorable_area",
     "free_area",
     "leaks",
     "load_map",

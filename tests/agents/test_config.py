@@ -73,7 +73,7 @@ def test_a_missing_key_and_an_unreadable_file_are_named(tmp_path):
 
 
 def test_reward_terms_left_out_keep_the_weight_of_the_environment(tiny_data):
-    from envs.rewards import RewardWeights
+    from envs.tasks.rewards import RewardWeights
 
     config = parse_record({**tiny_data, "environment": {"reward": {"time": -1.0}}}, "mem", TrainingConfig)
     assert config.environment.reward["time"] == -1.0

@@ -8,10 +8,9 @@ import pytest
 from baselines.cover_places import find_places
 from baselines.cover_planner import CoverPlanner
 from baselines.cover_views import pack_bits, views_from
-from envs.coverage import explorable_area
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap
-from envs.worlds import World
+from envs.worlds import World, explorable_area
 from tests.baselines.places import BURGER
 
 REACH = BURGER.lidar.range_max

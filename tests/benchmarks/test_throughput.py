@@ -82,7 +82,7 @@ def drive_both(hall, told_truth, steps):
     for _ in range(steps):
         new = naive.update(reading.ranges, motion)
         belief = own.update(reading.ranges, motion)
-        assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.new_cells.tolist()}
+        assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.update.new_cells.tolist()}
         truth = simulator.states[0].pose
         v, w = next(actions)[0].tolist()
         [reading] = simulator.step([Twist(v * robot.max_v, w * robot.max_w)])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.distance_transform import squared_distances
 from envs.navigation import Costmap, CostmapParams, crop_to_known, make_costmap
-from envs.navigation.costmap import squared_distances
 
 
 def grid_of(data, origin=(0.0, 0.0)):

@@ -21,7 +21,7 @@ def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
     """Draw (range, heading) beams from the middle of the 5 x 5 grid."""
     grid_map = GridMap(params, lidar)
     for r, heading in beams:
-        grid_map.draw(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)
+        grid_map.integrate(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)
     return grid_map
 
 
@@ -117,7 +117,7 @@ def test_map_matches_the_slow_reference(changes):
         ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
         ranges[:4] = np.nan, np.inf, 0.06, 1.0
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
-        new, (col_min, row_min, col_max, row_max) = grid_map.draw(ranges, pose, params.quality)
+        new, (col_min, row_min, col_max, row_max), *_ = grid_map.integrate(ranges, pose, params.quality)
         assert (new >= (row_min, col_min)).all()
         assert (new <= (row_max, col_max)).all()
         reference.draw(ranges, pose, params.quality)
@@ -150,11 +150,11 @@ def test_growth_by_powers_of_two_keeps_what_is_known_in_place():
     lidar = dataclasses.replace(ONE_BEAM, range_max=100.0)
     grid_map = GridMap(SMALL, lidar)
     grid = grid_map.grid
-    grid_map.draw(np.array([2.0], dtype=np.float32), Pose2D(0.5, 0.5, 0.0), 1.0)
+    grid_map.integrate(np.array([2.0], dtype=np.float32), Pose2D(0.5, 0.5, 0.0), 1.0)
     before = grid.data
     assert grid.origin == (-2.0, -2.0)
 
-    new, _ = grid_map.draw(np.array([11.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi), 1.0)
+    new, *_ = grid_map.integrate(np.array([11.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi), 1.0)
     # Column 2 - 11 = -9 needs 4 times 5 columns, all of the new ones on the left.
     assert grid is grid_map.grid
     assert grid.data.shape == (5, 20)
@@ -164,10 +164,10 @@ def test_growth_by_powers_of_two_keeps_what_is_known_in_place():
     x = np.sort(grid.centers(new)[:, 0])
     np.testing.assert_allclose(x, np.arange(-10.5, 0.0))
 
-    grid_map.draw(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, -math.pi / 2), 1.0)
+    grid_map.integrate(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, -math.pi / 2), 1.0)
     assert grid.data.shape == (10, 20)
     assert grid.origin == (-17.0, -7.0)
-    grid_map.draw(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi / 2), 1.0)
+    grid_map.integrate(np.array([4.0], dtype=np.float32), Pose2D(0.5, 0.5, math.pi / 2), 1.0)
     assert grid.data.shape == (20, 20)
     assert grid.origin == (-17.0, -7.0)
 
@@ -175,4 +175,4 @@ def test_growth_by_powers_of_two_keeps_what_is_known_in_place():
 def test_a_map_that_runs_away_is_an_error():
     grid_map = GridMap(SMALL, ONE_BEAM)
     with pytest.raises(MemoryError, match="run away"):
-        grid_map.draw(np.array([2.0], dtype=np.float32), Pose2D(float(MAX_CELLS), 0.0, 0.0), 1.0)
+        grid_map.integrate(np.array([2.0], dtype=np.float32), Pose2D(float(MAX_CELLS), 0.0, 0.0), 1.0)

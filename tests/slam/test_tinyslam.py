@@ -75,11 +75,11 @@ def test_belief_is_updated_in_place_and_names_new_cells():
     slam = make_slam("tinyslam", LIDAR)
     belief = slam.reset(np.random.default_rng(0))
     assert (belief.grid.data == -1).all()
-    assert len(belief.new_cells) == 0
+    assert len(belief.update.new_cells) == 0
     known = np.zeros(belief.grid.data.shape, dtype=bool)
     for k in range(5):
         assert slam.update(scan(Pose2D(0.3 * k, 0.0, 0.0)), Pose2D(0.3, 0.0, 0.0) if k else STAY) is belief
-        rows, cols = belief.new_cells.T
+        rows, cols = belief.update.new_cells.T
         assert len(rows) > 0
         assert not known[rows, cols].any()
         known[rows, cols] = True
@@ -88,13 +88,15 @@ def test_belief_is_updated_in_place_and_names_new_cells():
 
 
 def test_scans_are_drawn_when_the_robot_has_moved():
-    slam = TinySlam(LIDAR, load_params("default", {"draw_distance": 0.25, "draw_angle": 0.1, "max_tries": 1}))
+    slam = TinySlam(
+        LIDAR, load_params("default", {"min_travel_distance": 0.25, "min_travel_angle": 0.1, "max_tries": 1})
+    )
     drawn = []
     for k, motion in enumerate([STAY, *[Pose2D(0.1, 0.0, 0.0)] * 4, *[Pose2D(0.0, 0.0, 0.06)] * 3]):
         before = slam.belief.grid.data.copy()
         slam.update(scan(Pose2D(0.1 * min(k, 4), 0.0, 0.06 * max(k - 4, 0))), motion)
         drawn.append(not np.array_equal(before, slam.belief.grid.data))
-        assert drawn[-1] or len(slam.belief.new_cells) == 0
+        assert drawn[-1] or len(slam.belief.update.new_cells) == 0
     assert drawn == [True, False, False, True, False, False, True, False]
 
 

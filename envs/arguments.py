@@ -1,0 +1,44 @@
+"""Checks of arguments, and robots by the world that they are usual in."""
+
+import math
+from typing import Any
+
+from envs.robots import RobotParams, load_robot
+from envs.worlds import World
+
+USUAL_ROBOT = "turtlebot3_burger"
+"""Robot of worlds that `USUAL_ROBOTS` does not name."""
+USUAL_ROBOTS = {
+    "turtlebot3_house": "turtlebot3_waffle_pi",
+    "tugbot_warehouse": "tugbot",
+    "pimouse_arena": "raspimouse",
+    "raspimouse_sample_maze": "raspimouse",
+    "create3_maze": "create3",
+}
+"""Robot that a world is driven with when none is named."""
+
+
+def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:
+    """Return a robot by name, path or as it is; for None the world's usual one."""
+    name = world if isinstance(world, str) else getattr(world, "name", "")
+    return load_robot(USUAL_ROBOTS.get(name, USUAL_ROBOT) if robot is None else robot)
+
+
+def is_pose(pose: Any) -> bool:
+    """Tell whether something is (x, y, theta), all finite."""
+    try:
+        return len(pose) == 3 and all(math.isfinite(value) for value in pose)
+    except TypeError:
+        # No sequence, or one of something else than numbers.
+        return False
+
+
+def check_positive(**values: float) -> None:
+    """Refuse numbers that are not positive and finite.
+
+    Raises:
+        ValueError: names the first of them.
+    """
+    for name, value in values.items():
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} must be positive, got {value!r}")

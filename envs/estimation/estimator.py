@@ -1,0 +1,41 @@
+"""What SLAM, localization and mapping with known poses have in common."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from envs.geometry import Pose2D
+
+from .belief import ORIGIN, Belief
+
+
+class Estimator(Protocol):
+    """Turns scans and motions into a belief. Constructed with the lidar's geometry and the algorithm's parameters.
+
+    An estimator whose `reset` integrates scans into a map that it is given, and that has this map as `map`, sets
+    `shares_map = True`, and serves several robots with one map.
+    """
+
+    @property
+    def belief(self) -> Belief:
+        """The current belief."""
+        ...
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
+        """Start an episode.
+
+        Args:
+            rng: later noise is drawn from it.
+            pose: of the robot, map frame.
+            map: to go on with; None for an unknown one.
+        """
+        ...
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
+        """Process one scan.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m], as in `Reading.ranges`.
+            motion: pose of the base now, as its motion source sees it from the base at the previous scan.
+        """
+        ...

@@ -1,0 +1,240 @@
+"""The map at the scales at which a policy sees it, kept up to date as scans are integrated.
+
+A level joins blocks of map cells to one word each. A crop then costs one look-up per pixel, and no wall is lost between
+look-ups, however thin it is.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.estimation.belief import MapUpdate, Window
+from envs.estimation.trail import Trail
+from envs.geometry import OccupancyGrid
+from envs.geometry.lookup import load
+
+OCCUPIED_FROM = 50
+"""Least occupancy at which a cell counts as occupied [percent]."""
+LARGEST_POOLED = 8
+"""Largest block that is pooled from map cells [cells]; larger ones are pooled from blocks a quarter as large."""
+
+_POOL = 4
+_FREE = np.uint16(0xFF)
+_OCCUPIED = np.uint16(1 << 8)
+_VISITED = np.uint16(1 << 9)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_columns(lines, sums):
+    """Write to `sums`, shape (n,), uint16, what stands in each column of `lines`: free cells + 256 x occupied ones."""
+    for k in range(sums.shape[0]):
+        sums[k] = np.uint16(0)
+    for row in range(lines.shape[0]):
+        line = lines[row]
+        for k in range(line.shape[0]):
+            known = np.uint16(1) if line[k] >= 0 else np.uint16(0)
+            sums[k] += known + (np.uint16(255) if line[k] >= OCCUPIED_FROM else np.uint16(0))
+
+
+@njit(cache=True, error_model="numpy")
+def _add_pairs(sums, pairs):
+    """Write the sums of neighbours to `pairs`, shape (n,), uint16."""
+    for k in range(pairs.shape[0]):
+        left = np.uint32(2 * k)
+        pairs[k] = sums[left] + sums[left + np.uint32(1)]
+
+
+@njit(cache=True, error_model="numpy")
+def _write_words(sums, block, words):
+    """Turn the sums of blocks into their words."""
+    scale = np.float32(1.0 / (block * block))
+    for k in range(words.shape[0]):
+        # Half a cell more keeps what single precision loses from rounding a whole number down.
+        share = np.uint16((np.float32(np.uint16(255) * (sums[k] & _FREE)) + np.float32(0.5)) * scale)
+        words[k] = (words[k] & _VISITED) | (_OCCUPIED if sums[k] >= _OCCUPIED else np.uint16(0)) | share
+
+
+@njit(cache=True, error_model="numpy")
+def pool_cells(data, window, block, level):
+    """Pool map cells into blocks where the map may have changed.
+
+    Args:
+        data: shape (height, width), int8, occupancy.
+        window: `Window` of cells that may have changed.
+        block: side of a block [cells], a power of two up to `LARGEST_POOLED`.
+        level: shape (n + 1,), uint16, written: the words of n blocks row by row, and 0 for everything outside. A word
+            holds the share of free cells times 255, and whether any cell is occupied and was visited.
+    """
+    level_width = (data.shape[1] + block - 1) // block
+    first, last = window.col_min // block, window.col_max // block + 1
+    sums, pairs = np.empty((last - first) * block, dtype=np.uint16), np.empty((last - first) * block, dtype=np.uint16)
+    for i in range(window.row_min // block, window.row_max // block + 1):
+        _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
+        count = (last - first) * block
+        while count > last - first:
+            count //= 2
+            _add_pairs(sums, pairs[:count])
+            sums, pairs = pairs, sums
+        _write_words(sums, block, level[i * level_width + first : i * level_width + last])
+
+
+@njit(cache=True, error_model="numpy")
+def pool_blocks(finer, height, width, window, level):
+    """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one; see `pool_cells`.
+
+    Args:
+        finer: shape (height * width + 1,), uint16.
+        height: rows of the finer level.
+        width: columns of the finer level.
+        window: `Window` of its blocks that may have changed.
+        level: shape (n + 1,), uint16, written.
+    """
+    level_width = (width + _POOL - 1) // _POOL
+    for i in range(window.row_min // _POOL, window.row_max // _POOL + 1):
+        for j in range(window.col_min // _POOL, window.col_max // _POOL + 1):
+            free = 0
+            marks = np.uint16(0)
+            for a in range(i * _POOL, min((i + 1) * _POOL, height)):
+                for b in range(j * _POOL, min((j + 1) * _POOL, width)):
+                    word = finer[a * width + b]
+                    free += word & _FREE
+                    marks |= word & (_OCCUPIED | _VISITED)
+            level[i * level_width + j] = marks | free // (_POOL * _POOL)
+
+
+@njit(cache=True, error_model="numpy")
+def crop_level(level, height, width, x, y, theta, pixel, crop):
+    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left, the robot in the middle.
+
+    Args:
+        level: shape (height * width + 1,), uint16; see `pool_cells`.
+        height: rows of the level [blocks].
+        width: columns of the level [blocks].
+        x: estimated position of the robot from the map's corner [blocks].
+        y: estimated position of the robot from the map's corner [blocks].
+        theta: estimated heading [rad].
+        pixel: side of a crop pixel [blocks].
+        crop: shape (3, size, size), uint8, written: 255 where the block in the middle of the pixel has an occupied
+            cell; the share of its cells that are free, times 255; 255 where the robot has been in it.
+    """
+    size = crop.shape[1]
+    c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
+    rows, cols = np.float32(height), np.float32(width)
+    middle = np.float32(0.5 * size - 0.5)
+    x32, y32 = np.float32(x), np.float32(y)
+    indices = np.empty(size, dtype=np.uint32)
+    outside = np.uint32(height * width)
+    for i in range(size):
+        u = np.float32(i) - middle
+        first_col, first_row = x32 + c * u, y32 + s * u
+        for j in range(size):
+            v = np.float32(j) - middle
+            col, row = first_col - s * v, first_row + c * v
+            inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+            indices[j] = np.int32(row) * np.int32(width) + np.int32(col) if inside else outside
+        for j in range(size):
+            word = load(level, indices[j])
+            crop[0, i, j] = 255 if word & _OCCUPIED else 0
+            crop[1, i, j] = word & _FREE
+            crop[2, i, j] = 255 if word & _VISITED else 0
+
+
+class Level:
+    """Blocks of one size."""
+
+    def __init__(self, block: int, finer: "Level | None") -> None:
+        """Make an empty level.
+
+        Args:
+            block: side of a block [cells].
+            finer: level that it is pooled from; None for the map.
+        """
+        self.block = block
+        self._finer = finer
+
+    def rebuild(self, data: np.ndarray) -> None:
+        """Pool a map that is new, has grown, or was redrawn: shape (height, width), int8."""
+        self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
+        self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
+        """Shape (height * width + 1,), uint16; see `pool_cells`."""
+        self.update(data, Window(0, 0, data.shape[1] - 1, data.shape[0] - 1))
+
+    def update(self, data: np.ndarray, window: Window) -> None:
+        """Pool what may have changed in a map."""
+        if self._finer is None:
+            pool_cells(data, window, self.block, self.words)
+        else:
+            finer = self._finer
+            blocks = Window(*(cell // finer.block for cell in window))
+            pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
+
+    def mark(self, col: float, row: float) -> None:
+        """Remember that the robot has been at a position, given from the map's corner [cells]."""
+        i, j = math.floor(row) // self.block, math.floor(col) // self.block
+        if 0 <= i < self.height and 0 <= j < self.width:
+            self.words[i * self.width + j] |= _VISITED
+
+
+class MapPyramid:
+    """Levels of one map, made when a crop first asks for them."""
+
+    def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
+        """Follow a map.
+
+        Args:
+            grid: the map; the array in it may be replaced.
+            trails: where robots have been, map frame; they go on growing.
+        """
+        self._grid, self._data = grid, grid.data
+        self._trails = trails
+        self._levels: dict[int, Level] = {}
+
+    def update(self, update: MapUpdate) -> None:
+        """Follow a change of the map."""
+        data = self._grid.data
+        if update.redrawn or data is not self._data:
+            self._data = data
+            for level in self._levels.values():
+                self._rebuild(level)
+        elif update.window is not None:
+            for level in self._levels.values():
+                level.update(data, update.window)
+
+    def mark(self, x: float, y: float) -> None:
+        """Remember that a robot has been at (x, y), map frame [m]."""
+        grid, (left, low) = self._grid, self._grid.origin
+        col, row = (x - left) / grid.resolution, (y - low) / grid.resolution
+        for level in self._levels.values():
+            level.mark(col, row)
+
+    def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
+        """Crop the map around a pose in the map frame.
+
+        Args:
+            x: position [m].
+            y: position [m].
+            theta: heading [rad].
+            pixel: side of a pixel [m].
+            out: shape (3, size, size), uint8, written; see `crop_level`.
+        """
+        grid = self._grid
+        block = 2 ** max(round(math.log2(pixel / grid.resolution)), 0)
+        level, side = self._level(block), block * grid.resolution
+        left, low = grid.origin
+        frame = (level.height, level.width, (x - left) / side, (y - low) / side, theta)
+        crop_level(level.words, *frame, pixel / side, out)
+
+    def _level(self, block: int) -> Level:
+        if block not in self._levels:
+            finer = self._level(block // _POOL) if block > LARGEST_POOLED else None
+            self._levels[block] = Level(block, finer)
+            self._rebuild(self._levels[block])
+        return self._levels[block]
+
+    def _rebuild(self, level: Level) -> None:
+        level.rebuild(self._grid.data)
+        for trail in self._trails:
+            for x, y in trail.positions.tolist():
+                left, low = self._grid.origin
+                level.mark((x - left) / self._grid.resolution, (y - low) / self._grid.resolution)

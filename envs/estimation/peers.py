@@ -1,0 +1,74 @@
+"""Other robots in a robot's scan."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.robots import RobotParams
+
+PEER_MARGIN = 0.15
+"""Beams that end this near to a peer's footprint are taken to have hit it [m]: both poses are off by centimetres."""
+
+
+@njit(cache=True, error_model="numpy")
+def remove_peers(ranges, directions, mount_x, mount_y, x, y, theta, peers, reach):
+    """Return a scan without the beams that end at a peer: NaN in their place.
+
+    Args:
+        ranges: shape (num_beams,), float32 [m].
+        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
+        mount_x: position of the lidar in the base frame [m].
+        mount_y: position of the lidar in the base frame [m].
+        x: estimated position of the base, map frame [m].
+        y: estimated position of the base, map frame [m].
+        theta: estimated heading [rad].
+        peers: shape (m, 2), float64, estimated positions of the peers, map frame [m].
+        reach: distance from a peer's position within which a beam that ends has hit it [m].
+
+    Returns:
+        Shape (num_beams,), float32 [m].
+    """
+    result = ranges.copy()
+    c, s = math.cos(theta), math.sin(theta)
+    for i in range(peers.shape[0]):
+        dx, dy = peers[i, 0] - x, peers[i, 1] - y
+        u, v = c * dx + s * dy - mount_x, c * dy - s * dx - mount_y
+        for k in range(ranges.shape[0]):
+            r = float(ranges[k])
+            across, along = r * directions[0, k] - u, r * directions[1, k] - v
+            # False for NaN and infinity.
+            if across * across + along * along < reach * reach:
+                result[k] = np.nan
+    return result
+
+
+class PeerFilter:
+    """Removes other robots from a robot's scans, so that they do not become walls of the map."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Prepare for robots of one kind."""
+        self._lidar = robot.lidar
+        self._directions = robot.lidar.directions
+        self._reach = robot.radius + PEER_MARGIN
+
+    def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
+        """Return a scan with NaN for beams that end at a peer.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m].
+            pose: estimated pose of the robot, map frame.
+            peers: estimated poses of the others, map frame.
+        """
+        if not peers:
+            return ranges
+        positions, mount = np.array([peer[:2] for peer in peers]), self._lidar.mount
+        return remove_peers(ranges, self._directions, mount.x, mount.y, *pose, positions, self._reach)
+
+    def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
+        """Return where the beams end that end at a peer: shape (k, 2), float64, base frame [m]; see `__call__`."""
+        is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
+        mount = self._lidar.mount
+        points: np.ndarray = (mount.x, mount.y) + (ranges[is_hit] * self._directions[:, is_hit]).T
+        return points

@@ -1,0 +1,42 @@
+"""Where a robot has been."""
+
+import math
+
+import numpy as np
+
+from envs.geometry import Pose2D
+
+TRAIL_SPACING = 0.1
+"""Distance between remembered positions of a trail [m]."""
+
+
+class Trail:
+    """Positions passed, `TRAIL_SPACING` apart."""
+
+    def __init__(self) -> None:
+        self._buffer = np.empty((256, 2))
+        self._length = 0
+        self._last = (math.inf, math.inf)
+
+    def append(self, pose: Pose2D) -> bool:
+        """Remember the position if it is far enough from the last one remembered; return whether it was."""
+        dx, dy = pose.x - self._last[0], pose.y - self._last[1]
+        if dx * dx + dy * dy < TRAIL_SPACING * TRAIL_SPACING:
+            return False
+        if self._length == len(self._buffer):
+            self._buffer = np.concatenate([self._buffer, np.empty_like(self._buffer)])
+        self._buffer[self._length] = self._last = pose.x, pose.y
+        self._length += 1
+        return True
+
+    def replace(self, positions: np.ndarray) -> None:
+        """Remember other positions instead, shape (n, 2), float64 [m]: the path was corrected."""
+        self._length = 0
+        self._last = (math.inf, math.inf)
+        for x, y in positions.tolist():
+            self.append(Pose2D(x, y, 0.0))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Shape (n, 2), float64 [m]; a view."""
+        return self._buffer[: self._length]

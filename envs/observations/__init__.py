@@ -1,0 +1,72 @@
+"""What a policy sees, in parts that are chosen by name."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from envs.files import resolve
+from envs.task import ObservationPart
+
+from .goal import Goal, PoseUncertainty
+from .maps import MapCrop
+from .peers import Peers
+from .route import RouteAhead
+from .scan import Motion, Scan
+
+NEAR_PIXEL = 0.2
+"""Side of a pixel of `map_near` [m]."""
+FAR_PIXEL = 0.8
+"""Side of a pixel of `map_far` [m]."""
+PARTS: dict[str, Callable[..., ObservationPart]] = {
+    "scan": Scan,
+    "map_near": partial(MapCrop, resolution=NEAR_PIXEL),
+    "map_far": partial(MapCrop, resolution=FAR_PIXEL),
+    "motion": Motion,
+}
+"""Parts that every task has, by name."""
+
+Observations = Sequence[str] | Mapping[str, Any]
+"""Names of parts; or what each name stands for: a part, a class or `module:attribute` of one, or keyword arguments of
+the part that has this name, such as `{"map_near": {"resolution": 0.1, "size": 64}}`; None for its defaults."""
+
+
+def make_parts(
+    observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
+) -> dict[str, ObservationPart]:
+    """Return the parts of an observation by name.
+
+    Args:
+        observations: the parts.
+        own: parts of the task, by name, besides `PARTS`.
+
+    Raises:
+        ValueError: a name is unknown, or there is none.
+    """
+    table = {**PARTS, **own}
+    chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(observations)
+    if not chosen:
+        raise ValueError(f"observations must name at least one of {', '.join(table)}")
+    parts = {}
+    for name, choice in chosen.items():
+        if choice is None or isinstance(choice, Mapping):
+            parts[name] = resolve(name, table, "observation")(**(choice or {}))
+        else:
+            found = resolve(choice, table, "observation")
+            parts[name] = found if hasattr(found, "write") and not isinstance(found, type) else found()
+    return parts
+
+
+__all__ = [
+    "FAR_PIXEL",
+    "NEAR_PIXEL",
+    "PARTS",
+    "Goal",
+    "MapCrop",
+    "Motion",
+    "Observations",
+    "Peers",
+    "PoseUncertainty",
+    "RouteAhead",
+    "Scan",
+    "make_parts",
+]

@@ -1,0 +1,52 @@
+"""The scan, and the robot's own motion."""
+
+import math
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+
+from envs.robot import Robot
+from envs.robots import RobotParams
+
+
+@njit(cache=True, error_model="numpy")
+def scale_scan(ranges, range_max, scan):
+    """Write to `scan` the ranges over the greatest: 1 without a return, 0 for lost beams; both shape (n,), float32."""
+    scale = np.float32(1.0 / range_max)
+    for k in range(ranges.shape[0]):
+        r = ranges[k]
+        scan[k] = np.float32(0.0) if math.isnan(r) else min(r * scale, np.float32(1.0))
+
+
+class Scan:
+    """Ranges over the lidar's greatest range; 1 for no return; 0 for a lost beam or an obstacle that is too near."""
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(0, 1, (num_beams,), float32)`."""
+        return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the last scan to `out`."""
+        scale_scan(robot.reading.ranges, robot.params.lidar.range_max, out)
+
+
+class Motion:
+    """How the robot moves, in six numbers.
+
+    Forward speed and yaw rate by odometry over the robot's limits, the last action (2), whether the bumper is pressed
+    (0 or 1), and the share of the time limit that has passed.
+    """
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (6,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (6,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the robot's own motion to `out`."""
+        params, twist = robot.params, robot.twist
+        out[0] = min(max(twist.v / params.max_v, -1.0), 1.0)
+        out[1] = min(max(twist.w / params.max_w, -1.0), 1.0)
+        out[2], out[3] = robot.action
+        out[4] = robot.reading.bumper
+        out[5] = min(robot.reading.time / robot.time_limit, 1.0)

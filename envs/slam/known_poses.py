@@ -1,0 +1,55 @@
+"""Mapping with known poses."""
+
+import numpy as np
+
+from envs.estimation import NO_UPDATE, ORIGIN, Belief
+from envs.geometry import Pose2D
+from envs.robots import LidarParams
+
+from .grid_map import GridMap, has_moved
+from .params import TinySlamParams
+from .tinyslam import check_scan
+
+
+class KnownPoses:
+    """Builds the same map as TinySLAM, at the poses that its motion source gives: odometry, or ground truth."""
+
+    shares_maps = True
+    """Whether several robots may integrate their scans into one map."""
+
+    def __init__(self, lidar: LidarParams, params: TinySlamParams) -> None:
+        """Build a mapper for one lidar; only what concerns the map is used of `params`."""
+        self.params = params
+        self._lidar = lidar
+        self.reset(np.random.default_rng(0))
+
+    @property
+    def belief(self) -> Belief:
+        """The current belief."""
+        return self._belief
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
+        """Start with an unknown map, or with a shared one; see `TinySlam`. Draws nothing from `rng`."""
+        self.map = GridMap(self.params, self._lidar) if map is None else map
+        self._last_integrated_pose: Pose2D | None = None
+        self._belief = Belief(pose, self.map.grid)
+        return self._belief
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
+        """Process one scan.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
+            motion: pose of the base now, seen from the base at the previous scan.
+
+        Raises:
+            ValueError: if the scan has another number of beams, or the motion is not finite.
+        """
+        ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
+        last = self._last_integrated_pose
+        belief.pose = belief.pose.compose(motion)
+        belief.update = NO_UPDATE
+        if last is None or has_moved(*last, *belief.pose, params.min_travel_distance, params.min_travel_angle):
+            belief.update = self.map.integrate(ranges, belief.pose, params.quality)
+            self._last_integrated_pose = belief.pose
+        return belief

@@ -1,0 +1,265 @@
+"""How much of an environment has been explored."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from envs.estimation import MapUpdate
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.robots import LidarParams
+from envs.worlds import ExplorableArea
+
+EXPLORABLE, KNOWN, SEEN = 1, 2, 4
+"""Bits of a raster cell: whether it counts, whether the map knows it, and whether a true scan has seen it."""
+EXPLORED = EXPLORABLE | KNOWN | SEEN
+OCCUPIED_FROM = 65
+"""Least occupancy at which map cells are compared with walls [percent] (`map_server`: occupied_thresh 0.65)."""
+TOLERANCE = 2.0
+"""Distance from a beam up to which its scan sees a point [raster cells]: rounding of both rasters."""
+
+
+class Frame(NamedTuple):
+    """Where a grid lies."""
+
+    x: float
+    """Position of the corner of cell (0, 0) [m]."""
+    y: float
+    """Position of the corner of cell (0, 0) [m]."""
+    resolution: float
+    """Side of a cell [m]."""
+
+
+class TrueScan(NamedTuple):
+    """A scan and the true pose that it was taken from."""
+
+    ranges: np.ndarray
+    """Shape (num_beams,), float32 [m], as in `Reading.ranges`."""
+    x: float
+    """True position of the lidar, world frame [m]."""
+    y: float
+    """True position of the lidar, world frame [m]."""
+    theta: float
+    """True direction of the first beam, world frame [rad]."""
+    increment: float
+    """Angle between neighbouring beams [rad]."""
+    is_full_turn: bool
+    """Whether the last beam is the first one's neighbour."""
+    range_max: float
+    """Range of the lidar [m]."""
+
+
+@njit(cache=True, error_model="numpy")
+def sees(scan, x, y, tolerance):
+    """Tell whether a scan sees a point (x, y) [m], world frame: no beam within `tolerance` [m] of it ends before it."""
+    dx, dy = x - scan.x, y - scan.y
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > scan.range_max + tolerance:
+        return False
+    if distance <= tolerance:
+        return True
+    num_beams = scan.ranges.shape[0]
+    bearing = (math.atan2(dy, dx) - scan.theta) % (2.0 * math.pi)
+    spread = math.asin(tolerance / distance)
+    first = math.floor((bearing - spread) / scan.increment)
+    last = math.ceil((bearing + spread) / scan.increment)
+    turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
+    for index in range(first, last + 1):
+        beam = index % turn
+        if beam < num_beams and scan.ranges[beam] + tolerance >= distance:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
+    """Mark the raster cells under map cells as known, and those of them that a true scan sees as seen.
+
+    Args:
+        new_cells: shape (k, 2), int32, (row, column) of map cells that became known.
+        map_frame: `Frame` of the map, map frame.
+        start: pose (x, y, theta) of the map frame in the world frame.
+        cells: shape (height, width), uint8, written: bits of the raster's cells.
+        frame: `Frame` of the raster, world frame.
+        scan: `TrueScan`.
+        pending: shape (n, 2), int32, written: (row, column) of cells that are known, and not seen yet.
+        num_pending: how many there are.
+
+    Returns:
+        How many cells became explored, and how many are pending; -1 for the latter if there was no room for all.
+    """
+    height, width = cells.shape
+    # From the map's cells to the raster's: one affine map, in cells.
+    scale = map_frame.resolution / frame.resolution
+    c, s = math.cos(start[2]) * scale, math.sin(start[2]) * scale
+    u, v = map_frame.x / map_frame.resolution, map_frame.y / map_frame.resolution
+    first_col = (start[0] - frame.x) / frame.resolution + c * u - s * v
+    first_row = (start[1] - frame.y) / frame.resolution + s * u + c * v
+    tolerance = TOLERANCE * frame.resolution
+    count = 0
+    for k in range(new_cells.shape[0]):
+        # Four points of each map cell: a lattice of half a cell leaves no raster cell out, however the map is turned.
+        for quarter in range(4):
+            u, v = new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1), new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)
+            x, y = first_col + c * u - s * v, first_row + s * u + c * v
+            row, col = math.floor(y), math.floor(x)
+            if not (0 <= row < height and 0 <= col < width and cells[row, col] & EXPLORABLE):
+                continue
+            if cells[row, col] == EXPLORED:
+                continue
+            is_seen = cells[row, col] & SEEN > 0
+            if is_seen or sees(scan, frame.x + x * frame.resolution, frame.y + y * frame.resolution, tolerance):
+                cells[row, col] = EXPLORED
+                count += 1
+            elif not cells[row, col] & KNOWN:
+                if num_pending == pending.shape[0]:
+                    return count, -1
+                cells[row, col] |= KNOWN
+                pending[num_pending, 0], pending[num_pending, 1] = row, col
+                num_pending += 1
+    return count, num_pending
+
+
+@njit(cache=True, error_model="numpy")
+def mark_seen(cells, frame, scan, pending, num_pending):
+    """Mark the pending cells that a true scan sees, and drop them; see `mark_known`.
+
+    Returns:
+        How many cells became explored, and how many are still pending.
+    """
+    tolerance = TOLERANCE * frame.resolution
+    count = kept = 0
+    for k in range(num_pending):
+        row, col = pending[k]
+        if cells[row, col] == EXPLORED:
+            continue
+        if sees(scan, frame.x + (col + 0.5) * frame.resolution, frame.y + (row + 0.5) * frame.resolution, tolerance):
+            cells[row, col] = EXPLORED
+            count += 1
+        else:
+            pending[kept, 0], pending[kept, 1] = row, col
+            kept += 1
+    return count, kept
+
+
+class Coverage:
+    """Counts the explored cells of the explorable area.
+
+    A cell is explored once the map knows it where it is, and the true scan has seen it: the scan that made it known, or
+    one that was integrated later. A map that slides along or is bent earns nothing for what no scan saw.
+    """
+
+    def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
+        """Start with nothing explored.
+
+        Args:
+            area: what there is to explore.
+            start: pose of the map frame's origin in the world frame.
+            lidar: geometry of the scans.
+        """
+        self.area = area
+        self.start = start
+        self._lidar = lidar
+        self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
+        self._cells = area.explorable.astype(np.uint8)
+        self._pending = np.empty((4096, 2), dtype=np.int32)
+        self._num_pending = 0
+        self._num_explored = 0
+        self._num_explorable = int(np.count_nonzero(area.explorable))
+
+    def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
+        """Process what a scan changed in the map.
+
+        Args:
+            update: the change.
+            resolution: side of the map's cells [m].
+            ranges: shape (num_beams,), float32 [m]: the scan.
+            true_pose: pose of the base that it was taken from, world frame.
+
+        Returns:
+            Change of the explored area [m2]; negative where a map that was redrawn no longer knows a cell.
+        """
+        if update.window is None and not update.redrawn:
+            return 0.0
+        before, scan = self._num_explored, self._true_scan(ranges, true_pose)
+        if update.redrawn:
+            self._cells &= EXPLORABLE | SEEN
+            self._num_explored = self._num_pending = 0
+        if self._num_pending:
+            count, self._num_pending = mark_seen(self._cells, self._frame, scan, self._pending, self._num_pending)
+            self._num_explored += count
+        if len(update.new_cells):
+            self._num_explored += self._mark_known(update.new_cells, update.origin, resolution, scan)
+        return float((self._num_explored - before) * self._frame.resolution**2)
+
+    @property
+    def explored(self) -> np.ndarray:
+        """Shape of the area's raster, bool: explored cells."""
+        return self._cells == EXPLORED
+
+    @property
+    def explored_area(self) -> float:
+        """Explored part of the explorable area [m2]."""
+        return float(self._num_explored * self._frame.resolution**2)
+
+    @property
+    def explored_fraction(self) -> float:
+        """Explored part of the explorable area, from 0 to 1."""
+        return self._num_explored / self._num_explorable
+
+    def _mark_known(self, new_cells: np.ndarray, origin: tuple[float, float], resolution: float, scan: TrueScan) -> int:
+        map_frame = Frame(float(origin[0]), float(origin[1]), float(resolution))
+        total, num_pending = 0, -1
+        while num_pending < 0:
+            count, num_pending = mark_known(
+                new_cells, map_frame, self.start, self._cells, self._frame, scan, self._pending, self._num_pending
+            )
+            total += count
+            if num_pending < 0:
+                self._num_pending = len(self._pending)
+                self._pending = np.concatenate([self._pending, np.empty_like(self._pending)])
+        self._num_pending = num_pending
+        return total
+
+    def _true_scan(self, ranges: np.ndarray, pose: Pose2D) -> TrueScan:
+        lidar = self._lidar
+        c, s = math.cos(pose.theta), math.sin(pose.theta)
+        return TrueScan(
+            ranges,
+            pose.x + c * lidar.mount.x - s * lidar.mount.y,
+            pose.y + s * lidar.mount.x + c * lidar.mount.y,
+            pose.theta + float(lidar.mount.yaw) + lidar.angle_min,
+            float(lidar.angle_increment),
+            bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment),
+            float(lidar.range_max),
+        )
+
+
+def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:
+    """Compare the occupied cells of a map with the true walls that can be seen.
+
+    Intersection over union: visible wall cells with an occupied map cell within `tolerance`, over those plus the
+    visible wall cells without one plus the occupied map cells without a wall within `tolerance`.
+
+    Args:
+        grid: the map, in the map frame.
+        area: the ground truth.
+        start: pose of the map frame's origin in the world frame.
+        tolerance: distance up to which cells match [m].
+    """
+    walls = area.walls
+    wall = walls.data > 0
+    visible_wall = wall & ndimage.binary_dilation(area.explorable, np.ones((3, 3), dtype=bool))
+    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= OCCUPIED_FROM))))
+    inside = walls.contains(cells)
+    mapped = np.zeros_like(wall)
+    mapped[tuple(cells[inside].T)] = True
+    reach = tolerance / walls.resolution
+    near_wall = ndimage.distance_transform_edt(~wall) <= reach
+    near_mapped = ndimage.distance_transform_edt(~mapped) <= reach if mapped.any() else np.zeros_like(wall)
+    hits = int(np.count_nonzero(visible_wall & near_mapped))
+    misses = int(np.count_nonzero(visible_wall)) - hits
+    false = int(np.count_nonzero(mapped & ~near_wall)) + int(np.count_nonzero(~inside))
+    return hits / max(hits + misses + false, 1)

@@ -1,0 +1,135 @@
+"""Exploration: map an unknown world."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from envs.estimation.map_pyramid import MapPyramid
+from envs.geometry import Pose2D
+from envs.observations.peers import Peers
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import Reading, RobotState
+from envs.task import ObservationPart, Task
+from envs.worlds import World, explorable_area, world_sampler
+
+from .coverage import Coverage, map_iou
+from .rewards import RewardWeights
+from .starts import choose_starts, read_start
+
+
+class Explore(Task):
+    """Explore a world with one robot, or with several that share a map.
+
+    Ends with "covered" once the explored fraction reaches the target.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        *,
+        world: Any,
+        split: str,
+        world_size: tuple[float, float] | None,
+        start: Any,
+        target_coverage: float,
+        reward: RewardWeights | Mapping[str, float],
+        resolution: float,
+        num_robots: int = 1,
+    ) -> None:
+        """See `ExploreEnv` for the arguments.
+
+        Raises:
+            ValueError: if one is not allowed; the message names it and what is.
+        """
+        if not 0 < target_coverage <= 1:
+            raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
+        self.weights = RewardWeights.of(reward)
+        self.target_coverage = target_coverage
+        self._robot = robot
+        self._resolution = resolution
+        self._num_robots = num_robots
+        self._start = read_start(start, num_robots)
+        self._worlds = {"split": split, "size": world_size}
+        self._sample_world = world_sampler(world, split=split, size=world_size)  # type: ignore[arg-type]
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        """Return the peers of a team as "mates"; see `Task`."""
+        return {} if self._num_robots == 1 else {"mates": partial(Peers, self._num_robots - 1)}
+
+    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
+        """Return the world of the next episode, and compute its explorable area; see `Task`."""
+        drawn = self._sample_world(rng) if world is None else world_sampler(world, **self._worlds)(rng)
+        explorable_area(drawn, self._robot, self._resolution)
+        return drawn
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robots start; see `Task`."""
+        self._area = explorable_area(world, self._robot, self._resolution)
+        chosen = self._start if start is None else read_start(start, self._num_robots)
+        self._starts = choose_starts(chosen, world, self._area, self._robot, self._num_robots, rng)
+        return self._starts
+
+    def reset(
+        self,
+        robots: Sequence[Robot],
+        readings: Sequence[Reading],
+        rngs: Sequence[np.random.Generator],
+        rng: np.random.Generator,
+        options: Mapping[str, Any],
+    ) -> float:
+        """Start an episode; the map frame is the first robot's start. See `Task`."""
+        self.map_pose = first = self._starts[0]
+        shared_map = None
+        for robot, reading, pose, robot_rng in zip(robots, readings, self._starts, rngs, strict=True):
+            robot.estimator.reset(robot_rng, first.between(pose), shared_map)
+            shared_map = getattr(robot.estimator, "map", None)
+            robot.start(reading)
+        if len(robots) > 1:
+            pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
+            for robot in robots:
+                robot.pyramid = pyramid
+        self.coverage = Coverage(self._area, first, self._robot.lidar)
+        for robot, pose in zip(robots, self._starts, strict=True):
+            robot.locate()
+            self._cover(robot, pose)
+        self.end_reason = None
+        self._robots = robots
+        return self._area.usual_time_limit(self._robot.max_v)
+
+    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+        """Count what was explored; see `Task`."""
+        self._gained, self._period = 0.0, period
+        for robot, state in zip(robots, states, strict=True):
+            self._gained += self._cover(robot, state.pose)
+        self._touching = sum(robot.reading.bumper for robot in robots)
+        if self.coverage.explored_fraction >= self.target_coverage:
+            self.end_reason = "covered"
+
+    def quantities(self) -> dict[str, float]:
+        """Return explored area [m2], time [s], time in contact [s] of all robots, and whether the target is reached."""
+        return {
+            "explored": self._gained,
+            "time": self._period,
+            "collision": self._period * self._touching,
+            "completed": float(self.end_reason == "covered"),
+        }
+
+    def metrics(self) -> dict[str, Any]:
+        """Return how much is explored; see `Task`."""
+        fraction = self.coverage.explored_fraction
+        return {
+            "explored_fraction": fraction,
+            "explored_area": self.coverage.explored_area,
+            "is_success": fraction >= self.target_coverage,
+        }
+
+    def final_metrics(self) -> dict[str, Any]:
+        """Return the agreement of the map with the visible walls."""
+        return {"map_iou": map_iou(self._robots[0].belief.grid, self.coverage.area, self.map_pose)}
+
+    def _cover(self, robot: Robot, true_pose: Pose2D) -> float:
+        belief = robot.belief
+        return self.coverage.update(belief.update, belief.grid.resolution, robot.reading.ranges, true_pose)

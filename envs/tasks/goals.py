@@ -1,0 +1,135 @@
+"""The known map, the localizer, goals and the true distance to them."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.localization import Amcl, AmclParams, Localizer, PoseEstimate, load_preset
+from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
+from envs.robots import LidarParams
+from envs.worlds import ExplorableArea, load_map
+
+LOCALIZERS = ("amcl", "odometry", "truth")
+"""Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
+MIN_DISTANCE = 1.0
+"""Least distance from the start to a random goal [m]."""
+
+
+class DeadReckoning:
+    """A `Localizer` that adds up motions and looks at no scan."""
+
+    def __init__(self) -> None:
+        self._estimate = _certain(Pose2D(0.0, 0.0, 0.0))
+
+    @property
+    def estimate(self) -> PoseEstimate:
+        """The current estimate."""
+        return self._estimate
+
+    def reset(
+        self,
+        occupancy: OccupancyGrid,
+        pose: Pose2D | None,
+        rng: np.random.Generator,
+        *,
+        covariance: np.ndarray | None = None,
+    ) -> PoseEstimate:
+        """Start at a pose; see `Localizer`.
+
+        Raises:
+            ValueError: if there is none: motions alone cannot tell where the robot is.
+        """
+        if pose is None:
+            raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
+        self._estimate = _certain(pose)
+        return self._estimate
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
+        """Follow a motion; see `Localizer`."""
+        self._estimate = _certain(self._estimate.pose.compose(motion))
+        return self._estimate
+
+
+def _certain(pose: Pose2D) -> PoseEstimate:
+    nothing = np.zeros((3, 3))
+    return PoseEstimate(pose, nothing, 1.0, pose, nothing, math.nan, is_lost=False, is_corrected=False)
+
+
+def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Localizer:
+    """Build a localizer.
+
+    Args:
+        name: one of `LOCALIZERS`.
+        lidar: geometry of the scans.
+        preset: of AMCL.
+
+    Raises:
+        ValueError: if the name or the preset is unknown.
+    """
+    if name not in LOCALIZERS:
+        raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
+    return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
+
+
+def known_map(area: ExplorableArea) -> OccupancyGrid:
+    """Return the map that a perfect exploration would leave: free where one can see, walls, and all else unknown."""
+    walls = area.walls
+    data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
+    data[walls.data > 0] = OCCUPIED
+    return OccupancyGrid(data, walls.resolution, walls.origin)
+
+
+def read_map(source: str | Path | OccupancyGrid | None) -> OccupancyGrid | None:
+    """Return a map as it is, or from its `map_server` YAML; None for None."""
+    return load_map(source) if isinstance(source, str | Path) else source
+
+
+class GeodesicDistance:
+    """True distance to a goal around everything that does not move."""
+
+    def __init__(self, area: ExplorableArea, goal: Pose2D) -> None:
+        """Measure the distances from everywhere.
+
+        Args:
+            area: the truth.
+            goal: the goal, world frame.
+
+        Raises:
+            ValueError: if the robot does not fit there.
+        """
+        if not area.can_stand(goal):
+            raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
+        costs = np.where(area.standable, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
+        resolution = area.walls.resolution
+        costmap = Costmap(costs, area.walls, CostmapParams(resolution, resolution))
+        field = travel_field(costmap, goal[:2], cost_weight=0.0)
+        assert field is not None
+        self._field: TravelField = field
+        self._last = math.inf
+
+    def length(self, pose: Pose2D) -> float:
+        """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""
+        walls = self._field.costmap.grid
+        cell = walls.cells(np.array(pose[:2]))
+        if walls.contains(cell):
+            length = float(self._field.cost(cell))
+            self._last = length if math.isfinite(length) else self._last
+        return self._last
+
+
+def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> Pose2D:
+    """Draw a goal with room for the robot, at least `MIN_DISTANCE` from the start as the crow flies (world frame).
+
+    In a world too small for that, the farthest of a hundred.
+    """
+    farthest, distance = start, -1.0
+    for _ in range(100):
+        goal = area.draw_pose(rng)
+        away = math.hypot(goal.x - start.x, goal.y - start.y)
+        if away >= MIN_DISTANCE:
+            return goal
+        if away > distance:
+            farthest, distance = goal, away
+    return farthest

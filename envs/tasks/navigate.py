@@ -1,0 +1,186 @@
+"""Navigation: reach a goal on a known map."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from envs.arguments import check_positive, is_pose
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.pose import distance
+from envs.localization.known_map import KnownMapEstimator
+from envs.observations import Goal, PoseUncertainty
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import Reading, RobotState
+from envs.task import ObservationPart, Task
+from envs.worlds import World, explorable_area, world_sampler
+
+from .goals import DeadReckoning, GeodesicDistance, draw_goal, known_map
+from .rewards import NavigateRewards
+from .starts import choose_starts, read_start
+
+INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
+"""Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
+
+
+class Navigate(Task):
+    """Drive to a goal on a known map. Ends with "reached" where the robot truly is at the goal."""
+
+    reset_options = ("goal",)
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        *,
+        world: Any,
+        split: str,
+        world_size: tuple[float, float] | None,
+        start: Any,
+        goal: Any,
+        goal_tolerance: float,
+        heading_tolerance: float,
+        initial_pose: Literal["known", "unknown"],
+        map: OccupancyGrid | None,
+        map_pose: tuple[float, float, float],
+        reward: NavigateRewards | Mapping[str, float],
+        resolution: float,
+    ) -> None:
+        """See `NavigateEnv` for the arguments.
+
+        Raises:
+            ValueError: if one is not allowed; the message names it and what is.
+        """
+        if initial_pose not in ("known", "unknown"):
+            raise ValueError(f"initial_pose must be 'known' or 'unknown', got {initial_pose!r}")
+        check_positive(goal_tolerance=goal_tolerance)
+        if not 0 < heading_tolerance <= math.pi:
+            raise ValueError(f"heading_tolerance must lie in (0, pi], got {heading_tolerance!r}")
+        if not (is_pose(goal) or (isinstance(goal, str) and goal == "random")):
+            raise ValueError(f"goal must be 'random' or (x, y, theta), got {goal!r}")
+        if not is_pose(map_pose):
+            raise ValueError(f"map_pose must be (x, y, theta), got {map_pose!r}")
+        self.weights = NavigateRewards.of(reward)
+        self.map_pose = Pose2D(*(float(k) for k in map_pose))
+        self._robot = robot
+        self._map = map
+        self._resolution = resolution
+        self._goal = goal
+        self._tolerances = goal_tolerance, heading_tolerance
+        self._initial_pose = initial_pose
+        self._start = read_start(start)
+        self._worlds = {"split": split, "size": world_size}
+        self._sample_world = world_sampler(world, split=split, size=world_size)  # type: ignore[arg-type]
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
+        return {"goal": lambda: Goal(self.current_goal), "doubt": PoseUncertainty}
+
+    def current_goal(self) -> Pose2D:
+        """Return where to go, map frame."""
+        return self.goal
+
+    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
+        """Return the world of the next episode, and compute its explorable area; see `Task`."""
+        drawn = self._sample_world(rng) if world is None else world_sampler(world, **self._worlds)(rng)
+        explorable_area(drawn, self._robot, self._resolution)
+        return drawn
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robot starts; see `Task`."""
+        self.area = explorable_area(world, self._robot, self._resolution)
+        """What of the world can be reached, in truth."""
+        self._starts = choose_starts(
+            self._start if start is None else read_start(start), world, self.area, self._robot, 1, rng
+        )
+        return self._starts
+
+    def reset(
+        self,
+        robots: Sequence[Robot],
+        readings: Sequence[Reading],
+        rngs: Sequence[np.random.Generator],
+        rng: np.random.Generator,
+        options: Mapping[str, Any],
+    ) -> float:
+        """Start an episode; see `Task`."""
+        (robot,), (reading,), (start,) = robots, readings, self._starts
+        grid = known_map(self.area) if self._map is None else self._map
+        self._reset_localizer(robot.estimator, grid, start, rngs[0])  # type: ignore[arg-type]
+        robot.start(reading)
+        robot.trail.append(robot.belief.pose)
+        self._one = robot
+        self._true_pose = start
+        self.end_reason = None
+        goal = options.get("goal", self._goal)
+        if isinstance(goal, str):
+            goal = self.map_pose.between(draw_goal(self.area, start, rng))
+        return self.set_goal(goal)
+
+    def set_goal(self, goal: tuple[float, float, float]) -> float:
+        """Set a goal (x, y, theta), map frame, and return how long it usually takes to get there [s].
+
+        Raises:
+            ValueError: if the goal is not finite, or no pose that the robot can reach.
+        """
+        if not is_pose(goal):
+            raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
+        self.goal = Pose2D(*(float(k) for k in goal))
+        """Where to go, map frame."""
+        self._true_goal = self.map_pose.compose(self.goal)
+        self._geodesic = GeodesicDistance(self.area, self._true_goal)
+        self._path_left = self._geodesic.length(self._true_pose)
+        self.end_reason = None
+        # Four times what the path takes at full speed, and as long again to find out where the robot is.
+        usual = 30.0 + 4.0 * self._path_left / self._robot.max_v + 60.0 * (self._initial_pose == "unknown")
+        return 10.0 * round(0.1 * usual)
+
+    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+        """Measure how far the robot came; see `Task`."""
+        self._true_pose = states[0].pose
+        before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
+        self._gained, self._period = before - self._path_left, period
+        self._touching = robots[0].reading.bumper
+        self.end_reason = "reached" if self._is_at_goal() else None
+
+    def quantities(self) -> dict[str, float]:
+        """Return progress [m], time [s], time in contact [s], and whether the goal is reached."""
+        return {
+            "progress": self._gained,
+            "time": self._period,
+            "collision": self._period * self._touching,
+            "reached": float(self.end_reason is not None),
+        }
+
+    def metrics(self) -> dict[str, Any]:
+        """Return how far it is to the goal; see `Task`."""
+        pose, goal = self._true_pose, self._true_goal
+        return {
+            "distance_to_goal": distance(pose.x - goal.x, pose.y - goal.y),
+            "way_to_goal": self._path_left,
+            "is_lost": self._one.belief.is_lost,
+            "is_success": self._is_at_goal(),
+        }
+
+    def _is_at_goal(self) -> bool:
+        to_goal = self._true_pose.between(self._true_goal)
+        near, aligned = self._tolerances
+        return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned
+
+    def _reset_localizer(
+        self, estimator: KnownMapEstimator, grid: OccupancyGrid, start: Pose2D, rng: np.random.Generator
+    ) -> None:
+        """Reset the localizer with what it may know of the start (world frame)."""
+        if self._initial_pose == "unknown":
+            estimator.reset(rng, None, grid)
+            return
+        pose = self.map_pose.between(start)
+        std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
+        offset = std * rng.standard_normal(3)
+        given = Pose2D(pose.x + offset[0], pose.y + offset[1], pose.theta + offset[2])
+        cell = grid.cells(np.array(given[:2]))
+        is_exact = isinstance(estimator.localizer, DeadReckoning)
+        if is_exact or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
+            given = pose
+        estimator.reset(rng, given, grid, np.diag(std**2))

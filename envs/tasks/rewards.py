@@ -1,0 +1,84 @@
+"""Reward terms: `info["rewards"]` names them, and the reward is their sum."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Self
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Weights of reward terms. A term is a field here, and an entry of what the task's `quantities` returns."""
+
+    def __post_init__(self) -> None:
+        for name, weight in asdict(self).items():
+            if not math.isfinite(weight):
+                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the terms, in the order in which they are summed."""
+        return tuple(field.name for field in fields(cls))
+
+    @classmethod
+    def of(cls, weights: Self | Mapping[str, float]) -> Self:
+        """Return weights that users gave as such or as a mapping; what a mapping leaves out has its default.
+
+        Raises:
+            ValueError: if there is no such term, or a weight is not finite.
+        """
+        if isinstance(weights, cls):
+            return weights
+        if not isinstance(weights, Mapping):
+            raise ValueError(f"reward must be {cls.__name__} or a mapping of its terms, got {weights!r}")
+        if unknown := sorted(set(weights) - set(cls.names())):
+            raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(cls.names())}")
+        return cls(**weights)
+
+    def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
+        """Return the reward terms of a step: each quantity of the task, in the field's unit, times its weight."""
+        return {name: getattr(self, name) * quantities[name] for name in self.names()}
+
+
+@dataclass(frozen=True, slots=True)
+class RewardWeights(Weights):
+    """Weights of an exploration's reward terms."""
+
+    explored: float = 1.0
+    """For area that became explored [1/m2]."""
+    time: float = -0.02
+    """For time that passes [1/s]."""
+    collision: float = -0.5
+    """For time in contact with anything [1/s]."""
+    completed: float = 10.0
+    """Once, when the target coverage is reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateRewards(Weights):
+    """Weights of the reward terms on the way to a goal."""
+
+    progress: float = 1.0
+    """For the geodesic distance to the goal that became shorter [1/m]."""
+    time: float = -0.02
+    """For time that passes [1/s]."""
+    collision: float = -0.5
+    """For time in contact with anything [1/s]."""
+    reached: float = 10.0
+    """Once, when the goal is reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackRewards(Weights):
+    """Weights of the reward terms along a route."""
+
+    progress: float = 1.0
+    """For distance made along the route [1/m]."""
+    deviation: float = -2.0
+    """For distance from the route times time [1/(m s)]."""
+    time: float = -0.02
+    """For time that passes [1/s]."""
+    collision: float = -0.5
+    """For time in contact with anything [1/s]."""
+    completed: float = 10.0
+    """Once, at the end of the route."""

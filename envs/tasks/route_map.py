@@ -1,0 +1,169 @@
+"""The map that a robot drives a route by: made beforehand, by driving the route by hand and mapping on the way."""
+
+import functools
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from envs.estimation import Estimator
+from envs.estimation.motion import WheelMotion
+from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
+from envs.robots import RobotParams
+from envs.simulation import Reading, make_simulator
+from envs.slam import TinySlam, load_params, make_slam
+from envs.tasks.route import Progress, Route, steer
+from envs.worlds import World
+
+PRESET = Path(__file__).parent / "route_map.yaml"
+"""Params of TinySLAM for a drive whose headings a compass tells: candidates need not be spread far."""
+LOOKAHEAD = 0.6
+"""How far ahead on the route who drives by hand aims at [m]."""
+UPDATE_DISTANCE = 0.2
+"""A scan is mapped once the robot is this far from where the last one was [m]..."""
+UPDATE_ANGLE = 0.15
+"""... or has turned by this much since [rad]."""
+END = 0.1
+"""How near to the end of the route the drive ends [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RouteMap:
+    """What remains of the drive."""
+
+    grid: OccupancyGrid
+    """The map; its frame is the pose at the start of the route."""
+    north: float
+    """What the compass reads in the direction of the map's x axis [rad]; NaN without a compass."""
+    poses: np.ndarray
+    """Shape (n, 3), float64: where the SLAM believed to be, map frame [m, m, rad]."""
+
+
+@functools.lru_cache(maxsize=32)
+def make_route_map(
+    world: World,
+    robot: RobotParams,
+    physics: str,
+    slam: str,
+    path: bytes,
+    resolution: float,
+    control_period: float,
+    seed: int,
+) -> RouteMap:
+    """Drive a route by hand, map it, and return the map; drives that have been made are kept.
+
+    Whoever drives sees the robot, and keeps it on the route. The SLAM gets what the robot senses: its wheels tell how
+    far it has gone, its compass, if it has one, where to.
+
+    Args:
+        world: where.
+        robot: who.
+        physics: by which physics.
+        slam: which SLAM maps.
+        path: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m].
+        resolution: side of a map cell [m].
+        control_period: time between two scans [s].
+        seed: of the drive's noise.
+
+    Raises:
+        RuntimeError: the robot does not get to the end of the route.
+    """
+    route = Route.of(np.frombuffer(path).reshape(-1, 2))
+    simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
+    simulator = make_simulator(physics, robot, control_period)
+    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng)
+    progress = Progress(route)
+    reading = simulator.reset(world, [route.start], [simulator_rng])[0]
+    mapper.begin(reading)
+    truth = route.start
+    # Twice the time that the way takes at full speed, and some to speed up.
+    steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
+    while progress.update(truth)[0] < route.length - END:
+        if steps_left == 0:
+            raise RuntimeError(
+                f"robot {robot.name!r} did not get along the route in world {world.name!r}: it stopped "
+                f"{route.along[progress.index]:.1f} m from the start, of {route.length:.1f} m"
+            )
+        before = truth
+        reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
+        truth = simulator.states[0].pose
+        mapper.go_on(reading, before.between(truth) if slam == "truth" else None)
+        steps_left -= 1
+    simulator.close()
+    poses, grid = np.array(mapper.poses), mapper.slam.belief.grid
+    _clear_driven(grid, poses, 0.5 * robot.radius)
+    return RouteMap(grid, mapper.north, poses)
+
+
+def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
+    """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
+    reach = math.ceil(radius / grid.resolution)
+    around = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
+    around = around[np.hypot(*around.T) * grid.resolution <= radius]
+    cells = (grid.cells(poses[:, :2])[:, None] + around).reshape(-1, 2)
+    rows, columns = cells[grid.contains(cells)].T
+    driven = grid.data[rows, columns]
+    grid.data[rows, columns] = np.where(driven == UNKNOWN, FREE, driven)
+
+
+def _make_slam(name: str, robot: RobotParams, resolution: float) -> Estimator:
+    if name == "tinyslam" and robot.imu.has_compass:
+        return TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
+    return make_slam(name, robot.lidar, resolution)
+
+
+class _Mapper:
+    """Feeds a SLAM with a scan every so often, and with motions by wheels and compass.
+
+    A SLAM that matches every scan to the one before, which it has just drawn, sticks to that one's noise.
+    """
+
+    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator) -> None:
+        self.slam = slam
+        self.slam.reset(rng)
+        self._wheels = WheelMotion(robot)
+        self._way = Pose2D(0.0, 0.0, 0.0)
+        self._offsets: list[complex] = []
+        self.poses: list[Pose2D] = []
+
+    @property
+    def north(self) -> float:
+        """Mean of what the compass read less what the SLAM believed [rad]; NaN without a compass."""
+        mean = complex(np.mean(self._offsets))
+        return math.atan2(mean.imag, mean.real)
+
+    def begin(self, reading: Reading) -> None:
+        """Take in the first reading."""
+        self._wheels.reset(reading)
+        self._first_heading = self._heading = reading.heading
+        self._use(reading)
+
+    def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
+        """Take in the next reading, mapping at the true motion if it is told."""
+        motion = true_motion or self._wheels.update(reading)
+        if true_motion is None and not math.isnan(reading.heading):
+            motion = _turned(motion, reading.heading - self._heading)
+            self._heading = reading.heading
+        self._way = self._way.compose(motion)
+        if math.hypot(self._way.x, self._way.y) < UPDATE_DISTANCE and abs(self._way.theta) < UPDATE_ANGLE:
+            return
+        if true_motion is None and not math.isnan(reading.heading):
+            # The compass knows the heading itself; by turns alone, an error of the matcher would stay.
+            believed = self.slam.belief.pose.theta
+            self._way = self._way._replace(theta=float(wrap_angle(reading.heading - self._first_heading - believed)))
+        self._use(reading)
+
+    def _use(self, reading: Reading) -> None:
+        belief = self.slam.update(reading.ranges, self._way)
+        self._way = Pose2D(0.0, 0.0, 0.0)
+        self.poses.append(belief.pose)
+        offset = reading.heading - belief.pose.theta
+        self._offsets.append(complex(math.cos(offset), math.sin(offset)))
+
+
+def _turned(motion: Pose2D, turn: float) -> Pose2D:
+    """Return a motion along an arc as long as before that turns by another angle [rad]."""
+    turn = float(wrap_angle(turn))
+    way = math.copysign(math.hypot(motion.x, motion.y), motion.x)
+    return Pose2D(way * math.cos(0.5 * turn), way * math.sin(0.5 * turn), turn)

@@ -1,0 +1,133 @@
+"""Where robots start."""
+
+import math
+from collections.abc import Iterable
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from envs.arguments import is_pose
+from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
+from envs.geometry.lines import cell_along
+from envs.robots import RobotParams
+from envs.worlds import ExplorableArea, World
+
+START_DISTANCE = 2.0
+"""Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
+START_GAPS = (0.5, 0.25, 0.1, 0.01)
+"""Least gaps between the footprints of two robots at the start [m]: each is tried where there is no room for the ones
+before."""
+
+
+Start = str | Pose2D | list[Pose2D]
+"""What `read_start` returns."""
+
+
+def read_start(start: Any, num_robots: int = 1) -> Start:
+    """Return the argument `start` of environments: `"random"`, `"spawn"`, a pose, or a pose for each robot of a team.
+
+    Raises:
+        ValueError: if it is none of them.
+    """
+    if isinstance(start, str) and start in ("random", "spawn"):
+        return start
+    if is_pose(start):
+        return Pose2D(*(float(value) for value in start))
+    poses = list(start) if isinstance(start, Iterable) and not isinstance(start, str) else []
+    if num_robots > 1 and len(poses) == num_robots and all(is_pose(pose) for pose in poses):
+        return [Pose2D(*(float(value) for value in pose)) for pose in poses]
+    each = f", or one for each of {num_robots} robots" if num_robots > 1 else ""
+    raise ValueError(f"start must be 'random', 'spawn', a pose (x, y, theta){each}, got {start!r}")
+
+
+def choose_starts(
+    start: Start, world: World, area: ExplorableArea, robot: RobotParams, num_robots: int, rng: np.random.Generator
+) -> list[Pose2D]:
+    """Return the poses to start from, world frame.
+
+    Args:
+        start: what `read_start` returned; of a team, the start of its first robot, or one for each.
+        world: its first spawn is `"spawn"`.
+        area: of the world.
+        robot: who starts there.
+        num_robots: how many start.
+        rng: draws `"random"` uniformly over where the robot fits, and the other robots of a team around the first.
+
+    Raises:
+        ValueError: if a robot does not fit there, or there is no room for the others.
+    """
+    if isinstance(start, list):
+        return [check_start(pose, world, area, robot) for pose in start]
+    if isinstance(start, Pose2D):
+        first = check_start(start, world, area, robot)
+    elif start == "spawn":
+        first = check_start(world.spawns[0], world, area, robot)
+    else:
+        first = area.draw_pose(rng)
+    return draw_starts(area, world, robot, first, num_robots, rng)
+
+
+def check_start(pose: Pose2D, world: World, area: ExplorableArea, robot: RobotParams) -> Pose2D:
+    """Return a pose at which a robot fits.
+
+    Raises:
+        ValueError: if it does not.
+    """
+    if not area.can_stand(pose):
+        raise ValueError(
+            f"start {tuple(pose)} is no pose at which robot {robot.name!r} (radius {robot.radius} m) can stand "
+            f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
+        )
+    return pose
+
+
+def draw_starts(
+    area: ExplorableArea, world: World, robot: RobotParams, first: Pose2D, num_robots: int, rng: np.random.Generator
+) -> list[Pose2D]:
+    """Draw where the robots start: near the first one, in sight of it, apart from each other.
+
+    Where there is no room for that, they start further from the first one, then nearer to each other, then out of
+    its sight.
+
+    Args:
+        area: where robots fit.
+        world: for what stands there at the start.
+        robot: gives the footprint.
+        first: pose of the first robot, world frame.
+        num_robots: how many there are, with the first.
+        rng: draws positions and headings.
+
+    Raises:
+        ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close they stand.
+    """
+    starts, circles = [first], world.circles_at(0.0)
+    roomy = area.walls.centers(np.argwhere(area.roomy))
+    away = np.hypot(*(roomy - first[:2]).T)
+    for must_see, gap, factor in product((True, False), START_GAPS, (1.0, 2.0, 4.0, 8.0)):
+        if len(starts) == num_robots:
+            break
+        for x, y in rng.permutation(roomy[away <= factor * START_DISTANCE]):
+            if len(starts) == num_robots:
+                break
+            is_apart = all(math.hypot(x - pose.x, y - pose.y) >= 2.0 * robot.radius + gap for pose in starts)
+            if not is_apart or clearance(x, y, world.segments, circles) <= robot.radius:
+                continue
+            if not must_see or _in_sight(area, first, x, y):
+                starts.append(Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi))))
+    if len(starts) < num_robots:
+        raise ValueError(
+            f"there is room for {len(starts)} robots {robot.name!r} around the start {tuple(first)} in world "
+            f"{world.name!r}, not for num_robots = {num_robots}"
+        )
+    return starts
+
+
+def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
+    """Tell whether the straight line from a pose to (x, y), world frame [m], crosses no wall."""
+    walls = area.walls
+    (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
+    num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)
+    step = (goal_row - row) / num_steps, (goal_col - col) / num_steps
+    return all(walls.data[cell_along(row, col, *step, k)] == 0 for k in range(num_steps + 1))

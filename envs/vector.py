@@ -1,0 +1,331 @@
+"""Many environments as one: shards of them in worker processes, with shared memory for what is large."""
+
+import ctypes
+import functools
+import itertools
+import multiprocessing
+import os
+import pickle
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from envs.shard import Arrays, Extras, Shard, serve
+
+
+class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
+    """Many environments of one kind, stepped together.
+
+    Sub-environment i does exactly, to the last bit, what a single environment does that is seeded with seed + i.
+    Observations are fresh arrays each step. `info` holds arrays with an entry per sub-environment, each with its mask
+    (`_time` beside `time`), as Gymnasium's other vector environments have it.
+    """
+
+    def __init__(
+        self,
+        make_env: Callable[..., Any],
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        num_workers: int | None = None,
+        context: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        """Start the workers.
+
+        Args:
+            make_env: class of the sub-environments, a `LidarEnv` or what offers the same methods to a shard.
+            num_envs: number of sub-environments.
+            autoreset_mode: when a sub-environment whose episode has ended starts the next one: with the step after
+                (`NEXT_STEP`), at once (`SAME_STEP`), or when `reset` is called with a `reset_mask` (`DISABLED`).
+            max_episode_steps: truncates episodes after so many steps, besides the time limit.
+            num_workers: processes that step sub-environments; 0 steps them in this one. None takes as many as there are
+                cores that this process may use, and 0 where that is one.
+            context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
+            **arguments: of the sub-environments.
+
+        Raises:
+            ValueError: if an argument is not among the allowed values.
+        """
+        self.closed = True  # until there is something to close
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps must be at least 1 or None, got {max_episode_steps}")
+        if num_workers is not None and num_workers < 0:
+            raise ValueError(f"num_workers must not be negative, got {num_workers}")
+        if arguments.get("render_mode") == "human":
+            raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
+        if num_workers is None:
+            cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+            num_workers = cores if cores > 1 else 0
+        num_workers = min(num_workers, num_envs) if num_envs > 1 else 0
+        self.num_envs = num_envs
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._take_spaces(functools.partial(make_env, **arguments))
+        multiprocessing_context = multiprocessing.get_context(context)
+        self._arrays = self._make_arrays(multiprocessing_context if num_workers else None)
+        self._has_ended = np.zeros(num_envs, dtype=np.bool_)
+        self._dtype: np.dtype | None = None
+        bounds = np.linspace(0, num_envs, max(num_workers, 1) + 1).round().astype(int).tolist()
+        makers = [
+            functools.partial(
+                Shard,
+                functools.partial(make_env, **arguments),
+                self._arrays.rows(first, last),
+                self.autoreset_mode,
+                max_episode_steps,
+            )
+            for first, last in itertools.pairwise(bounds)
+        ]
+        self._bounds = bounds
+        self._shard = None if num_workers else makers[0]()
+        self._workers = []
+        for k in range(num_workers):
+            self._workers.append(_Worker(multiprocessing_context, makers[k]))
+        self.closed = False
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start episodes.
+
+        Args:
+            seed: of sub-environment 0, sub-environment i gets `seed + i`; or one for each.
+            options: of the sub-environments' `reset`; "reset_mask", shape (num_envs,), bool, selects some of them.
+
+        Raises:
+            ValueError: if there are not as many seeds as sub-environments, or the mask selects none.
+        """
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs} of them, got {len(seeds)}")
+        options = dict(options or {})
+        mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise ValueError(f"reset_mask must have shape ({self.num_envs},), dtype bool and select a sub-environment")
+        if self._dtype is None and not mask.all():
+            raise ValueError("the first reset must start all sub-environments")
+        shares = [
+            (seeds[first:last], mask[first:last].tolist(), options or None)
+            for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True)
+        ]
+        results = self._call("reset", shares)
+        self._dtype = results[0][0].dtype
+        self._has_ended[mask] = False
+        return self._observations(), self._info(results)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Step every sub-environment.
+
+        Args:
+            actions: shape (num_envs, ...), in the single action space each.
+
+        Raises:
+            ValueError: if actions have the wrong shape or lie outside of the action space, or if a sub-environment has
+                ended and nothing resets it.
+        """
+        if self._dtype is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        self._arrays.actions[...] = self._check_actions(actions)
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._has_ended.any():
+            ended = np.flatnonzero(self._has_ended).tolist()
+            raise ValueError(f"sub-environments {ended} have ended; reset them with a reset_mask")
+        if self._shard is not None:
+            results = [self._shard.step()]
+        else:
+            for worker in self._workers:
+                worker.send(b"s")
+            results = _receive_all(self._workers, self._dtype)
+        arrays = self._arrays
+        self._has_ended = arrays.terminated | arrays.truncated
+        info = self._info(results)
+        return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Draw every sub-environment; arrays (height, width, 3), uint8, for `rgb_array`."""
+        return self.call("render") if self.render_mode is not None else None
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of every sub-environment, or return an attribute that is none."""
+        return tuple(
+            value for share in self._call("call", [(name, args, kwargs)] * self._num_shares) for value in share
+        )
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of every sub-environment."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every sub-environment: to each its own of a list or tuple, or all to the same value.
+
+        Raises:
+            ValueError: if there are not as many values as sub-environments.
+        """
+        values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(values) != self.num_envs:
+            raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
+        pairs = zip(self._bounds[:-1], self._bounds[1:], strict=True)
+        self._call("set_attr", [(name, values[first:last]) for first, last in pairs])
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the workers."""
+        if self._shard is not None:
+            self._shard.close()
+        for worker in self._workers:
+            worker.close()
+
+    @property
+    def _num_shares(self) -> int:
+        return len(self._bounds) - 1
+
+    def _take_spaces(self, make_env: Callable[[], Any]) -> None:
+        """Take spaces and metadata of a sub-environment."""
+        env = make_env()
+        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
+        self.observation_space = batch_space(env.observation_space, self.num_envs)
+        self.action_space = batch_space(env.action_space, self.num_envs)
+        self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = env.render_mode
+        self._clips_actions = getattr(env, "clip_actions", False)
+        env.close()
+
+    def _make_arrays(self, context: Any) -> Arrays:
+        """Return the arrays of all sub-environments, in shared memory if processes share them."""
+
+        def make(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+            if context is None:
+                return np.zeros(shape, dtype)
+            size = max(int(np.prod(shape)) * np.dtype(dtype).itemsize, 1)
+            return np.frombuffer(context.RawArray(ctypes.c_uint8, size), dtype, int(np.prod(shape))).reshape(shape)
+
+        n, observations = self.num_envs, self.single_observation_space
+        assert isinstance(observations, spaces.Dict)
+        return Arrays(
+            {name: make((n, *space.shape), space.dtype) for name, space in observations.items()},  # type: ignore[misc]
+            make((n, *self.single_action_space.shape), self.single_action_space.dtype),  # type: ignore[misc]
+            make((n,), np.float64),
+            make((n,), np.bool_),
+            make((n,), np.bool_),
+        )
+
+    def _check_actions(self, actions: Any) -> np.ndarray:
+        """Return actions as an array of the right type, checked once for all sub-environments."""
+        space = self.single_action_space
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
+            raise ValueError(f"actions must have shape {(self.num_envs, *space.shape)}, got {actions.shape}")  # type: ignore[misc]
+        if isinstance(space, spaces.Discrete):
+            if not np.issubdtype(actions.dtype, np.integer):
+                raise ValueError(f"actions must be integers, got {actions.dtype}")
+            wrong, allowed = (actions < 0) | (actions >= space.n), f"lie in 0 to {space.n - 1}"
+        else:
+            actions = actions.astype(np.float32, copy=False)
+            inside = ~np.isnan(actions) if self._clips_actions else np.abs(actions) <= 1.0
+            wrong, allowed = ~inside.reshape(self.num_envs, -1).all(axis=1), "be finite and lie in [-1, 1]"
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise ValueError(f"actions must {allowed}, got {actions[i]} in sub-environment {i}")
+        return actions
+
+    def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Call a method of every shard, each with arguments of its own, and return the results."""
+        if self._shard is not None:
+            return [getattr(self._shard, method)(*shares[0])]
+        for worker, share in zip(self._workers, shares, strict=True):
+            worker.send(pickle.dumps((method, share)))
+        return _receive_all(self._workers, self._dtype)
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        return {name: array.copy() for name, array in self._arrays.observations.items()}
+
+    def _info(self, results: Sequence[tuple[np.ndarray, Extras]]) -> dict[str, Any]:
+        records = np.concatenate([records for records, _ in results])
+        info = _columns(records, np.ones(self.num_envs, dtype=np.bool_))
+        for first, (_, extras) in zip(self._bounds, results, strict=False):
+            for i, extra in extras.items():
+                info = self._add_info(info, extra, first + i)
+        return info
+
+
+def _columns(records: np.ndarray, everyone: np.ndarray) -> dict[str, Any]:
+    """Return records as a dict of arrays with their masks."""
+    info: dict[str, Any] = {}
+    for name in records.dtype.names or ():
+        column = records[name]
+        if column.dtype.names:
+            info[name] = _columns(column, everyone)
+        else:
+            info[name] = column.astype(object) if column.dtype.kind == "U" else column.copy()
+        info[f"_{name}"] = everyone.copy()
+    return info
+
+
+class _Worker:
+    """A process with a shard."""
+
+    def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
+        self._pipe, far_end = context.Pipe()
+        self._process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
+        self._process.start()
+        far_end.close()
+        self.close = weakref.finalize(self, _stop, self._pipe, self._process)
+
+    def send(self, request: bytes) -> None:
+        self._pipe.send_bytes(request)
+
+    def receive(self, dtype: np.dtype | None) -> Any:
+        """Return the result of the last request, or its error."""
+        try:
+            answer = self._pipe.recv_bytes()
+        except (EOFError, ConnectionResetError):
+            self._process.join()
+            return RuntimeError(f"a worker process died with exit code {self._process.exitcode}")
+        if answer[:1] == b".":
+            return np.frombuffer(answer, dtype, offset=1), Extras()
+        return pickle.loads(answer[1:])
+
+
+def _receive_all(workers: Sequence[_Worker], dtype: np.dtype | None) -> list[Any]:
+    """Wait for all workers; raises the first error once none is at work any more."""
+    results = [worker.receive(dtype) for worker in workers]
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+    return results
+
+
+def _stop(pipe: Any, process: Any) -> None:
+    pipe.close()
+    process.join(timeout=10.0)
+    if process.is_alive():
+        process.terminate()
+
+
+def _vector_of(entry_point: str) -> Callable[..., LidarVectorEnv]:
+    """Return what makes a vector environment of the environments that an entry point names, kinematic unless said."""
+
+    def make(num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
+        make_env = gymnasium.envs.registration.load_env_creator(entry_point)
+        return LidarVectorEnv(make_env, num_envs, physics=physics, **arguments)
+
+    return make
+
+
+ExploreVectorEnv = _vector_of("envs.explore:ExploreEnv")
+ExploreFrontiersVectorEnv = _vector_of("envs.explore_frontiers:ExploreFrontiersEnv")
+ExploreTeamVectorEnv = _vector_of("envs.explore_team:ExploreTeamEnv")
+NavigateVectorEnv = _vector_of("envs.navigate:NavigateEnv")
+TrackVectorEnv = _vector_of("envs.track:TrackEnv")

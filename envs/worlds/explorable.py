@@ -1,0 +1,157 @@
+"""The part of a world that a robot can explore."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import squared_distances
+from envs.geometry.lines import cell_along, longest_step
+from envs.robots import RobotParams
+
+from .raster import rasterize
+from .world import World
+
+NUM_DIRECTIONS = 180
+"""Directions in which a cell is looked at from everywhere the robot can stand."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplorableArea:
+    """The part of a world that a robot could see, on a raster in the world frame."""
+
+    walls: OccupancyGrid
+    """The truth: 0 free, 100 touched by something static."""
+    explorable: np.ndarray
+    """Shape of `walls`, bool: free cells visible from somewhere the robot can stand."""
+    standable: np.ndarray
+    """Shape of `walls`, bool: cells where the robot's base can be, connected to the world's first spawn."""
+    roomy: np.ndarray
+    """Shape of `walls`, bool: standable cells with a cell's width to spare, where a robot may be put down."""
+    near_movers: np.ndarray
+    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a mover at time 0."""
+
+    @property
+    def area(self) -> float:
+        """Size of the explorable area [m2]."""
+        return float(np.count_nonzero(self.explorable)) * self.walls.resolution**2
+
+    def usual_time_limit(self, speed: float) -> float:
+        """Return time to sweep the area twice with a swath of a metre at `speed` [m/s], and two minutes more [s].
+
+        Rounded to ten seconds.
+        """
+        return 120.0 + 10.0 * round(0.2 * self.area / speed)
+
+    def can_stand(self, pose: Pose2D) -> bool:
+        """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
+        row, col = self.walls.cells(np.array([pose.x, pose.y]))
+        return bool(self.walls.contains(np.array([row, col])) and self.standable[row, col])
+
+    def draw_pose(self, rng: np.random.Generator) -> Pose2D:
+        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
+
+        A pose on a mover's position at time 0 is drawn again.
+
+        Raises:
+            ValueError: if movers leave no room anywhere.
+        """
+        cells, blocked = np.flatnonzero(self.roomy), self.near_movers.ravel()
+        if blocked[cells].all():
+            raise ValueError("there is no free pose for the robot: movers cover all that it can reach at time 0")
+        cell = cells[rng.integers(len(cells))]
+        while blocked[cell]:
+            cell = cells[rng.integers(len(cells))]
+        x, y = self.walls.centers(np.array(divmod(int(cell), self.roomy.shape[1])))
+        return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+@njit(cache=True, error_model="numpy")
+def _sees(free, goals, row, col, reach):
+    """Tell whether a straight walk of at most `reach` cells over free cells leads from a cell to one of the goals.
+
+    Args:
+        free: shape (height, width), bool.
+        goals: shape (height, width), bool; all of them free.
+        row: where the walks begin.
+        col: where the walks begin.
+        reach: length of the walks [cells].
+    """
+    height, width = free.shape
+    for k in range(NUM_DIRECTIONS):
+        # The golden angle: any few directions in sequence look all around.
+        d_row, d_col = longest_step(2.399963229728653 * k)
+        for step in range(1, int(reach / math.hypot(d_row, d_col)) + 1):
+            i, j = cell_along(row, col, d_row, d_col, step)
+            if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
+                break
+            if goals[i, j]:
+                return True
+    return False
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _visible_from(free, goals, candidates, reach):
+    """Return the cells among `candidates` that see, or are, one of the goals: shape (height, width), bool."""
+    visible = goals.copy()
+    height, width = free.shape
+    for row in range(height):
+        for col in range(width):
+            if candidates[row, col] and not visible[row, col]:
+                visible[row, col] = _sees(free, goals, row, col, reach)
+    return visible
+
+
+@lru_cache(maxsize=16)
+def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
+    """Find what `robot` could see of `world`: the free cells within lidar range of where its footprint can stand.
+
+    Args:
+        world: a closed world.
+        robot: gives footprint radius and lidar range.
+        resolution: side of a raster cell [m].
+
+    Raises:
+        ValueError: if the robot does not fit at the world's first spawn.
+    """
+    walls = rasterize(world, resolution)
+    free = walls.data == 0
+    # Exact as far as it is compared with: the whole transform takes half of a reset of a large world.
+    reach = math.ceil(robot.radius / resolution) + 2
+    clearance = np.sqrt(squared_distances(~free, reach)) * resolution
+    labels, _ = ndimage.label(clearance > robot.radius)
+    row, col = walls.cells(np.array(world.spawns[0][:2]))
+    label = labels[row, col]
+    if label == 0:
+        raise ValueError(
+            f"robot {robot.name!r} (radius {robot.radius} m) does not fit at the first spawn of world {world.name!r}, "
+            f"which has {clearance[row, col]:.3f} m of clearance at a resolution of {resolution} m; "
+            "choose a smaller robot, another world or a finer map_resolution"
+        )
+    standable = labels == label
+    roomy = standable & (clearance > robot.radius + resolution)
+    if not roomy.any():
+        roomy = standable
+    # Only free cells in one piece with a standable one can see any.
+    pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
+    touches = np.zeros(num_pieces + 1, dtype=bool)
+    touches[pieces[standable]] = True
+    candidates = free & touches[pieces]
+    explorable = _visible_from(free, standable, candidates, robot.lidar.range_max / resolution)
+    return ExplorableArea(walls, explorable, standable, roomy, _near_movers(world, walls, robot.radius))
+
+
+def _near_movers(world: World, walls: OccupancyGrid, radius: float) -> np.ndarray:
+    """Return in which cells (shape of `walls`, bool) a footprint of `radius` [m] overlaps a mover at time 0."""
+    height, width = walls.data.shape
+    x, y = walls.origin
+    xs, ys = x + walls.resolution * (np.arange(width) + 0.5), y + walls.resolution * (np.arange(height) + 0.5)
+    near = np.zeros((height, width), dtype=bool)
+    for mover in world.movers:
+        mover_x, mover_y = mover.position(0.0)
+        near |= np.hypot(xs - mover_x, ys[:, None] - mover_y) <= radius + mover.radius
+    return near

@@ -1,0 +1,131 @@
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.speed.references import crop_in_numpy, pool_in_numpy
+from envs.estimation import NO_UPDATE, MapUpdate, Window
+from envs.estimation.map_pyramid import MapPyramid
+from envs.estimation.trail import Trail
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.observations import FAR_PIXEL, NEAR_PIXEL
+
+SIZE = 40
+
+
+def random_grid(height=150, width=131, resolution=0.05):
+    values = np.array([-1, 0, 30, 50, 100], dtype=np.int8)
+    data = np.random.default_rng(3).choice(values, size=(height, width), p=[0.5, 0.3, 0.17, 0.02, 0.01])
+    return OccupancyGrid(data, resolution, (-3.5, -4.2))
+
+
+def crop(pyramid, pose, pixel):
+    out = np.empty((3, SIZE, SIZE), dtype=np.uint8)
+    pyramid.crop(*pose, pixel, out)
+    return out
+
+
+def crops(pyramid, pose):
+    return [crop(pyramid, pose, pixel) for pixel in (NEAR_PIXEL, FAR_PIXEL)]
+
+
+def trail_of(*positions):
+    trail = Trail()
+    for x, y in positions:
+        trail.append(Pose2D(x, y, 0.0))
+    return trail
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.07, 0.025, 0.4])
+@pytest.mark.parametrize("pixel", [0.1, NEAR_PIXEL, FAR_PIXEL])
+def test_crops_equal_slow_ones(resolution, pixel):
+    grid, pose = random_grid(resolution=resolution), Pose2D(0.83, -0.41, 2.1)
+    x_min, y_min, x_max, y_max = grid.bounds
+    trail = trail_of(*np.random.default_rng(1).uniform((x_min, y_min), (x_max, y_max), size=(300, 2)))
+    block = 2 ** max(round(math.log2(pixel / resolution)), 0)
+    shown = crop(MapPyramid(grid, [trail]), pose, pixel)
+    side = block * resolution
+    pooled = pool_in_numpy(grid.data, grid.cells(trail.positions), block)
+    x, y = pose.x - grid.origin[0], pose.y - grid.origin[1]
+    slow = crop_in_numpy(pooled, x / side, y / side, pose.theta, pixel / side, SIZE)
+    assert shown.any(axis=(1, 2)).all()
+    # Look-ups that fall on a border between blocks may go either way in single precision. Shares of free cells are
+    # rounded once per level.
+    off = (shown[0] != slow[0]) | (np.abs(shown[1].astype(int) - slow[1]) > 1) | (shown[2] != slow[2])
+    assert off.mean() < 0.005
+
+
+def update_of(window=None, redrawn=False):
+    return MapUpdate(np.empty((0, 2), dtype=np.int32), window, redrawn)
+
+
+def test_only_the_window_needs_pooling():
+    grid, trail, pose = random_grid(), trail_of((0.5, 0.5)), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [trail])
+    before = crops(pyramid, pose)
+    grid.data[41:78, 13:102] = 0
+    pyramid.update(update_of(Window(13, 41, 101, 77)))
+    for shown, fresh, old in zip(crops(pyramid, pose), crops(MapPyramid(grid, [trail]), pose), before, strict=True):
+        np.testing.assert_array_equal(shown, fresh)
+        assert (shown != old).any()
+
+
+def test_without_an_update_nothing_changes():
+    grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [])
+    before = crops(pyramid, pose)
+    grid.data[:] = 0
+    pyramid.update(NO_UPDATE)
+    for shown, old in zip(crops(pyramid, pose), before, strict=True):
+        np.testing.assert_array_equal(shown, old)
+
+
+def test_a_redrawn_map_is_pooled_anew_with_the_corrected_trail():
+    grid, trail, pose = random_grid(), trail_of((0.5, 0.5)), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [trail])
+    crops(pyramid, pose)
+    grid.data[:] = np.roll(grid.data, 20, axis=1)
+    trail.replace(np.array([[1.5, 0.5], [1.5, 1.0]]))
+    pyramid.update(update_of(redrawn=True))
+    for shown, fresh in zip(crops(pyramid, pose), crops(MapPyramid(grid, [trail]), pose), strict=True):
+        np.testing.assert_array_equal(shown, fresh)
+
+
+def test_a_grown_map_is_pooled_anew_and_keeps_where_the_robot_was():
+    grid, trail = random_grid(), trail_of((0.5, 0.5), (-1.0, 2.0))
+    pyramid = MapPyramid(grid, [trail])
+    before = crops(pyramid, Pose2D(0.2, 0.1, 0.0))
+    grid.data = np.pad(grid.data, ((160, 0), (80, 40)), constant_values=-1)
+    grid.origin = (grid.origin[0] - 80 * 0.05, grid.origin[1] - 160 * 0.05)
+    pyramid.update(NO_UPDATE)
+    for shown, old in zip(crops(pyramid, Pose2D(0.2, 0.1, 0.0)), before, strict=True):
+        assert shown.any(axis=(1, 2)).all()
+        assert np.mean(shown != old) < 0.005  # borders between blocks, in single precision
+
+
+def test_crops_point_forward_and_left():
+    data = np.full((200, 200), -1, dtype=np.int8)
+    # The robot stands at the origin and looks along +y; a wall lies 2 m ahead, free space 2 m to its left (-x).
+    data[140:144, 96:104] = 100
+    data[96:104, 58:62] = 0
+    near, _ = crops(MapPyramid(OccupancyGrid(data, 0.05, (-5.0, -5.0)), []), Pose2D(0.01, 0.01, math.pi / 2))
+    ahead = np.argwhere(near[0])
+    assert (ahead[:, 0] >= 29).all()
+    assert ahead[:, 1].mean() == pytest.approx(19.5, abs=1.1)
+    left = np.argwhere(near[1])
+    assert (left[:, 1] >= 28).all()
+    assert left[:, 0].mean() == pytest.approx(19.5, abs=1.1)
+
+
+@pytest.mark.parametrize("theta", np.linspace(0.0, 1.5, 7))
+def test_no_thin_wall_is_lost(theta):
+    """A wall of single cells is seen in most of the pixels that it crosses, however the robot is turned."""
+    data = np.zeros((640, 640), dtype=np.int8)
+    data[340, :] = 100
+    pyramid = MapPyramid(OccupancyGrid(data, 0.05, (-16.0, -16.0)), [])
+    near, far = crops(pyramid, Pose2D(0.0, 0.0, theta))
+    for shown in (near, far):
+        seen = np.flatnonzero(shown[0].any(axis=1 if abs(math.cos(theta)) > 0.7 else 0))
+        length = seen[-1] - seen[0] + 1
+        assert length >= 15
+        assert len(seen) >= 0.9 * length

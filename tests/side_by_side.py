@@ -1,0 +1,33 @@
+"""Vector environments beside the single environments that they must equal."""
+
+import numpy as np
+
+
+def assert_same(ours, theirs):
+    """Compare two of Gymnasium's observation or info dicts, one sub-environment after the other, where masks say so."""
+    for key, value in theirs.items():
+        if key.startswith("_"):
+            np.testing.assert_array_equal(ours[key], value)
+        elif isinstance(value, dict):
+            assert_same(ours[key], value)
+        elif key == "final_obs":
+            for i in np.flatnonzero(theirs["_final_obs"]):
+                assert_same(ours[key][i], value[i])
+        else:
+            mask = theirs.get(f"_{key}", np.ones(len(value), dtype=bool))
+            np.testing.assert_array_equal(np.asarray(ours[key])[mask], np.asarray(value)[mask], err_msg=key)
+
+
+def step_both(ours, theirs, actions, seed=5):
+    """Reset and step two vector environments alike, hold them equal, and yield each step's outcome and info."""
+    for ours_out, theirs_out in zip(ours.reset(seed=seed), theirs.reset(seed=seed), strict=True):
+        assert_same(ours_out, theirs_out)
+    for action in actions:
+        observation, *outcome, info = ours.step(action)
+        expected, *expected_outcome, expected_info = theirs.step(action)
+        assert_same(observation, expected)
+        assert_same(info, expected_info)
+        for value, wanted in zip(outcome, expected_outcome, strict=True):
+            np.testing.assert_array_equal(value, wanted)
+            assert value.dtype == wanted.dtype
+        yield outcome, info
