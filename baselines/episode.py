@@ -161,7 +161,7 @@ def begin_episode(
     observation, info = env.reset(seed=seed)
     explorer.reset(inner.robot, inner.control_period, rng)
     if isinstance(explorer, Omniscient):
-        explorer.reveal(inner.coverage.area, inner.start, inner.target_coverage)
+        explorer.reveal(inner.coverage, inner.target_coverage)
     return observation, info
 
 

@@ -4,11 +4,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.slam import Belief
-from envs.worlds import ExplorableArea
+from envs.tasks.coverage import Coverage
 
 
 class Explorer(Protocol):
@@ -79,12 +78,11 @@ def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
 class Omniscient(Protocol):
     """An explorer that is told the truth: no competitor, but the bound that the others are measured against."""
 
-    def reveal(self, area: ExplorableArea, start: Pose2D, target_coverage: float) -> None:
-        """Learn the truth about the place of an episode; called after `Explorer.reset`.
+    def reveal(self, coverage: Coverage, target_coverage: float) -> None:
+        """Take the ground truth of an episode; called after `Explorer.reset`.
 
         Args:
-            area: what there is to see, and the walls.
-            start: pose of the map frame's origin in the world frame.
+            coverage: what there is to explore and what is explored, kept up to date by the environment.
             target_coverage: share of the area that ends the episode.
         """
         ...

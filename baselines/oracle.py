@@ -16,13 +16,11 @@ from baselines.nearest import NearestExplorer
 from baselines.senses import Senses
 from baselines.survey import Survey
 from baselines.true_map import TrueMap
-from envs.geometry import Pose2D
 from envs.navigation import plan_path
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.slam import Belief
 from envs.tasks.coverage import Coverage
-from envs.worlds import ExplorableArea
 
 FIRST_ROUNDS = 300
 """How long the first tour is looked for; see `search_tour`."""
@@ -73,12 +71,12 @@ class OracleExplorer:
         self._goal = -1
         self._is_done = False
 
-    def reveal(self, area: ExplorableArea, start: Pose2D, target_coverage: float) -> None:
-        """Learn the truth; see `Omniscient`."""
-        self._start = start
+    def reveal(self, coverage: Coverage, target_coverage: float) -> None:
+        """Take the ground truth; see `Omniscient`."""
+        self._start = coverage.start
         self._target_coverage = target_coverage
-        self._coverage = Coverage(area, start)
-        self._truth = TrueMap(area.walls, start)
+        self._coverage = coverage
+        self._truth = TrueMap(coverage.area.walls, coverage.start)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist; see `Explorer`.
@@ -88,7 +86,6 @@ class OracleExplorer:
         """
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
-        self._coverage.update(belief)
         observation = self._senses.observe(reading)
         if not self._is_done:
             self._navigator.sense(observation)
@@ -111,20 +108,20 @@ class OracleExplorer:
         if planner is None:
             return False
         x, y, _ = self._start.compose(belief.pose)
-        completed = Belief(belief.pose, self._truth.complete(belief.grid), belief.update.new_cells)
+        completed = Belief(belief.pose, self._truth.complete(belief.grid))
         surveys = [navigator.survey(completed, tightness) for tightness in range(navigator.max_tightness + 1)]
         if navigator.status is Status.FAILED and planner.stops:
             planner.leave_out(planner.stops[0])
         for place in np.flatnonzero(np.hypot(*(planner.places.points - (x, y)).T) < ARRIVED):
-            planner.use_up(int(place), coverage.seen)
+            planner.use_up(int(place), coverage.explored)
         while True:
-            planner.plan(x, y, coverage.seen, num_rounds)
+            planner.plan(x, y, coverage.explored, num_rounds)
             num_rounds = ROUNDS
             if not planner.stops:
                 return False
             stop = planner.stops[0]
             if navigator.status is Status.REACHED and self._goal == stop:
-                planner.use_up(stop, coverage.seen)
+                planner.use_up(stop, coverage.explored)
             elif self._set_out(planner, surveys):
                 return True
             else:
@@ -132,7 +129,7 @@ class OracleExplorer:
 
     def _prepare(self, coverage: Coverage) -> CoverPlanner | None:
         """Spread places over the true map, for a smaller footprint if the whole one does not get around enough."""
-        truth = Belief(self._start, coverage.area.walls, np.empty((0, 2), dtype=np.int32))
+        truth = Belief(self._start, coverage.area.walls)
         # The robot counts as having arrived a little before.
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         first = None
@@ -141,7 +138,7 @@ class OracleExplorer:
             if places is None:
                 continue
             planner = CoverPlanner(coverage.area, places, reach, self._target_coverage, self._rng)
-            if planner.plan(x, y, coverage.seen, 0):
+            if planner.plan(x, y, coverage.explored, 0):
                 return planner
             first = first or planner
         return first

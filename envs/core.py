@@ -108,7 +108,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._parts = make_parts(observations, task.observation_parts())
         self.observation_space: spaces.Space[Any] = self._make_observation_space()
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.robots), 2) if is_team else (2,), np.float32)
-        self._prepared: tuple[dict[str, Any], World] | None = None
+        self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._renderer: Any = None
         for k, robot in enumerate(self.robots):
             robot.peers = [*self.robots[:k], *self.robots[k + 1 :]]

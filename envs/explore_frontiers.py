@@ -250,7 +250,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 explore.plan = choice.plan
                 explore.render()
             act(pilot, choice.path, choice.obstacles, *self.pose, robot.twist.v, choice.numbers, command)
-            robot.action = v, w = command.tolist()
+            v, w = command.tolist()
+            robot.action = v, w
             explore.advance([Twist(v * limits[0], w * limits[1])])
             self._steps += 1
             for name, quantity in explore.task.quantities().items():

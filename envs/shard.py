@@ -148,8 +148,9 @@ class Shard:
             self._dtype = record_type(info)
             self._records = np.zeros(len(self.envs), self._dtype)
         self._records[i] = to_record(info, self._dtype)
-        if len(info) > len(self._dtype.names):
-            extras[i] = {name: info[name] for name in info if name not in self._dtype.names} | extras.get(i, {})
+        names = self._dtype.names or ()
+        if len(info) > len(names):
+            extras[i] = {name: info[name] for name in info if name not in names} | extras.get(i, {})
 
 
 def record_type(info: Mapping[str, Any]) -> np.dtype:

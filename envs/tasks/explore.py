@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Explore(Task):
         robot: RobotParams,
         *,
         world: Any,
-        split: str,
+        split: Literal["train", "test"],
         world_size: tuple[float, float] | None,
         start: Any,
         target_coverage: float,
@@ -52,8 +52,8 @@ class Explore(Task):
         self._resolution = resolution
         self._num_robots = num_robots
         self._start = read_start(start, num_robots)
-        self._worlds = {"split": split, "size": world_size}
-        self._sample_world = world_sampler(world, split=split, size=world_size)  # type: ignore[arg-type]
+        self._sampler = partial(world_sampler, split=split, size=world_size)
+        self._sample_world = self._sampler(world)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the peers of a team as "mates"; see `Task`."""
@@ -61,7 +61,7 @@ class Explore(Task):
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._sample_world(rng) if world is None else world_sampler(world, **self._worlds)(rng)
+        drawn = self._sample_world(rng) if world is None else self._sampler(world)(rng)
         explorable_area(drawn, self._robot, self._resolution)
         return drawn
 

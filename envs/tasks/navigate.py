@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ class Navigate(Task):
         robot: RobotParams,
         *,
         world: Any,
-        split: str,
+        split: Literal["train", "test"],
         world_size: tuple[float, float] | None,
         start: Any,
         goal: Any,
@@ -70,8 +71,8 @@ class Navigate(Task):
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
         self._start = read_start(start)
-        self._worlds = {"split": split, "size": world_size}
-        self._sample_world = world_sampler(world, split=split, size=world_size)  # type: ignore[arg-type]
+        self._sampler = partial(world_sampler, split=split, size=world_size)
+        self._sample_world = self._sampler(world)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
@@ -83,7 +84,7 @@ class Navigate(Task):
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._sample_world(rng) if world is None else world_sampler(world, **self._worlds)(rng)
+        drawn = self._sample_world(rng) if world is None else self._sampler(world)(rng)
         explorable_area(drawn, self._robot, self._resolution)
         return drawn
 
