@@ -1,5 +1,6 @@
 """The tracking environment: follow a route by a pose that is fused from map, encoders and compass."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -130,8 +131,10 @@ class TrackEnv(LidarEnv):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        params = load_robot(robot)
         check_positive(control_hz=control_hz)
+        if not 0 <= map_latency < math.inf:
+            raise ValueError(f"map_latency must be finite and not negative, got {map_latency!r}")
+        params = load_robot(robot)
         period = 1.0 / control_hz
         task = FollowRoute(
             params,
@@ -154,7 +157,7 @@ class TrackEnv(LidarEnv):
             [FusedRobot(params, period, fused, make_motion_source(params, period))],
             observations,
             control_hz=control_hz,
-            time_limit=time_limit or task.usual_time_limit,
+            time_limit=time_limit,
             render_mode=render_mode,
             clip_actions=clip_actions,
         )

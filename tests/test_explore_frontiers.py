@@ -13,6 +13,7 @@ import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.simulation import Twist
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -144,23 +145,23 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
     observation, info = env.reset(seed=5)
     assert set(info) == INFO_KEYS
     taken = []
-    step = ExploreEnv.step
+    advance = ExploreEnv.advance
 
-    def spy(explore, action):
-        # Straight on, whatever the pilot says, the robot runs into a wall.
-        taken.append(step(explore, np.array([1.0, 0.0], dtype=np.float32)))
-        return taken[-1]
+    def spy(explore, commands):
+        # Straight on, whatever the navigator says, the robot runs into a wall.
+        advance(explore, [Twist(explore.robot.max_v, 0.0)])
+        taken.append(explore.outcome()[3]["rewards"])
 
-    monkeypatch.setattr(ExploreEnv, "step", spy)
+    monkeypatch.setattr(ExploreEnv, "advance", spy)
     collision = 0.0
     for _ in range(8):
         taken.clear()
         before = info
         observation, reward, _, _, info = env.step(nearest(observation))
         assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
-        assert reward == pytest.approx(sum(each[1] for each in taken))
+        assert reward == pytest.approx(sum(sum(rewards.values()) for rewards in taken))
         for name in RewardWeights.names():
-            assert info["rewards"][name] == pytest.approx(sum(each[4]["rewards"][name] for each in taken))
+            assert info["rewards"][name] == pytest.approx(sum(rewards[name] for rewards in taken))
         collision += info["rewards"]["collision"]
         assert info["decision_steps"] == len(taken) <= MOST_STEPS
         assert info["decision_time"] == pytest.approx(info["time"] - before["time"]) == pytest.approx(0.2 * len(taken))

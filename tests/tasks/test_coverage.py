@@ -106,7 +106,7 @@ def true_scan(world: World, pose: Pose2D, lidar: LidarParams = LONG) -> np.ndarr
     return ranges
 
 
-EVERYTHING = np.zeros((120, 120), dtype=np.int8)
+EVERYTHING = np.zeros((200, 200), dtype=np.int8)
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.3, math.pi / 4, 2.0])
@@ -114,7 +114,7 @@ def test_a_perfect_map_of_what_was_seen_covers_everything_however_it_is_turned(b
     world, start = room(2.02, 3.02), Pose2D(1.0, 1.5, theta)
     area = explorable_area(world, burger, 0.05)
     coverage = Coverage(area, start, LONG)
-    update = update_of(EVERYTHING, (-3.0, -3.0))
+    update = update_of(EVERYTHING, (-5.0, -5.0))
     gained = coverage.update(update, 0.05, true_scan(world, start), start)
     assert gained == pytest.approx(area.area)
     assert coverage.explored_fraction == 1.0
@@ -136,7 +136,7 @@ def test_what_the_map_knows_counts_once_a_true_scan_sees_it(burger):
     world = room(4.02, 2.02, (2.01, 0.5, 2.01, 2.02))
     area, start = explorable_area(world, burger, 0.05), Pose2D(0.5, 1.7, 0.0)
     coverage = Coverage(area, start, LONG)
-    gained = coverage.update(update_of(EVERYTHING, (-3.0, -3.0)), 0.05, true_scan(world, start), start)
+    gained = coverage.update(update_of(EVERYTHING, (-5.0, -5.0)), 0.05, true_scan(world, start), start)
     assert 0.4 * area.area < gained < 0.8 * area.area
     nothing_new, later = MapUpdate(NO_CELLS, Window(0, 0, 1, 1)), 0.0
     for there in (Pose2D(3.5, 1.7, 0.0), Pose2D(2.4, 0.3, 0.0)):
@@ -155,13 +155,13 @@ def test_a_redrawn_map_counts_as_it_is_now(burger):
     world, start = room(2.02, 3.02), Pose2D(1.0, 1.5, 0.0)
     area = explorable_area(world, burger, 0.05)
     coverage, scan = Coverage(area, start, LONG), true_scan(world, start)
-    coverage.update(update_of(EVERYTHING, (-3.0, -3.0)), 0.05, scan, start)
-    half = np.full((120, 120), -1, dtype=np.int8)
-    half[:60] = 0
-    lost = coverage.update(update_of(half, (-3.0, -3.0), redrawn=True), 0.05, scan, start)
+    coverage.update(update_of(EVERYTHING, (-5.0, -5.0)), 0.05, scan, start)
+    half = np.full((200, 200), -1, dtype=np.int8)
+    half[:100] = 0
+    lost = coverage.update(update_of(half, (-5.0, -5.0), redrawn=True), 0.05, scan, start)
     assert lost == pytest.approx(-0.5 * area.area, rel=0.05)
     assert coverage.explored_fraction == pytest.approx(0.5, abs=0.03)
-    coverage.update(update_of(EVERYTHING, (-3.0, -3.0), redrawn=True), 0.05, scan, start)
+    coverage.update(update_of(EVERYTHING, (-5.0, -5.0), redrawn=True), 0.05, scan, start)
     assert coverage.explored_fraction == 1.0
 
 
@@ -169,7 +169,7 @@ def test_a_lidar_with_a_narrow_view_sees_ahead_only(burger):
     world, start = room(4.02, 4.02), Pose2D(2.0, 2.0, 0.0)
     narrow = replace(LONG, num_beams=90, fov=math.pi / 2)
     coverage = Coverage(explorable_area(world, burger, 0.05), start, narrow)
-    coverage.update(update_of(EVERYTHING, (-3.0, -3.0)), 0.05, true_scan(world, start, narrow), start)
+    coverage.update(update_of(EVERYTHING, (-5.0, -5.0)), 0.05, true_scan(world, start, narrow), start)
     assert coverage.explored_fraction == pytest.approx(0.25, abs=0.08)
 
 
