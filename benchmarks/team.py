@@ -187,9 +187,10 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
     image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
     walls = LineCollection(list(env.world.segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
     axes.add_collection(walls)
-    for member, color in zip(env.members, theme.lines):
-        trail = start.transform(member.trail.positions)
-        label = f"robot {env.members.index(member)}, {member.path_length:.0f} m"
+    for k, (robot, truth) in enumerate(zip(env.robots, env.truths)):
+        color = theme.lines[k]
+        trail = start.transform(robot.trail.positions)
+        label = f"robot {k}, {truth.path_length:.0f} m"
         axes.plot(*trail.T, color=color, linewidth=1.6, label=label)
         axes.plot(*trail[0], marker="o", markersize=5, color=theme.paper, markeredgecolor=color, markeredgewidth=1.5)
         axes.plot(*trail[-1], marker="o", markersize=7, color=color, markeredgecolor=theme.paper)
@@ -197,7 +198,7 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
     axes.set_facecolor(theme.unknown)
     fraction = 100.0 * env.coverage.explored_fraction
     axes.set_title(f"{env.world.name}: {fraction:.0f} % after {time:.0f} s", color=theme.ink, fontsize=10)
-    figure.legend(loc="outside lower center", ncols=len(env.members), frameon=False, labelcolor=theme.ink, fontsize=9)
+    figure.legend(loc="outside lower center", ncols=len(env.robots), frameon=False, labelcolor=theme.ink, fontsize=9)
     for spine in axes.spines.values():
         spine.set_visible(False)
     return figure
