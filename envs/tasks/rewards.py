@@ -21,12 +21,18 @@ class Weights:
         return tuple(field.name for field in fields(cls))
 
     @classmethod
-    def of(cls, weights: Self | Mapping[str, float]) -> Self:
-        """Return weights that users gave as such or as a mapping; what a mapping leaves out has its default.
+    def of(cls, weights: "Self | Mapping[str, float] | str") -> Self:
+        """Return weights that users gave as such, as a mapping, or as `module:attribute` of either.
+
+        What a mapping leaves out has its default. A subclass may add terms: fields, and what its `terms` makes of the
+        task's quantities.
 
         Raises:
             ValueError: if there is no such term, or a weight is not finite.
         """
+        weights = resolve(weights, {}, "reward")
+        if isinstance(weights, type) and issubclass(weights, cls):
+            return weights()
         if isinstance(weights, cls):
             return weights
         if not isinstance(weights, Mapping):

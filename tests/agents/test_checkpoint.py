@@ -10,12 +10,12 @@ import pytest
 import safetensors.torch
 import torch
 
-from agents import files
 from agents.checkpoint import load_checkpoint, save_checkpoint
 from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_vector
+from envs.files import writing as files
 
 
 @pytest.fixture
