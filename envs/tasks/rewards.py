@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Self
 
+from envs.files import resolve
+
 
 @dataclass(frozen=True, slots=True)
 class Weights:
