@@ -210,7 +210,7 @@ class DwbPlanner:
         cells = np.floor(obstacles / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data[cells[:, 1], cells[:, 0]] = OCCUPIED
-        return self._inflation.costs(data)(data > 0, self._inflation.reach)
+        return self._inflation.costs(data), squared_distances(data > 0, self._inflation.reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
         """Fill the rasters of steps to the path, its end in reach, and beyond; return the distance to the goal [m]."""
