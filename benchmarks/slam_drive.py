@@ -1,4 +1,4 @@
-"""Accuracy of SLAM on simulated drives, compared with that of wheel odometry.
+"""Accuracy of SLAM on simulated drives, compared with that of the robot's own odometry.
 
 A robot drives by ground truth to random goals of a world, so that the route does not depend on the estimate. Errors are
 those of the estimated pose, in the frame of the start, over all scans of a drive. Run

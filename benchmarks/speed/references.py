@@ -101,7 +101,7 @@ def advance_in_numpy(
     """Move a robot among things that stand still; see `envs.simulation.kinematic.advance`.
 
     Args:
-        state: shape (9,), as there.
+        state: shape (11,), as there.
         command: twist [m/s, rad/s].
         normals: standard normal draws for the slip of the left and the right wheel.
         period: control period [s].
@@ -111,9 +111,10 @@ def advance_in_numpy(
         circles: shape (m, 3) [m].
 
     Returns:
-        Shape (9,), the state after the period.
+        Shape (11,), the state after the period.
     """
-    x, y, theta, v, w, left_angle, right_angle, _, _ = state.tolist()
+    x, y, theta, v, w, left_angle, right_angle, _, _, _, bias = state.tolist()
+    turned = 0.0
     dt, wheels, assumed = period / substeps, robot.drive, robot.odometry
     target_v = min(max(command[0], -robot.max_v), robot.max_v)
     target_w = min(max(command[1], -robot.max_w), robot.max_w)
@@ -128,10 +129,11 @@ def advance_in_numpy(
         chord = distance * (math.sin(0.5 * turn) / (0.5 * turn) if turn != 0.0 else 1.0)
         c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
         new_x, new_y = _push_out(x + chord * c, y + chord * s, robot.radius, segments, circles) or (x, y)
+        turned += turn
         true_v, true_w = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
         x, y, theta = new_x, new_y, float(wrap_angle(theta + turn))
         left_angle, right_angle = left_angle + float(rates[0]) * dt, right_angle + float(rates[1]) * dt
-    return np.array([x, y, theta, v, w, left_angle, right_angle, true_v, true_w])
+    return np.array([x, y, theta, v, w, left_angle, right_angle, true_v, true_w, turned / period, bias])
 
 
 def _push_out(

@@ -210,7 +210,9 @@ class ImuParams:
     __pydantic_config__ = _STRICT_KEYS
 
     gyro_std: float = 0.0
-    """Standard deviation of the yaw rate [rad/s]."""
+    """Standard deviation of the yaw rate's noise [rad/s]."""
+    gyro_bias_std: float = 0.0
+    """Standard deviation of the yaw rate's bias, which stays the same from reset to reset [rad/s]."""
     has_compass: bool = False
     """Whether the robot has a compass."""
     compass_std: float = 0.0
@@ -219,7 +221,7 @@ class ImuParams:
     """Step to which the heading is rounded [rad]; 0 for none."""
 
     def __post_init__(self) -> None:
-        for field in ("gyro_std", "compass_std", "compass_resolution"):
+        for field in ("gyro_std", "gyro_bias_std", "compass_std", "compass_resolution"):
             _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
 
 

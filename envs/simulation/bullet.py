@@ -73,6 +73,7 @@ class BulletSimulator:
         for robot, pose in zip(self.robots, poses, strict=True):
             robot.reset_pose(pose)
         self._sensors.draw(rngs)
+        self._sensors.draw_biases(self._rows)
         return self._sense()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:

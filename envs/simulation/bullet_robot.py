@@ -10,7 +10,7 @@ from envs.robots import RobotParams, robot_record
 
 from .bullet_bodies import CHASSIS_LINK, WHEEL_LINKS, build_robot
 from .drive import Timing, plan_wheels
-from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, THETA, V, W, X, Y
+from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, V, W, X, Y
 
 _NORMAL_FORCE = 9
 """Entry of a contact point that holds the force between the bodies."""
@@ -26,7 +26,7 @@ class BulletRobot:
     """
 
     def __init__(self, robot: RobotParams, timing: Timing, row: np.ndarray) -> None:
-        """Prepare a robot whose state is written to `row`, shape (9,), float64; see `state`."""
+        """Prepare a robot whose state is written to `row`, shape (11,), float64; see `state`."""
         self._robot, self._drive, self._timing, self._row = robot, robot_record(robot).drive, timing, row
         self._dt = timing.period / timing.substeps
         self._rates, self._slips = np.empty((timing.substeps, 2)), np.empty((timing.substeps, 2))
@@ -59,6 +59,7 @@ class BulletRobot:
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
         self.touched = False
         self.update_state()
+        self._row[MEAN_W] = 0.0
 
     def plan(self, command: tuple[float, float], normals: np.ndarray) -> None:
         """Plan what the wheels do during the next control period.
@@ -102,6 +103,9 @@ class BulletRobot:
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
         theta = math.atan2(rotation[3], rotation[0])
         row = self._row
+        # Headings tell turns up to whole circles; which of them it was the command tells.
+        period, expected = self._timing.period, row[COMMANDED_W]
+        row[MEAN_W] = expected + wrap_angle(theta - row[THETA] - expected * period) / period
         row[X], row[Y], row[THETA] = x, y, wrap_angle(theta)
         row[V], row[W] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
         if self._robot.odometry.open_loop:

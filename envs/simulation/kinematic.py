@@ -19,6 +19,7 @@ from .state import (
     COMMANDED_V,
     COMMANDED_W,
     LEFT_ANGLE,
+    MEAN_W,
     RIGHT_ANGLE,
     STATE_SIZE,
     THETA,
@@ -51,7 +52,7 @@ def advance(state, command, normals, timing, drive, obstacles):
     Wheels keep turning while the robot is held.
 
     Args:
-        state: shape (9,), float64, changed in place; see `state`.
+        state: shape (11,), float64, changed in place; see `state`.
         command: commanded twist (v, w) [m/s, rad/s].
         normals: standard normal draws for the slip of the left and the right wheel.
         timing: `Timing`.
@@ -72,6 +73,7 @@ def advance(state, command, normals, timing, drive, obstacles):
     reached = (state[COMMANDED_V], state[COMMANDED_W])
     state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(reached, command, normals, timing, drive, rates, slips)
     touched = False
+    turned = 0.0
     for step in range(substeps):
         left = (rates[step, 0] + slips[step, 0]) * drive.wheel_radius * dt
         right = (rates[step, 1] + slips[step, 1]) * drive.wheel_radius * dt
@@ -91,9 +93,11 @@ def advance(state, command, normals, timing, drive, obstacles):
         if not free:
             new_x, new_y = x, y
         state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(theta + turn)
+        turned += turn
         state[LEFT_ANGLE] += rates[step, 0] * dt
         state[RIGHT_ANGLE] += rates[step, 1] * dt
         state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
+    state[MEAN_W] = turned / timing.period
     return touched, hits
 
 
@@ -108,7 +112,7 @@ def step_robots(states, commands, normals, uniforms, period, substeps, robot, se
     overlap, and nobody is pushed around.
 
     Args:
-        states: shape (num_robots, 9), float64, changed in place; see `state`.
+        states: shape (num_robots, 11), float64, changed in place; see `state`.
         commands: shape (num_robots, 2), float64: commanded twists [m/s, rad/s].
         normals: as for `sense`.
         uniforms: as for `sense`.
@@ -147,7 +151,7 @@ class KinematicSimulator:
         self.timing = make_timing(record.drive, control_period)
         """How a control period is cut into physics steps."""
         self.rows = np.zeros((num_robots, STATE_SIZE))
-        """Shape (num_robots, 9), float64: the robots' states; see `state`."""
+        """Shape (num_robots, 11), float64: the robots' states; see `state`."""
         self._commands = np.zeros((num_robots, 2))
         self._sensors = Sensors(robot, num_robots)
         self._steps = 0
@@ -171,6 +175,7 @@ class KinematicSimulator:
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
         self._sensors.draw(rngs)
+        self._sensors.draw_biases(self.rows)
         self._sensors.others[:, TOUCHED] = 0.0
         self._sensors.sense(self.rows, world.segments, self.circles)
         return self._sensors.readings(0.0)

@@ -11,7 +11,7 @@ from envs.geometry.raycast import cast_rays
 from envs.robots import RobotParams, pack_robot, robot_record, unpack_robot
 
 from .simulator import Reading
-from .state import LEFT_ANGLE, RIGHT_ANGLE, THETA, W, X, Y
+from .state import GYRO_BIAS, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, X, Y
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
 """Entries of a robot's standard normal draws in a control period; those of the beams follow."""
@@ -81,7 +81,7 @@ def with_peers(circles, states, index, radius):
 
     Args:
         circles: shape (m, 3), float64: (x, y, radius) [m].
-        states: shape (num_robots, 9), float64; see `state`.
+        states: shape (num_robots, 11), float64; see `state`.
         index: of the robot that is left out.
         radius: of the robots' footprints [m].
     """
@@ -96,11 +96,23 @@ def with_peers(circles, states, index, radius):
 
 
 @njit(cache=True, error_model="numpy")
+def measure_yaw_rate(state, normals, imu):
+    """Return what a robot's gyroscope measures in a control period [rad/s].
+
+    Args:
+        state: shape (11,), float64; see `state`.
+        normals: shape (n,), float64, standard normal draws; see `SLIP_LEFT`.
+        imu: `ImuRecord`.
+    """
+    return state[MEAN_W] + state[GYRO_BIAS] + imu.gyro_std * normals[GYRO]
+
+
+@njit(cache=True, error_model="numpy")
 def sense(states, normals, uniforms, robot, segments, circles, ranges, others):
     """Measure what all robots sense, but for contact, which the physics knows.
 
     Args:
-        states: shape (num_robots, 9), float64; see `state`.
+        states: shape (num_robots, 11), float64; see `state`.
         normals: shape (num_robots, 4 + num_beams), float64, standard normal draws.
         uniforms: shape (num_robots, num_beams), float64, uniform draws in [0, 1); (num_robots, 0) without dropout.
         robot: from `pack_robot`.
@@ -116,7 +128,7 @@ def sense(states, normals, uniforms, robot, segments, circles, ranges, others):
         measure_ranges(state, draws[OTHER_NORMALS:], uniforms[k], lidar, segments, visible, ranges[k])
         row[LEFT_TICKS] = math.floor(state[LEFT_ANGLE] * ticks_per_radian)
         row[RIGHT_TICKS] = math.floor(state[RIGHT_ANGLE] * ticks_per_radian)
-        row[YAW_RATE] = state[W] + imu.gyro_std * draws[GYRO]
+        row[YAW_RATE] = measure_yaw_rate(state, draws, imu)
         heading = np.nan
         if imu.has_compass:
             heading = state[THETA] + imu.compass_std * draws[COMPASS]
@@ -134,7 +146,7 @@ class Sensors:
     """
 
     def __init__(self, robot: RobotParams, num_robots: int) -> None:
-        lidar = robot.lidar
+        lidar, self._gyro_bias_std = robot.lidar, robot.imu.gyro_bias_std
         self._robot = pack_robot(robot_record(robot))
         self._shape = num_robots, lidar.num_beams
         self.normals = np.zeros((num_robots, OTHER_NORMALS + lidar.num_beams))
@@ -153,6 +165,14 @@ class Sensors:
             if self.uniforms.size:
                 rng.random(out=self.uniforms[k])
         self.ranges = np.empty(self._shape, dtype=np.float32)
+
+    def draw_biases(self, states: np.ndarray) -> None:
+        """Write each gyroscope's bias of an episode to its state, by the draw that slip leaves unused at a reset.
+
+        Args:
+            states: shape (num_robots, 11), float64; see `state`.
+        """
+        states[:, GYRO_BIAS] = self._gyro_bias_std * self.normals[:, SLIP_LEFT]
 
     def sense(self, states: np.ndarray, segments: np.ndarray, circles: np.ndarray) -> None:
         """Measure everything but contact; see the function of this name for the arguments."""

@@ -29,7 +29,7 @@ class Reading(NamedTuple):
     ticks: tuple[int, int]
     """Cumulative encoder counts of the left and the right wheel."""
     yaw_rate: float
-    """Gyroscope [rad/s]."""
+    """Gyroscope: mean over the control period, as integrated by the robot's own controller [rad/s]."""
     heading: float
     """Compass, in the world frame [rad]; NaN for robots without one."""
     bumper: bool

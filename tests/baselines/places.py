@@ -43,7 +43,7 @@ def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
     return {"scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32), "motion": motion}
 
 
-def reading_of(*, ranges=np.inf, ticks=(0, 0), bumper=False):
+def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False):
     """What a burger's sensors say; `ranges` [m] may be one for all beams."""
     ranges = np.full(BURGER.lidar.num_beams, ranges, dtype=np.float32)
-    return Reading(time=0.0, ranges=ranges, ticks=ticks, yaw_rate=0.0, heading=np.nan, bumper=bumper)
+    return Reading(time=0.0, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)

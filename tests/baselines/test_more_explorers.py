@@ -172,14 +172,14 @@ def test_params_refuse_nonsense(params_type, wrong):
         params_type(**wrong)
 
 
-def reading_of_walls(*, right=np.inf, ahead=np.inf, ticks=(0, 0)):
+def reading_of_walls(*, right=np.inf, ahead=np.inf, yaw_rate=0.0):
     """What a burger sees between a wall parallel to its way and one across it [m]."""
     angles = BURGER.lidar.angles
     with np.errstate(divide="ignore"):
         to_right = np.where(np.sin(angles) < 0, right / -np.sin(angles), np.inf)
         to_front = np.where(np.cos(angles) > 0, ahead / np.cos(angles), np.inf)
     ranges = np.fmin(to_right, to_front)
-    return reading_of(ranges=np.where(ranges > BURGER.lidar.range_max, np.inf, ranges), ticks=ticks)
+    return reading_of(ranges=np.where(ranges > BURGER.lidar.range_max, np.inf, ranges), yaw_rate=yaw_rate)
 
 
 def wall_follower(*, following):
@@ -206,10 +206,8 @@ def test_the_wall_follower_stays_beside_its_wall_and_turns_right_where_it_ends()
 def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     explorer = wall_follower(following=True)
     turn, period = 0.3 * BURGER.max_w, 0.1
-    metres_per_tick = 2.0 * np.pi * BURGER.odometry.wheel_radius / BURGER.odometry.ticks_per_rev
-    ticks = 0.5 * turn * period * BURGER.odometry.track / metres_per_tick
     steps = 0
-    while explorer.act(reading_of_walls(right=1.5, ticks=(round(ticks * steps), round(-ticks * steps))), None).w <= 0.0:
+    while explorer.act(reading_of_walls(right=1.5, yaw_rate=-turn), None).w <= 0.0:
         steps += 1
         assert steps < 200
     # It turns away to the left when it leaves.

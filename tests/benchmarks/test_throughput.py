@@ -18,7 +18,7 @@ from benchmarks.speed.references import advance_in_numpy
 from benchmarks.speed.report import plot_growth
 from benchmarks.speed.results import Effort, Results
 from benchmarks.speed.targets import targets
-from envs.estimation.motion import make_motion_source
+from envs.estimation.motion import WheelMotion
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
@@ -70,7 +70,7 @@ def test_a_box_is_outlined_where_it_stands():
 def drive_both(hall, told_truth, steps):
     """Give NaiveSlam and the project's own SLAM the same scans, motions and draws; return both and the true pose."""
     robot = benchmark_robot()
-    simulator, odometry = make_simulator("kinematic", robot, 0.1), make_motion_source(robot, 0.1)
+    simulator, odometry = make_simulator("kinematic", robot, 0.1), WheelMotion(robot)
     naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not told_truth)
     own = make_slam("truth" if told_truth else "tinyslam", robot.lidar)
     for slam in (naive, own):
@@ -151,7 +151,7 @@ def test_every_kernel_computes_what_its_reference_does(hall):
 
 def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
     robot, circles = benchmark_robot(), hall.world.circles
-    state = np.array([7.86, 0.0, 0.4, 0.22, 0.0, 0.0, 0.0, 0.22, 0.0])
+    state = np.array([7.86, 0.0, 0.4, 0.22, 0.0, 0.0, 0.0, 0.22, 0.0, 0.0, 0.001])
     for _ in range(5):
         expected = advance_in_numpy(state, (0.22, 0.5), (0.3, -1.0), 0.1, 6, robot, hall.world.segments, circles)
         obstacles = Obstacles(hall.world.segments, circles, circles)

@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 
 from envs.estimation.motion import GyroMotion, WheelMotion, make_motion_source
-from envs.geometry import Pose2D
+from envs.geometry import Pose2D, wrap_angle
 from envs.robots import load_robot
-from envs.simulation import Reading
+from envs.simulation import Reading, Twist, make_simulator
+from envs.worlds import World
 
 PERIOD = 0.1
+WALLS = np.array([[-60, -60, 60, -60], [60, -60, 60, 60], [60, 60, -60, 60], [-60, 60, -60, -60]], dtype=float)
+HALL = World("hall", WALLS, np.empty((0, 3)), (Pose2D(0.0, 0.0, 0.0),), (-60.0, -60.0, 60.0, 60.0))
 
 
 @pytest.fixture
@@ -70,3 +73,26 @@ def test_the_robot_says_which_odometry_it_has(robot):
     assert isinstance(make_motion_source(wheels, PERIOD), WheelMotion)
     gyro = replace(robot, odometry=replace(robot.odometry, uses_gyro=True))
     assert isinstance(make_motion_source(gyro, PERIOD), GyroMotion)
+
+
+def test_the_gyroscope_halves_the_drift_of_heading_at_least():
+    """Wheels that slip, over 4 min of driving; with the bias and noise of the library's robot."""
+    robot = load_robot("turtlebot3_burger")
+    sources = GyroMotion(robot, PERIOD), WheelMotion(robot)
+    simulator = make_simulator("kinematic", robot, PERIOD)
+    errors = []
+    for seed in range(8):
+        simulator.reset(HALL, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(seed)])
+        reading, rng = simulator.step([Twist(0.0, 0.0)])[0], np.random.default_rng(seed)
+        for source in sources:
+            source.reset(reading)
+        headings = np.zeros(2)
+        for step in range(2400):
+            if step % 30 == 0:
+                command = Twist(0.2, rng.uniform(-1.0, 1.0))
+            reading = simulator.step([command])[0]
+            headings += [source.update(reading).theta for source in sources]
+        errors.append([wrap_angle(heading - simulator.states[0].pose.theta) for heading in headings])
+    gyro, wheels = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert gyro < 0.5 * wheels
+    assert 0.5 * 240 * robot.imu.gyro_bias_std < gyro < 2.0 * 240 * robot.imu.gyro_bias_std

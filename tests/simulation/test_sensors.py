@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
+from envs.geometry import Pose2D, wrap_angle
 from envs.robots import ImuParams, LidarParams, Mount, load_robot, robot_record
+from envs.simulation import Twist, make_simulator
 from envs.simulation.sensors import TOUCHED, Sensors, disturb_ranges
-from envs.simulation.state import LEFT_ANGLE, RIGHT_ANGLE, STATE_SIZE, THETA, W, X, Y
+from envs.simulation.state import LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, STATE_SIZE, THETA, X, Y
+from envs.worlds import World
 
 BOX = np.array([[-2, -3, 4, -3], [4, -3, 4, 5], [4, 5, -2, 5], [-2, 5, -2, -3]], dtype=float)
 NO_CIRCLES = np.empty((0, 3))
+WORLD = World("box", BOX, NO_CIRCLES, (Pose2D(0.0, 0.0, 0.0),), (-2.0, -3.0, 4.0, 5.0))
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 BURGER = load_robot("turtlebot3_burger")
 
@@ -22,7 +25,7 @@ def read(
 ):
     robot = replace(BURGER, lidar=lidar or LidarParams(num_beams=4, range_max=10.0), imu=imu or ImuParams())
     sensors, rows = Sensors(robot, 1), np.zeros((1, STATE_SIZE))
-    rows[0, [X, Y, THETA, LEFT_ANGLE, RIGHT_ANGLE, W]] = *pose, *angles, yaw_rate
+    rows[0, [X, Y, THETA, LEFT_ANGLE, RIGHT_ANGLE, MEAN_W]] = *pose, *angles, yaw_rate
     sensors.draw([np.random.default_rng(seed)])
     sensors.others[0, TOUCHED] = bumper
     sensors.sense(rows, BOX, circles)
@@ -124,3 +127,48 @@ def test_movers_and_the_bumper_are_reported():
     assert reading.bumper is True
     assert reading.time == 1.5
     assert reading.ranges[2] == pytest.approx(2.5)
+
+
+def test_the_gyroscope_measures_the_mean_yaw_rate_of_the_period(physics):
+    """Its integral is the change of heading, also while the robot speeds up and slips."""
+    robot = replace(BURGER, imu=ImuParams())
+    simulator, world = make_simulator(physics, robot, 0.1), WORLD
+    simulator.reset(world, [ORIGIN], [np.random.default_rng(0)])
+    commands = np.random.default_rng(1)
+    for step in range(60):
+        if step % 5 == 0:
+            command = Twist(*commands.uniform([-0.1, -2.8], [0.1, 2.8]))
+        before = simulator.states[0].pose.theta
+        [reading] = simulator.step([command])
+        turn = wrap_angle(simulator.states[0].pose.theta - before)
+        assert 0.1 * reading.yaw_rate == pytest.approx(turn, abs=1e-9)
+    simulator.close()
+
+
+def test_the_gyroscope_measures_turns_beyond_half_a_circle(physics):
+    robot = replace(BURGER, imu=ImuParams())
+    simulator = make_simulator(physics, robot, 2.0)
+    simulator.reset(WORLD, [ORIGIN], [np.random.default_rng(0)])
+    for _ in range(3):
+        [reading] = simulator.step([Twist(0.0, 2.0)])
+    assert reading.yaw_rate == pytest.approx(2.0, rel=0.02)
+    simulator.close()
+
+
+def test_the_bias_of_the_gyroscope_lasts_from_reset_to_reset(physics):
+    robot = replace(BURGER, imu=ImuParams(gyro_bias_std=0.01))
+    simulator, unbiased = (make_simulator(physics, robot, 0.1) for robot in (robot, replace(robot, imu=ImuParams())))
+    biases = []
+    for seed in range(200):
+        readings = simulator.reset(WORLD, [ORIGIN], [np.random.default_rng(seed)])
+        readings += [simulator.step([Twist(0.0, 0.0)])[0] for _ in range(2)]
+        rates = [reading.yaw_rate for reading in readings]
+        assert np.ptp(rates) < 5e-4  # bullet settles on its wheels
+        biases.append(rates[0])
+    assert np.std(biases) == pytest.approx(0.01, rel=0.15)
+    assert abs(np.mean(biases)) < 0.003
+    same = unbiased.reset(WORLD, [ORIGIN], [np.random.default_rng(199)])[0]
+    np.testing.assert_array_equal(same.ranges, readings[0].ranges)
+    assert same.yaw_rate == 0.0
+    simulator.close()
+    unbiased.close()
