@@ -1,16 +1,16 @@
-"""Classic explorers and the path follower that they drive with."""
+"""Classic explorers."""
 
-from .explore_lite import ExploreLiteExplorer, ExploreLiteParams
 from .explorer import Explorer, Omniscient
-from .frontier import FrontierExplorer, FrontierParams
-from .greedy_gain import GreedyGainExplorer
-from .nearest import NearestExplorer, NearestParams
-from .next_best_view import NextBestViewExplorer, NextBestViewParams
+from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
+from .frontier.greedy_gain import GreedyGainExplorer
+from .frontier.nearest import NearestExplorer, NearestParams
+from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
+from .frontier.tour import TourExplorer, TourParams
+from .frontier.utility import FrontierExplorer, FrontierParams
 from .oracle import OracleExplorer
 from .random import RandomExplorer
 from .rrt.explorer import RrtExplorer
 from .rrt.params import RrtParams
-from .tour import TourExplorer, TourParams
 from .wall_following import WallFollower
 
 EXPLORERS: dict[str, type[Explorer]] = {

@@ -4,9 +4,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from envs.estimation import Belief
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
-from envs.slam import Belief
 from envs.tasks.coverage import Coverage
 
 

@@ -1,4 +1,4 @@
-"""The bound: an explorer that is told the truth, and drives a short tour from which enough of it is seen.
+"""The bound: an explorer that uses ground truth, and drives a short tour from which enough of it is seen.
 
 It plans on the true map and drives over the believed one, completed by the truth where that is unknown, with the
 navigator of the other explorers: what distinguishes it from them is foresight.
@@ -10,18 +10,20 @@ import numpy as np
 
 from baselines.cover_places import find_places
 from baselines.cover_planner import CoverPlanner
-from baselines.goal_explorer import DECISION_PERIOD
-from baselines.navigator import Navigator, Status
-from baselines.nearest import NearestExplorer
-from baselines.senses import Senses
-from baselines.survey import Survey
+from baselines.frontier.nearest import NearestExplorer
 from baselines.true_map import TrueMap
-from envs.navigation import plan_path
+from envs.estimation import Belief
+from envs.geometry import Pose2D
+from envs.geometry.polyline import resample
+from envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
+from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN
+from envs.navigation.tables import costmap_params
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
-from envs.slam import Belief
 from envs.tasks.coverage import Coverage
 
+DECISION_PERIOD = 1.0
+"""Time between two plans of the tour [s]."""
 FIRST_ROUNDS = 300
 """How long the first tour is looked for; see `search_tour`."""
 ROUNDS = 4
@@ -55,17 +57,18 @@ class OracleExplorer:
     @property
     def plan(self) -> np.ndarray | None:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
-        return self._rest.plan if self._is_done or self._coverage is None else self._navigator.plan
+        return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for a new episode; see `Explorer`."""
         self._robot = robot
         self._rng = rng
-        self._navigator = Navigator(robot, control_period, rng)
-        self._senses = Senses(robot, control_period)
+        self._navigator = Navigator(robot, control_period)
         self._rest.reset(robot, control_period, rng)
         self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
         self._countdown = 0
+        self._progress = SPUN
+        self._map: PlanningMap | None = None
         self._coverage = None
         self._planner: CoverPlanner | None = None
         self._goal = -1
@@ -82,35 +85,39 @@ class OracleExplorer:
         """Return the twist; see `Explorer`.
 
         Raises:
-            RuntimeError: the explorer has not been told the truth.
+            RuntimeError: the explorer has not been given the ground truth.
         """
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
-        observation = self._senses.observe(reading)
-        if not self._is_done:
-            self._navigator.sense(observation)
-            self._countdown -= 1
-            is_on_its_way = self._navigator.status is Status.DRIVING and self._countdown > 0
-            if not (self._navigator.is_busy or is_on_its_way):
-                self._countdown = self._decision_steps
-                self._is_done = not self._decide(belief, self._coverage)
         if self._is_done:
-            return self._senses.twist(self._rest._act(observation, belief))
-        return self._senses.twist(self._navigator.act(observation, belief))
+            return self._rest.act(reading, belief)
+        navigator = self._navigator
+        if self._map is None:
+            self._map = PlanningMap(self._robot, belief.grid.resolution)
+            navigator.reset(reading)
+        else:
+            self._progress = navigator.update(reading, belief.pose)
+        self._countdown -= 1
+        is_on_its_way = self._progress in (DRIVING, REPLAN) and self._countdown > 0
+        if not (navigator.is_recovering or is_on_its_way):
+            self._countdown = self._decision_steps
+            self._is_done = not self._decide(belief, self._map, self._coverage)
+            if self._is_done:
+                return self._rest.act(reading, belief)
+        return navigator.command(belief.pose)
 
-    def _decide(self, belief: Belief, coverage: Coverage) -> bool:
+    def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
         """Plan what is left of the tour, and set out for its next stops; False if there are none."""
         num_rounds = ROUNDS
         if self._planner is None:
-            self._planner = self._prepare(coverage)
+            self._planner = self._prepare(planning, coverage)
             num_rounds = FIRST_ROUNDS
-        planner, navigator = self._planner, self._navigator
+        planner = self._planner
         if planner is None:
             return False
         x, y, _ = self._start.compose(belief.pose)
-        completed = Belief(belief.pose, self._truth.complete(belief.grid))
-        surveys = [navigator.survey(completed, tightness) for tightness in range(navigator.max_tightness + 1)]
-        if navigator.status is Status.FAILED and planner.stops:
+        planning.update(self._truth.complete(belief.grid), None)
+        if self._progress == FAILED and planner.stops:
             planner.leave_out(planner.stops[0])
         for place in np.flatnonzero(np.hypot(*(planner.places.points - (x, y)).T) < ARRIVED):
             planner.use_up(int(place), coverage.explored)
@@ -120,21 +127,21 @@ class OracleExplorer:
             if not planner.stops:
                 return False
             stop = planner.stops[0]
-            if navigator.status is Status.REACHED and self._goal == stop:
+            if self._progress == REACHED and self._goal == stop:
                 planner.use_up(stop, coverage.explored)
-            elif self._set_out(planner, surveys):
+            elif self._set_out(planner, planning, belief.pose):
                 return True
             else:
                 planner.leave_out(stop)
 
-    def _prepare(self, coverage: Coverage) -> CoverPlanner | None:
-        """Spread places over the true map, for a smaller footprint if the whole one does not get around enough."""
-        truth = Belief(self._start, coverage.area.walls)
+    def _prepare(self, planning: PlanningMap, coverage: Coverage) -> CoverPlanner | None:
+        """Spread viewpoints over the true map, for a smaller footprint if the whole one does not get around enough."""
         # The robot counts as having arrived a little before.
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
-        first = None
-        for tightness in range(self._navigator.max_tightness + 1):
-            places = find_places(self._navigator.survey(truth, tightness).costmap, (x, y))
+        walls, first = crop_to_known(coverage.area.walls), None
+        for tables in planning.tables:
+            costmap = make_costmap(walls, costmap_params(planning.params, tables.robot_radius))
+            places = find_places(costmap, (x, y))
             if places is None:
                 continue
             planner = CoverPlanner(coverage.area, places, reach, self._target_coverage, self._rng)
@@ -143,28 +150,27 @@ class OracleExplorer:
             first = first or planner
         return first
 
-    def _set_out(self, planner: CoverPlanner, surveys: list[Survey]) -> bool:
-        """Drive on along the tour; False if there is no way."""
-        pose = self._start.compose(surveys[0].pose)
-        places = planner.next_places(pose.x, pose.y, LOOKAHEAD)
+    def _set_out(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
+        """Drive on along the tour; False if there is no path."""
+        x, y, _ = self._start.compose(pose)
+        places = planner.next_places(x, y, LOOKAHEAD)
         points = [(float(x), float(y)) for x, y in self._start.inverse().transform(planner.places.points[places])]
-        for tightness, survey in enumerate(surveys):
-            path = plan_path(survey.costmap, survey.pose[:2], points[0], tolerance=GOAL_TOLERANCE)
+        for level in range(planning.max_level + 1):
+            costmap = planning.costmap(level, pose, self._navigator.obstacles)
+            path = plan_path(costmap, pose[:2], points[0], tolerance=GOAL_TOLERANCE)
             if path is None:
                 continue
             goal = places[0]
             for place, point in zip(places[1:], points[1:]):
                 corner = float(path[-1, 0]), float(path[-1, 1])
-                more = plan_path(survey.costmap, corner, point, tolerance=GOAL_TOLERANCE)
+                more = plan_path(costmap, corner, point, tolerance=GOAL_TOLERANCE)
                 if more is None or _turn(path, more) > SHARP_TURN:
                     break
                 path = np.concatenate([path, more[1:]])
                 goal = place
-            if goal == self._goal and self._navigator.status is Status.DRIVING:
-                # The clocks that tell when the robot is stuck go on.
-                self._navigator.follow(path)
-            else:
-                self._navigator.drive_to((float(path[-1, 0]), float(path[-1, 1])), path, tightness=tightness)
+            # The clocks that tell when the robot is stuck go on where the goal is the same.
+            is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
+            self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
             self._goal = goal
             return True
         return False

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from envs.estimation import Belief
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
-from envs.slam import Belief
 
 
 class RandomExplorer:

@@ -1,5 +1,6 @@
 """Costmaps, frontiers and path planning on what the robot believes."""
 
+from .candidate_features import FEATURES, Candidates
 from .checks import check_goal, is_path_valid
 from .costmap import (
     COST_FREE,
@@ -13,11 +14,15 @@ from .costmap import (
     make_costmap,
 )
 from .dwb import DwbParams, DwbPlanner
+from .frontier_navigator import FrontierNavigator
 from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
 from .layers import LayeredCostmap, ObstacleParams
 from .local_planner import LocalPlanner
+from .navigator import Navigator
 from .obstacles import free_distance, mark_missing
+from .params import NavigatorParams, PlanningParams
 from .paths import TravelField, plan_path, travel_field
+from .planning_map import PlanningMap
 from .pursuit import FollowerParams
 from .smoothing import smooth_path
 from .viewpoints import cheapest_view
@@ -28,14 +33,21 @@ __all__ = [
     "COST_LETHAL",
     "COST_MAX_FREE",
     "COST_UNKNOWN",
+    "FEATURES",
+    "Candidates",
     "Costmap",
     "CostmapParams",
     "DwbParams",
     "DwbPlanner",
     "FollowerParams",
+    "FrontierNavigator",
     "LayeredCostmap",
     "LocalPlanner",
+    "Navigator",
+    "NavigatorParams",
     "ObstacleParams",
+    "PlanningMap",
+    "PlanningParams",
     "TravelField",
     "cheapest_view",
     "check_goal",

@@ -1,9 +1,11 @@
-"""The search for cheapest ways over a costmap: A* to one goal, Dijkstra's to everywhere.
+"""The search for cheapest paths over a costmap: A* to one goal, Dijkstra's algorithm to everywhere.
 
-Lengths are integers, so that equal ways are equal exactly, ties break the same way everywhere, and a reference
+Lengths are integers, so that equal paths are equal exactly, ties break the same way everywhere, and a reference
 implementation must agree to the last unit: a straight step over a free cell measures `70 * 16`, a diagonal one
 `99 * 16` (99/70 is the root of two to 5e-5).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,7 +31,7 @@ for _k in range(8):
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 """Travel cost of cells that cannot be reached."""
 COST_WEIGHT = 3.0
-"""How many times its length a step over the dearest free cell costs more than one over a free one."""
+"""How many times its length a step over a free cell of the highest cost costs more than one over a free one."""
 NUM_BUCKETS = 1 << 15
 """Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
 BUCKET_SHIFT = 8
@@ -55,22 +57,158 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _octile(d_row, d_col):
-    """Return the length of the shortest way over free cells."""
+def octile(d_row, d_col):
+    """Return the length of the shortest path over free cells."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
-@njit(cache=True, error_model="numpy")
-def search(costs, weights, start_row, start_col, goal_row, goal_col):
-    """Spread from a start until the goal is reached, or everywhere where `goal_row` is negative.
+class Expansion(NamedTuple):
+    """Where a search stands. Arrays over the raster are flat, with a border of one cell."""
 
-    A robot that stands where its footprint touches something may walk on through such cells until it is out of them,
+    travel: np.ndarray
+    """Shape ((height + 2) * (width + 2),), int32: travel costs, `UNREACHED` where the search has not come."""
+    predecessor: np.ndarray
+    """Same shape, uint8: index into `STEPS` of the step that led into a cell."""
+    heads: np.ndarray
+    """Shape (NUM_BUCKETS,), int32: first entry of each bucket of the queue, -1 for none."""
+    counters: np.ndarray
+    """Shape (4,), int64: level (total of the current bucket), number of entries so far, entries waiting in the queue,
+    and whether the search started in a lethal cell."""
+
+    @classmethod
+    def of(cls, height: int, width: int) -> "Expansion":
+        """Return a search over a raster that has not begun."""
+        return _new_expansion(height, width)
+
+
+LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
+
+
+@njit(cache=True, error_model="numpy")
+def _new_expansion(height, width):
+    size = (height + 2) * (width + 2)
+    travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
+    return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
+
+
+@njit(cache=True, error_model="numpy")
+def begin(expansion, entries, stride, row, col, starts_inside, level):
+    """Start a search over, in time that grows with what the last one has reached.
+
+    Args:
+        expansion: `Expansion`, written.
+        entries: shape (n, 2), int32, n > 0: of each entry of the last search's queue its cell; written.
+        stride: width of the raster and its border.
+        row: row of the start.
+        col: column of the start.
+        starts_inside: whether the start is lethal.
+        level: total of the start.
+    """
+    travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
+    for k in range(counters[NUM_ENTRIES]):
+        node = np.uint32(entries[k, 0])
+        travel[node] = UNREACHED
+        predecessor[node] = NO_STEP
+    expansion.heads[:] = -1
+    start = (row + 1) * stride + col + 1
+    travel[start] = 0
+    entries[0, 0], entries[0, 1] = start, -1
+    expansion.heads[level & (NUM_BUCKETS - 1)] = 0
+    counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING], counters[STARTS_INSIDE] = level, 1, 1, starts_inside
+
+
+@njit(cache=True, error_model="numpy")
+def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
+    """Go on with a search until the goal is reached, or all cells that cost at most `limit`.
+
+    A robot that stands where its footprint touches something may drive on through such cells until it is out of them,
     and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
-    buckets, one per estimated total, last in first out, so that ties go to the way that has come farthest; twice to
+    buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest; twice to
     three times as fast here as a binary heap. Where all cells around one cost the same, only steps that lead onward are
     tried: the pruning of jump point search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps",
-    2011), which halves the entries of the queue. What the rest would find is found from the cell before, no dearer.
+    2011), which halves the entries of the queue. What the rest would find is found from the cell before, at no higher
+    cost.
+
+    Args:
+        expansion: `Expansion`, written.
+        entries: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written.
+        open_weights: shape ((height + 2) * (width + 2),), uint8: weights of the cells; 0 in the border.
+        stride: width of the raster and its border.
+        touching: weight of cells where the footprint touches an obstacle.
+        goal: (row, column), (-1, -1) for none.
+        limit: travel cost up to which cells become final.
+
+    Returns:
+        `entries`, or a larger array in its place; and the next `counters`.
+    """
+    travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
+    goal_row, goal_col = goal
+    has_goal = goal_row >= 0
+    around = np.zeros(8, dtype=np.int32)
+    jumps = np.array([d_row * np.int64(stride) + d_col for d_row, d_col in STEPS])
+    shift = 0 if has_goal else BUCKET_SHIFT
+    level, num_entries, num_waiting = counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING]
+    starts_inside = counters[STARTS_INSIDE] == 1
+    while num_waiting > 0:
+        while heads[np.uint32(level & (NUM_BUCKETS - 1))] < 0:
+            level += 1
+        if level > limit >> shift:
+            break
+        bucket = np.uint32(level & (NUM_BUCKETS - 1))
+        entry = heads[bucket]
+        heads[bucket] = entries[entry, 1]
+        num_waiting -= 1
+        node = np.uint32(entries[entry, 0])
+        here = travel[node]
+        row, col = np.int32(node // stride) - 1, np.int32(node % stride) - 1
+        if (here + (octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
+            # A cheaper path has come to this cell since it was queued.
+            continue
+        if has_goal and row == goal_row and col == goal_col:
+            break
+        escaping = open_weights[node] == touching or (starts_inside and travel[node] == 0)
+        is_uniform = True
+        for k in range(8):
+            weight = open_weights[np.uint32(node + jumps[k])]
+            around[k] = 0 if weight == touching and not escaping else weight
+            is_uniform &= weight == open_weights[node]
+        tried = ONWARD[predecessor[node]] if is_uniform else ALL_STEPS
+        for k in range(8):
+            if (tried >> k) & 1 == 0 or around[k] == 0 or (k >= 4 and (around[k - 4] == 0 or around[(k - 3) & 3] == 0)):
+                continue
+            neighbour = np.uint32(node + jumps[k])
+            there = here + around[k] * (STRAIGHT if k < 4 else DIAGONAL)
+            if there >= travel[neighbour]:
+                continue
+            travel[neighbour] = there
+            predecessor[neighbour] = k
+            if has_goal:
+                d_row, d_col = STEPS[k]
+                there += octile(row + d_row - goal_row, col + d_col - goal_col)
+            if num_entries == entries.shape[0]:
+                entries = np.concatenate((entries, np.empty_like(entries)))
+            bucket = np.uint32((there >> shift) & (NUM_BUCKETS - 1))
+            entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
+            heads[bucket] = num_entries
+            num_entries += 1
+            num_waiting += 1
+    return entries, level, num_entries, num_waiting
+
+
+@njit(cache=True, error_model="numpy")
+def expand(expansion, entries, open_weights, stride, touching, goal, limit):
+    """Go on with a search; see `_expand`. Returns `entries`, or a larger array in its place."""
+    # Written here, and not there: LLVM drops these stores behind the loop of `_expand`.
+    entries, level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
+    counters = expansion.counters
+    counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
+    return entries
+
+
+@njit(cache=True, error_model="numpy")
+def search(costs, weights, start_row, start_col, goal_row, goal_col):
+    """Spread from a start until the goal is reached, or everywhere where `goal_row` is negative; see `expand`.
 
     Args:
         costs: shape (height, width), uint8.
@@ -82,7 +220,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
 
     Returns:
         Travel costs, shape (height + 2, width + 2), int32, and the index into `STEPS` of the step that led to each
-        cell, same shape, uint8; both with a border of one cell. Final along the way to the goal.
+        cell, same shape, uint8; both with a border of one cell. Final along the path to the goal.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)
@@ -90,63 +228,11 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     for r in range(height):
         for c in range(width):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
-    touching = np.uint8(weights[COST_INSCRIBED])
-    travel = np.full(open_weights.size, UNREACHED, dtype=np.int32)
-    came_by = np.full(open_weights.size, NO_STEP, dtype=np.uint8)
-    heads = np.full(NUM_BUCKETS, -1, dtype=np.int32)
-    # Of each entry of the queue its cell, and the next entry in its bucket.
+    expansion = _new_expansion(height, width)
     entries = np.empty((open_weights.size, 2), dtype=np.int32)
-    has_goal = goal_row >= 0
+    level = octile(goal_row - start_row, goal_col - start_col) if goal_row >= 0 else 0
     starts_inside = costs[start_row, start_col] == COST_LETHAL
-    around = np.zeros(8, dtype=np.int32)
-    jumps = np.array([d_row * (width + 2) + d_col for d_row, d_col in STEPS])
-
-    shift = 0 if has_goal else BUCKET_SHIFT
-    start = (start_row + 1) * stride + start_col + 1
-    travel[start] = 0
-    level = _octile(goal_row - start_row, goal_col - start_col) if has_goal else 0
-    entries[0, 0], entries[0, 1] = start, -1
-    heads[level & (NUM_BUCKETS - 1)] = 0
-    num_entries = num_waiting = 1
-    while num_waiting > 0:
-        while heads[np.uint32(level & (NUM_BUCKETS - 1))] < 0:
-            level += 1
-        bucket = np.uint32(level & (NUM_BUCKETS - 1))
-        entry = heads[bucket]
-        heads[bucket] = entries[entry, 1]
-        num_waiting -= 1
-        node = np.uint32(entries[entry, 0])
-        here = travel[node]
-        row, col = np.int32(node // stride) - 1, np.int32(node % stride) - 1
-        if (here + (_octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
-            # A cheaper way has come to this cell since it was queued.
-            continue
-        if has_goal and row == goal_row and col == goal_col:
-            break
-        escaping = open_weights[node] == touching or (starts_inside and travel[node] == 0)
-        is_uniform = True
-        for k in range(8):
-            weight = open_weights[np.uint32(node + jumps[k])]
-            around[k] = 0 if weight == touching and not escaping else weight
-            is_uniform &= weight == open_weights[node]
-        tried = ONWARD[came_by[node]] if is_uniform else ALL_STEPS
-        for k in range(8):
-            if (tried >> k) & 1 == 0 or around[k] == 0 or (k >= 4 and (around[k - 4] == 0 or around[(k - 3) & 3] == 0)):
-                continue
-            neighbour = np.uint32(node + jumps[k])
-            there = here + around[k] * (STRAIGHT if k < 4 else DIAGONAL)
-            if there >= travel[neighbour]:
-                continue
-            travel[neighbour] = there
-            came_by[neighbour] = k
-            if has_goal:
-                d_row, d_col = STEPS[k]
-                there += _octile(row + d_row - goal_row, col + d_col - goal_col)
-            if num_entries == entries.shape[0]:
-                entries = np.concatenate((entries, np.empty_like(entries)))
-            bucket = np.uint32((there >> shift) & (NUM_BUCKETS - 1))
-            entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
-            heads[bucket] = num_entries
-            num_entries += 1
-            num_waiting += 1
-    return travel.reshape(height + 2, width + 2), came_by.reshape(height + 2, width + 2)
+    begin(expansion, entries, stride, start_row, start_col, starts_inside, level)
+    touching = np.uint8(weights[COST_INSCRIBED])
+    expand(expansion, entries, open_weights, stride, touching, (goal_row, goal_col), np.int64(UNREACHED))
+    return expansion.travel.reshape(height + 2, width + 2), expansion.predecessor.reshape(height + 2, width + 2)

@@ -3,14 +3,13 @@
 import numpy as np
 
 from baselines.survey import Survey
+from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams
+from envs.navigation import CostmapParams, FrontierNavigator
 from envs.robots import load_robot
 from envs.simulation import Reading
-from envs.slam import Belief
 
 BURGER = load_robot("turtlebot3_burger")
-NO_CELLS = np.empty((0, 2), dtype=np.int32)
 
 
 def hall():
@@ -25,17 +24,26 @@ def hall():
     return OccupancyGrid(data, 0.05, (-1.5, -4.0))
 
 
+def corridor(*unknown, length=400):
+    """A corridor of 2 m x 20 m, closed all around, with unknown cells in it.
+
+    Args:
+        unknown: (first column, last column) of each stretch of half its width that is unknown.
+        length: columns.
+    """
+    data = np.full((44, length), 100, dtype=np.int8)
+    data[2:42, 2 : length - 2] = 0
+    for first, last in unknown:
+        data[22:42, first : last + 1] = -1
+    return OccupancyGrid(data, 0.05, (0.0, -1.1))
+
+
 def belief_at(x, y, grid=None):
-    return Belief(Pose2D(x, y, 0.0), grid or hall(), NO_CELLS)
+    return Belief(Pose2D(x, y, 0.0), grid or hall())
 
 
 def survey_from(x, y, grid=None):
     return Survey(belief_at(x, y, grid), CostmapParams(0.155, 0.6, 4.0))
-
-
-def chosen_by(explorer, survey):
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    return explorer._choose(survey)
 
 
 def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
@@ -43,7 +51,24 @@ def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
     return {"scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32), "motion": motion}
 
 
-def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False):
-    """What a burger's sensors say; `ranges` [m] may be one for all beams."""
-    ranges = np.full(BURGER.lidar.num_beams, ranges, dtype=np.float32)
-    return Reading(time=0.0, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)
+def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=0.0, robot=BURGER):
+    """What a robot's sensors say; `ranges` [m] may be one for all beams."""
+    ranges = np.full(robot.lidar.num_beams, ranges, dtype=np.float32)
+    return Reading(time=time, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)
+
+
+def candidates_from(x, y, grid=None, **settings):
+    """What there is to choose from at a position."""
+    navigator = FrontierNavigator(BURGER, 0.1, **settings)
+    navigator.begin(reading_of(), belief_at(x, y, grid))
+    return navigator.candidates
+
+
+def first_choice(explorer, x, y, grid=None):
+    """The frontier (x, y) that a `RuleExplorer` goes to first from a position; None if it finds nothing."""
+    candidates = candidates_from(x, y, grid, max_candidates=explorer.max_candidates, planning=explorer.planning)
+    if len(candidates) == 0:
+        return None
+    if hasattr(explorer.rule, "reset"):
+        explorer.rule.reset(BURGER, np.random.default_rng(0))
+    return tuple(candidates.frontiers[explorer.rule(candidates, belief_at(x, y, grid))].tolist())

@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 
-from baselines.open_tour import best_tours, tour_length
+from baselines.frontier.open_tour import best_tours, tour_length
 
 
 def random_lengths(rng, num_stops):

@@ -45,25 +45,31 @@ def _count_visible(data, row, col, reach, seen):
 
 
 @njit(cache=True, error_model="numpy")
-def _gains(data, places, reach):
-    seen = np.zeros(data.shape, dtype=np.bool_)
-    counts = np.empty(places.shape[0], dtype=np.int64)
-    for k in range(places.shape[0]):
-        counts[k] = _count_visible(data, places[k, 0], places[k, 1], reach, seen)
+def _gains(data, cells, reach):
+    counts = np.empty(cells.shape[0], dtype=np.int64)
+    window = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int8)
+    seen = np.zeros(window.shape, dtype=np.bool_)
+    height, width = data.shape
+    for k in range(cells.shape[0]):
+        row, col = cells[k]
+        window[:] = -1
+        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+                window[r - row + reach, c - col + reach] = data[r, c]
+        counts[k] = _count_visible(window, reach, reach, reach, seen)
     return counts
 
 
-def visible_gains(grid: OccupancyGrid, places: np.ndarray, max_range: float) -> np.ndarray:
-    """Tell how much unknown area lies in view of places: behind nothing occupied, the unknown itself taken for free.
+def visible_gains(grid: OccupancyGrid, points: np.ndarray, max_range: float) -> np.ndarray:
+    """Tell how much unknown area lies in view of points: behind nothing occupied, the unknown itself taken for free.
 
     Args:
         grid: the map. What lies beyond its edge is unknown, too.
-        places: shape (n, 2), int64, (row, column).
+        points: shape (n, 2), float64, (x, y) [m].
         max_range: how far is looked [m].
 
     Returns:
         Shape (n,), float64 [m2].
     """
-    reach = round(max_range / grid.resolution)
-    data = np.pad(grid.data, reach, constant_values=-1)
-    return _gains(data, np.ascontiguousarray(places) + reach, reach) * grid.resolution**2
+    gains: np.ndarray = _gains(grid.data, grid.cells(points), round(max_range / grid.resolution))
+    return gains * grid.resolution**2

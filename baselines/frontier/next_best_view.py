@@ -1,0 +1,77 @@
+"""A next-best-view planner: sampled viewpoints, ray-cast gain, discounted by the length of the path.
+
+The utility of a view is that of Bircher, Kamel, Alexis, Oleynikova, Siegwart, "Receding Horizon 'Next-Best-View'
+Planner for 3D Exploration" (2016): `gain * exp(-discount * length)`. Views are sampled where they can gain anything,
+from the candidates along frontiers, in place of a tree.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baselines.frontier.explorer import COMMITTED, RuleExplorer, least
+from baselines.frontier.nearest import CELL
+from baselines.frontier.visible_gain import visible_gains
+from envs.estimation import Belief
+from envs.navigation import Candidates, PlanningParams
+from envs.robots import RobotParams
+
+SPACING = 1.0
+"""Frontiers longer than this have several viewpoints [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class NextBestViewParams:
+    """How to sample views and to value them."""
+
+    num_samples: int = 40
+    """Viewpoints that are valued at most, drawn from all candidates."""
+    discount: float = 0.5
+    """Rate at which a gain loses its value along the way [1/m] (the paper's lambda)."""
+    max_range: float = 8.0
+    """How far a view is taken to reach at most, where the lidar sees farther [m]."""
+    sizes: tuple[int, ...] = (8, 3)
+    """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
+    reached."""
+
+    def __post_init__(self) -> None:
+        if self.num_samples < 1:
+            raise ValueError(f"num_samples must be at least 1, got {self.num_samples}")
+        if not self.discount >= 0:
+            raise ValueError(f"discount must not be negative, got {self.discount}")
+        if not self.max_range > 0:
+            raise ValueError(f"max_range must be positive, got {self.max_range}")
+        if not self.sizes or min(self.sizes) < 1:
+            raise ValueError(f"sizes must be at least 1, got {self.sizes}")
+
+
+class NextBestView:
+    """Takes the view that promises most per length of path."""
+
+    def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
+        """Make a rule with the given parameters."""
+        self._params = params
+
+    def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
+        """Prepare for an episode."""
+        self._range = min(robot.lidar.range_max, self._params.max_range)
+        self._rng = rng
+
+    def __call__(self, candidates: Candidates, belief: Belief) -> int:
+        """Return the choice."""
+        values, drawn = np.full(len(candidates), np.inf), np.arange(len(candidates))
+        if len(drawn) > self._params.num_samples:
+            drawn = np.sort(self._rng.choice(drawn, self._params.num_samples, replace=False))
+        gains = visible_gains(candidates.costmap.grid, candidates.viewpoints[drawn], self._range)
+        # The logarithm orders alike and does not underflow at the far end of a large world.
+        values[drawn] = self._params.discount * candidates.costs[drawn] - np.log(np.maximum(gains, 1e-9))
+        return least(values, candidates)
+
+
+class NextBestViewExplorer(RuleExplorer):
+    """Goes to the view that promises most per length of path."""
+
+    def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
+        """Make an explorer with the given parameters."""
+        planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
+        super().__init__(NextBestView(params), max_time=COMMITTED, planning=planning)

@@ -1,0 +1,155 @@
+"""A tour planner in TARE's manner: viewpoints over the frontiers, a short tour past them, its first stop is the goal.
+
+After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021.
+One level of tour over the nearest viewpoints takes the place of its two; the path past all that is left still decides
+what comes first, so that no dead end is left behind for which the robot would have to return. Small frontiers wait
+until there are no larger ones: they rarely show enough to be worth a turn.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from baselines.frontier.explorer import RuleExplorer
+from baselines.frontier.nearest import CELL
+from baselines.frontier.open_tour import best_tours
+from envs.estimation import Belief
+from envs.geometry import OccupancyGrid
+from envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
+from envs.robots import RobotParams
+
+FAR = 1e4
+"""Length that stands for no path between two stops [m]."""
+MARGIN = 10.0
+"""Paths between stops keep within this distance of the rectangle around them [m]."""
+SPACING = 1.0
+"""Frontiers longer than this have several viewpoints to choose stops from [m]."""
+MAX_CANDIDATES = 64
+"""Candidates that stops are chosen from, the cheapest to get to."""
+PERIOD = 2.0
+"""Time between two tours [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TourParams:
+    """How to place viewpoints and to keep to a tour."""
+
+    sizes: tuple[int, ...] = (16, 8, 3)
+    """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
+    reached. A corner that furniture hides has few, is worth little, and lies on the way later as often as not."""
+    cover: float = 0.4
+    """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
+    max_cover: float = 3.0
+    """...and at most this far [m]."""
+    max_stops: int = 16
+    """Viewpoints that the tour leads past: the ones that are cheapest to get to."""
+    hysteresis: float = 1.0
+    """How much shorter a tour must be for the robot to turn away from the frontier that it is going to see [m]."""
+
+    def __post_init__(self) -> None:
+        if not self.sizes or min(self.sizes) < 1:
+            raise ValueError(f"sizes must be at least 1, got {self.sizes}")
+        if not self.max_stops >= 1:
+            raise ValueError(f"max_stops must be at least 1, got {self.max_stops}")
+        for name in ("cover", "max_cover", "hysteresis"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+
+
+class Tour:
+    """Takes the first stop of a short tour past the frontiers."""
+
+    def __init__(self, params: TourParams = TourParams()) -> None:
+        """Make a rule with the given parameters."""
+        self._params = params
+
+    def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
+        """Prepare for an episode."""
+        self._cover = min(self._params.cover * robot.lidar.range_max, self._params.max_cover)
+        self._last: np.ndarray | None = None
+
+    def __call__(self, candidates: Candidates, belief: Belief) -> int:
+        """Return the choice."""
+        stops = self._stops(candidates)
+        _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates.viewpoints[stops]))
+        if self._last is not None:
+            gaps = np.hypot(*(candidates.frontiers[stops] - self._last).T)
+            same = int(np.argmin(gaps))
+            if gaps[same] <= self._cover:
+                totals[same] -= self._params.hysteresis
+        choice = int(stops[np.argmin(totals)])
+        self._last = candidates.frontiers[choice]
+        return choice
+
+    def _stops(self, candidates: Candidates) -> np.ndarray:
+        """Cover the frontiers with candidates, one after the other; those that failed only where there is nothing else.
+
+        Returns:
+            Shape (n,), int64: indices of the stops.
+        """
+        left = candidates.failures == candidates.failures.min()
+        stops: list[int] = []
+        for k in range(len(candidates)):
+            if left[k] and len(stops) < self._params.max_stops:
+                stops.append(k)
+                gaps = np.hypot(*(candidates.frontiers - candidates.frontiers[k]).T)
+                left[(candidates.groups == candidates.groups[k]) & (gaps <= self._cover)] = False
+        return np.array(stops)
+
+
+class TourExplorer(RuleExplorer):
+    """Goes to the first stop of a short tour past the frontiers."""
+
+    def __init__(self, params: TourParams = TourParams()) -> None:
+        """Make an explorer with the given parameters."""
+        planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
+        super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
+
+
+def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
+    """Measure the paths between a start (index 0) and all stops.
+
+    Cells as large as the robot's radius do for that, and take a tenth of the time. A cell is open where any part of it
+    is. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
+    narrow may count as one.
+
+    Args:
+        costmap: where they are.
+        start: (x, y) [m].
+        stops: shape (n, 2), float64 [m].
+
+    Returns:
+        Shape (n + 1, n + 1), float64, symmetric, finite [m].
+    """
+    points = np.vstack([start, stops])
+    coarse = pool(crop(costmap, points, MARGIN))
+    cells = coarse.grid.cells(points)
+    lengths = np.zeros((len(points), len(points)))
+    for k in range(len(points) - 1):
+        field = travel_field(coarse, (float(points[k, 0]), float(points[k, 1])))
+        paths = np.full(len(points) - k - 1, np.inf) if field is None else field.cost(cells[k + 1 :])
+        lengths[k, k + 1 :] = lengths[k + 1 :, k] = paths
+    return np.minimum(lengths, FAR)
+
+
+def crop(costmap: Costmap, points: np.ndarray, margin: float) -> Costmap:
+    """Return the part of a costmap within `margin` [m] of the rectangle around points, shape (n, 2) [m]."""
+    grid = costmap.grid
+    reach = math.ceil(margin / grid.resolution)
+    cells = grid.cells(points)
+    top, left = np.maximum(cells.min(axis=0) - reach, 0)
+    bottom, right = cells.max(axis=0) + reach + 1
+    origin = grid.origin[0] + left * grid.resolution, grid.origin[1] + top * grid.resolution
+    part = OccupancyGrid(grid.data[top:bottom, left:right], grid.resolution, origin)
+    return Costmap(costmap.costs[top:bottom, left:right], part, costmap.params)
+
+
+def pool(costmap: Costmap) -> Costmap:
+    """Return a costmap of cells as large as the robot's radius, each with the cost of its cheapest part."""
+    size = max(1, int(costmap.params.robot_radius / costmap.grid.resolution))
+    height, width = costmap.costs.shape
+    padded = np.pad(costmap.costs, ((0, -height % size), (0, -width % size)), constant_values=COST_UNKNOWN)
+    costs = padded.reshape(padded.shape[0] // size, size, -1, size).min(axis=(1, 3))
+    grid = OccupancyGrid(np.zeros(costs.shape, dtype=np.int8), size * costmap.grid.resolution, costmap.grid.origin)
+    return Costmap(costs, grid, costmap.params)

@@ -1,0 +1,254 @@
+"""The frontier explorer of the warehouse AGV report, 2024: DBSCAN, clearance, utility, blacklist, progress.
+
+The report: "Hệ thống AGV tự động khám phá map cho smart warehouse".
+
+Where the report leaves something open, the program that it describes decides: DBSCAN's `min_samples` is the least
+frontier size, the radius of the information gain is scaled by the map's diagonal over 20 m (at most doubled), and a
+blacklist that covers too much forgets its oldest two thirds. Candidates are what a path leads to, which the report asks
+Nav2 for one by one. A robot that is stuck gives its goal up: that cancels the path, blacklists the goal, and the next
+one is chosen at once. Two things had to be settled anew:
+
+- *Share explored.* The report divides the free cells by all cells of the map, and its map ends where observations end.
+  Ours grows ahead of them, so the rectangle around everything observed takes the place of the map.
+- *Starvation.* The report's distances suit a warehouse; in a small world nothing passes its filters. When no candidate
+  is left, the filters are relaxed step by step (`RELAXED`), and the last step takes whatever there is.
+"""
+
+import logging
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from sklearn.cluster import DBSCAN
+
+from baselines.frontier.explorer import COMMITTED, RuleExplorer
+from baselines.frontier.nearest import CELL
+from envs.estimation import Belief
+from envs.geometry import OccupancyGrid
+from envs.navigation import Candidates, count_unknown, crop_to_known
+from envs.navigation.frontiers import FREE_BELOW
+from envs.robots import RobotParams
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class FrontierParams:
+    """Defaults: `exploration_params.yaml` of the report, section 3.3.1."""
+
+    cluster_tolerance: float = 0.5
+    """Distance up to which DBSCAN counts frontier cells as neighbours [m]."""
+    min_frontier_size: int = 8
+    """Frontier cells of 5 cm that make a cluster dense."""
+    min_frontier_size_final: int = 3
+    """The same once `adaptive_threshold` is passed."""
+    adaptive_threshold: float = 0.7
+    """Share explored from which small frontiers count too."""
+    obstacle_clearance: float = 0.5
+    """Least distance of a cluster's centroid from obstacles [m]."""
+    obstacle_above: int = 50
+    """Occupancy above which a cell is an obstacle for the clearance [percent]."""
+    information_gain_radius: float = 2.0
+    """Radius around a centroid in which unknown cells are counted [m]."""
+    scale_radius_with_map: bool = True
+    """Whether that radius is multiplied by the map's diagonal over 20 m, at most by 2."""
+    min_goal_distance: float = 1.2
+    """Least distance of a goal from the robot [m]."""
+    goal_tolerance: float = 0.3
+    """How far from a centroid the robot may stand to look at it (planner's tolerance, section 3.3.2) [m]."""
+    blacklist_radius: float = 1.2
+    """Goals this near to one that failed are left out [m]."""
+    max_blacklist_size: int = 25
+    """Failed goals that are remembered."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.min_frontier_size_final <= self.min_frontier_size:
+            sizes = f"{self.min_frontier_size_final} for {self.min_frontier_size}"
+            raise ValueError(f"min_frontier_size_final must lie in [1, min_frontier_size], got {sizes}")
+        if not 0 <= self.adaptive_threshold <= 1:
+            raise ValueError(f"adaptive_threshold must lie in [0, 1], got {self.adaptive_threshold}")
+        if not 0 <= self.obstacle_above < 100:
+            raise ValueError(f"obstacle_above must lie in [0, 100), got {self.obstacle_above}")
+        for name in ("cluster_tolerance", "information_gain_radius"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("obstacle_clearance", "min_goal_distance", "goal_tolerance", "blacklist_radius"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if self.max_blacklist_size < 1:
+            raise ValueError(f"max_blacklist_size must be at least 1, got {self.max_blacklist_size}")
+
+    def relaxed(self, step: int) -> "FrontierParams":
+        """Return the params after relaxation step 0 (none) to `RELAXED`."""
+        params = self
+        if step >= 1:
+            params = replace(params, min_frontier_size=params.min_frontier_size_final)
+        if step >= 2:
+            params = replace(params, obstacle_clearance=0.0)
+        if step >= 3:
+            params = replace(params, min_goal_distance=0.0)
+        if step >= 4:
+            params = replace(params, goal_tolerance=1.0)
+        if step >= 5:
+            params = replace(params, blacklist_radius=0.0)
+        return params
+
+
+RELAXED = 5
+"""Relaxation steps, in this order: clusters of the final size; no clearance beyond the robot's footprint; goals near
+the robot; frontiers seen from up to a metre away; goals that failed before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontierStatus:
+    """How far the exploration has come (section 3.4.7)."""
+
+    explored_share: float
+    """Free cells over all cells of the rectangle around everything observed."""
+    goal: tuple[float, float] | None
+    """The frontier that the robot is going to see (x, y), map frame [m]; None without one."""
+    candidates: np.ndarray
+    """Centroids that the last choice was made from, best first, shape (n, 2), map frame [m]."""
+    relaxation: int
+    """Relaxation step of the last choice, from 0 to `RELAXED`."""
+    blacklist_size: int
+    """Failed goals that are remembered."""
+
+
+class FrontierUtility:
+    """Takes the cluster of frontier cells with the greatest information gain over the distance."""
+
+    def __init__(self, params: FrontierParams = FrontierParams()) -> None:
+        """Make a rule with the given parameters."""
+        self._params = params
+        self._clear()
+
+    def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
+        """Prepare for an episode."""
+        self._clear()
+
+    def _clear(self) -> None:
+        self._blacklist: list[tuple[float, float]] = []
+        self._goal: tuple[float, float] | None = None
+        self._status = FrontierStatus(0.0, None, np.empty((0, 2)), 0, 0)
+
+    @property
+    def status(self) -> FrontierStatus:
+        """Where the exploration stood at the last choice."""
+        return self._status
+
+    def __call__(self, candidates: Candidates, belief: Belief) -> int:
+        """Return the choice."""
+        if candidates.last_failed and self._goal is not None:
+            self._blacklist.append(self._goal)
+            del self._blacklist[: -self._params.max_blacklist_size]
+        grid = crop_to_known(candidates.costmap.grid)
+        share = _free_share(grid)
+        choice, centroids, step = 0, np.empty((0, 2)), RELAXED
+        for step in range(RELAXED + 1):
+            found, centroids = self._best(candidates, grid, belief, self._params.relaxed(step), share)
+            if found is not None:
+                choice = found
+                break
+        x, y = candidates.frontiers[choice].tolist()
+        self._goal = (x, y)
+        self._status = FrontierStatus(share, self._goal, centroids, step, len(self._blacklist))
+        LOGGER.info(
+            "%.0f %% explored, goal (%.2f, %.2f), %d candidates at relaxation %d, %d blacklisted",
+            *(100.0 * share, x, y, len(centroids), step, len(self._blacklist)),
+        )
+        return choice
+
+    def _best(
+        self, candidates: Candidates, grid: OccupancyGrid, belief: Belief, params: FrontierParams, share: float
+    ) -> tuple[int | None, np.ndarray]:
+        """Return the candidate of the cluster with the greatest utility, and the clusters' centroids, best first."""
+        size = params.min_frontier_size_final if share > params.adaptive_threshold else params.min_frontier_size
+        cells, owners, labels = cluster(candidates, params.cluster_tolerance, size)
+        num_clusters = int(labels.max(initial=-1)) + 1
+        centroids = np.array([cells[labels == k].mean(axis=0) for k in range(num_clusters)]).reshape(-1, 2)
+        keep = np.flatnonzero(is_clear(grid, centroids, params))
+        near = self._is_blacklisted(centroids, params.blacklist_radius)
+        if 2 * np.count_nonzero(near[keep]) > len(keep):
+            # More than half of what is left is blacklisted: forget the oldest two thirds of the list.
+            del self._blacklist[: max(1, 2 * len(self._blacklist) // 3)]
+            near = self._is_blacklisted(centroids, params.blacklist_radius)
+        distances = np.hypot(*(centroids - belief.pose[:2]).T)
+        keep = keep[~near[keep] & (distances[keep] >= params.min_goal_distance)]
+        gains = np.array([information_gain(grid, centroids[k], params) for k in keep])
+        keep = keep[np.argsort(-gains / (distances[keep] + 0.1), kind="stable")]
+        gaps = np.hypot(*(candidates.viewpoints - candidates.frontiers).T)
+        is_near_enough = gaps <= params.goal_tolerance + candidates.costmap.grid.resolution
+        for k in keep:
+            own = np.flatnonzero((labels == k) & is_near_enough[owners])
+            if len(own):
+                middle = own[np.argmin(((cells[own] - centroids[k]) ** 2).sum(axis=1))]
+                return int(owners[middle]), centroids[keep]
+        return None, centroids[keep]
+
+    def _is_blacklisted(self, points: np.ndarray, radius: float) -> np.ndarray:
+        """Tell which points (shape (n, 2) [m]) lie within `radius` [m] of a goal that failed: shape (n,), bool."""
+        if not self._blacklist or len(points) == 0:
+            return np.zeros(len(points), dtype=bool)
+        gaps = points[:, None] - np.array(self._blacklist)
+        return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
+
+
+class FrontierExplorer(RuleExplorer):
+    """Goes where the information gain over the distance is greatest."""
+
+    rule: FrontierUtility
+
+    def __init__(self, params: FrontierParams = FrontierParams()) -> None:
+        """Make an explorer with the given parameters."""
+        super().__init__(FrontierUtility(params), max_time=COMMITTED)
+
+    @property
+    def status(self) -> FrontierStatus:
+        """Where the exploration stood at the last choice."""
+        return self.rule.status
+
+
+def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Group frontier cells with DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
+
+    Args:
+        candidates: their cells are grouped.
+        tolerance: distance up to which cells are neighbours [m].
+        size: cells of 5 cm that make a cluster dense.
+
+    Returns:
+        Cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
+        (n,), int64, -1 for what is too sparse.
+    """
+    cells = np.concatenate(candidates.cells)
+    owners = np.repeat(np.arange(len(candidates)), [len(own) for own in candidates.cells])
+    # A frontier crosses half as many cells that are twice as large.
+    min_samples = max(1, round(size * CELL / candidates.costmap.grid.resolution))
+    return cells, owners, DBSCAN(eps=tolerance + 1e-9, min_samples=min_samples).fit(cells).labels_
+
+
+def _free_share(grid: OccupancyGrid) -> float:
+    """Return how many of a map's cells are known to be free."""
+    return np.count_nonzero((grid.data >= 0) & (grid.data < FREE_BELOW)) / grid.data.size
+
+
+def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) -> np.ndarray:
+    """Tell which points (shape (n, 2) [m]) keep the clearance to obstacles: shape (n,), bool."""
+    reach = int(params.obstacle_clearance / grid.resolution + 1e-9)
+    clear = np.ones(len(points), dtype=bool)
+    for k, (row, col) in enumerate(grid.cells(points) if reach else ()):
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        window = grid.data[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)]
+        rows, cols = np.nonzero(window > params.obstacle_above)
+        clear[k] = not ((rows + top - row) ** 2 + (cols + left - col) ** 2 <= reach**2).any()
+    return clear
+
+
+def information_gain(grid: OccupancyGrid, point: np.ndarray, params: FrontierParams) -> int:
+    """Count the unknown cells around a point [m]."""
+    radius = params.information_gain_radius
+    if params.scale_radius_with_map:
+        radius *= min(2.0, math.hypot(*grid.data.shape) * grid.resolution / 20.0)
+    row, col = grid.cells(point)
+    return int(count_unknown(grid.data, row, col, radius / grid.resolution))

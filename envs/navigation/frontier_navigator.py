@@ -1,0 +1,339 @@
+"""Finds the frontiers that a robot could go to, drives to the chosen one, and tells when the next choice is due.
+
+Both levels stand on it: explorers, which are asked for a twist each control period, and `ExploreFrontiers-v0`, whose
+steps are whole drives. Each control period: `update` with the reading and the belief, then `command`. When `update`
+returns an outcome, a choice is due: `choose` one of `candidates`; if there are none, exploration is over.
+"""
+
+import math
+
+import numpy as np
+
+from envs.estimation import Belief
+from envs.geometry import Pose2D
+from envs.navigation.candidate_features import (
+    AGE,
+    CLEARANCE,
+    EXTENT,
+    FAILURES,
+    GAIN,
+    LENGTH,
+    THERE_X,
+    THERE_Y,
+    TURN,
+    VIEW_X,
+    VIEW_Y,
+    Candidates,
+    fill_features,
+    make_table,
+    nearest_within,
+)
+from envs.navigation.candidates import (
+    CANDIDATE_FIELDS,
+    PART,
+    describe_surroundings,
+    find_candidates,
+    split_groups,
+)
+from envs.navigation.costmap import COST_INSCRIBED, Costmap
+from envs.navigation.navigator import NO_POINTS, Navigator
+from envs.navigation.params import NavigatorParams, PlanningParams
+from envs.navigation.paths import SHORTCUT, nearest_cell
+from envs.navigation.planned_paths import search_goal, write_path
+from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near, is_frontier_near
+from envs.navigation.planning_map import PlanningMap
+from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
+from envs.navigation.tables import costmap_params
+from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
+
+MAX_POINTS = 1024
+"""Points of a path; the rest of a longer one is left to the next plan."""
+ARRIVED, FRONTIER_GONE, DRIVE_FAILED, DRIVE_TIME_UP, LOOKED_AROUND = (
+    "arrived",
+    "frontier_gone",
+    "failed",
+    "time_up",
+    "looked_around",
+)
+OUTCOMES = {REACHED: ARRIVED, FAILED: DRIVE_FAILED, TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
+"""How a drive ends, by its progress; `FRONTIER_GONE` beside them."""
+
+
+class FrontierNavigator:
+    """Frontier exploration but for the choice. Sees readings and beliefs, never ground truth."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        *,
+        max_candidates: int | None = None,
+        max_time: float = math.inf,
+        planning: PlanningParams = PlanningParams(),
+        params: NavigatorParams = NavigatorParams(),
+    ) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: the robot.
+            control_period: time between two calls of `update` [s].
+            max_candidates: how many frontiers are offered at most, the cheapest to get to; None for all.
+            max_time: longest drive, but for a recovery, which is finished [s].
+            planning: what is offered, and how paths are planned.
+            params: how the drives go.
+        """
+        self.navigator = Navigator(robot, control_period, params, max_time=max_time)
+        self.params = params
+        self._robot = robot
+        self._planning_params = planning
+        self._period = control_period
+        self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
+        self._look_radius = min(params.look_radius * robot.radius, 0.75)
+        self._min_steps = max(1, round(params.min_time / control_period))
+        self._path = np.empty((MAX_POINTS, 2))
+
+    def begin(self, reading: Reading, belief: Belief) -> None:
+        """Begin an episode: take in the first reading and find the first candidates."""
+        self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
+        """Planning cells."""
+        self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
+        self._shortcut = max(2, round(SHORTCUT / self.map.side))
+        self.navigator.reset(reading)
+        self._level = 0
+        self._seen = np.empty((0, 3))
+        self._failures = NO_POINTS
+        self._chosen: tuple[float, float] | None = None
+        self._last_failed = False
+        self._can_stand = True
+        self._still = (math.inf, math.inf, 0.0)
+        self._now = 0.0
+        self._outcome: str | None = None
+        self._integrate(belief)
+        self._find(belief.pose)
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        return self.navigator.plan
+
+    @property
+    def end_reason(self) -> str:
+        """Why there are no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
+        is_still = self._now - self._still[2] > self.params.still_time
+        return "stuck" if not self._can_stand or is_still else "no_reachable_frontier"
+
+    def write_features(self, pose: Pose2D, features: np.ndarray) -> None:
+        """Write the candidates' features, shape (max_candidates, 10), float32; see `fill_features`."""
+        fill_features(self._table, self.candidates.chosen, pose, self.params.max_failures, features)
+
+    def choose(self, index: int) -> None:
+        """Begin a drive to a candidate."""
+        planning, tables = self.map, self.map.tables[self._level]
+        cell = int(self._found[index, 0]), int(self._found[index, 1])
+        frame = (*planning.origin, planning.side)
+        costs = self.candidates.costmap.costs
+        count = write_path(costs, tables.weights, planning.expansion, cell, self._shortcut, frame, self._path)
+        view = self.candidates.frontiers[index].tolist()
+        self._chosen = (view[0], view[1])
+        goal = self.candidates.viewpoints[index].tolist()
+        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self._chosen, num_points=count)
+
+    def look_around(self) -> None:
+        """Turn once around on the spot, in place of a drive."""
+        self._outcome = None
+        self.navigator.spin()
+
+    def command(self, belief: Belief) -> Twist:
+        """Return the twist for the next control period."""
+        return self.navigator.command(belief.pose)
+
+    def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
+        """Take in what the last control period has brought.
+
+        Args:
+            reading: what the sensors say now.
+            belief: pose estimate and map now.
+            others: shape (m, 2), float64, base frame [m]: what else stands around, as other robots do.
+
+        Returns:
+            How the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
+            that has no candidates left looks around first.
+        """
+        self._integrate(belief)
+        progress = self.navigator.update(reading, belief.pose, others)
+        self._now = reading.time
+        outcome = self._judge(progress, belief.pose)
+        if outcome is None:
+            return None
+        self._find(belief.pose)
+        if outcome != LOOKED_AROUND and len(self.candidates) == 0:
+            self._outcome = outcome
+            self.navigator.spin()
+            return None
+        if outcome == LOOKED_AROUND and self._outcome is not None:
+            outcome, self._outcome = self._outcome, None
+        return outcome
+
+    def _integrate(self, belief: Belief) -> None:
+        """Take note of what has changed in the map."""
+        self.map.update(belief.grid, belief.update.window, redrawn=belief.update.redrawn)
+
+    def _judge(self, progress: int, pose: Pose2D) -> str | None:
+        """Return how the drive has ended, and draw the conclusions; None while it goes on."""
+        navigator = self.navigator
+        is_driving = navigator.has_goal and not navigator.is_recovering
+        if is_driving and navigator.steps >= self._min_steps and not self._is_frontier_left():
+            self._last_failed = False
+            return FRONTIER_GONE
+        if progress == REPLAN:
+            progress = DRIVING if self._replan(pose) else FAILED
+        if progress == DRIVING:
+            return None
+        if progress == FAILED:
+            self._fail()
+        elif progress == REACHED:
+            self._ignore_in_sight(pose)
+        self._last_failed = progress == FAILED
+        return OUTCOMES[progress]
+
+    def _is_frontier_left(self) -> bool:
+        """Tell whether there is a frontier near to the one that was chosen."""
+        assert self._chosen is not None
+        planning = self.map
+        planning.refresh()
+        reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
+        return bool(is_frontier_near(planning.frontier, *planning.cell(*self._chosen), reach))
+
+    def _stand(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
+        """Return the cell where the robot stands, or the nearest one where it could; (-1, -1) for none."""
+        tables = self.map.tables[level]
+        return nearest_cell(costs, tables.weights, *self.map.cell(pose.x, pose.y), tables.radius, COST_INSCRIBED)
+
+    def _find(self, pose: Pose2D) -> None:
+        """Find the candidates; smaller footprints, and shorter frontiers, only count where there is nothing else."""
+        if math.dist(pose[:2], self._still[:2]) >= self.params.still_distance:
+            self._still = (pose.x, pose.y, self._now)
+        planning = self.map
+        planning.refresh()
+        groups, starts = frontier_groups(planning.frontier, planning.tile_counts)
+        parts = split_groups(groups, starts, planning.tables[0].max_extent, min(self._lengths))
+        self._can_stand = False
+        for level in range(planning.max_level + 1):
+            layer = planning.layer(level, pose, self.navigator.obstacles)
+            stand = self._stand(layer.costs, level, pose)
+            found = np.empty((0, len(CANDIDATE_FIELDS)))
+            if stand[0] >= 0:
+                self._can_stand = True
+                found, planning.entries = find_candidates(
+                    planning.joined,
+                    (layer.costs, layer.open_weights),
+                    planning.expansion,
+                    planning.entries,
+                    stand,
+                    (groups, parts),
+                    self._lengths,
+                    self._max_candidates,
+                    layer.tables,
+                )
+            if len(found):
+                break
+        self._level, self._found = level, found
+        self._describe(pose, groups, parts)
+
+    def _describe(self, pose: Pose2D, groups: np.ndarray, parts: np.ndarray) -> None:
+        """Make the record of the candidates that were found."""
+        planning, found = self.map, self._found
+        tables = planning.tables[self._level]
+        height, width = planning.joined.shape
+        predecessor = planning.expansion.predecessor.reshape(height + 2, width + 2)
+        described = describe_surroundings(planning.joined, predecessor, found, tables)
+        frame = (*planning.origin, planning.side, math.pi * tables.gain_radius**2, float(tables.inflation))
+        radius = self.params.retry_radius
+        table, self._seen = make_table(
+            found, described, frame, pose.theta, self._now, self._seen, self._failures, radius
+        )
+        self._table = table
+        chosen = -1
+        if self._chosen is not None:
+            chosen = int(nearest_within(table[:, THERE_X : THERE_Y + 1], *self._chosen, radius))
+        corner = np.array(planning.origin)
+        own = parts[found[:, PART].astype(np.int64)]
+        cells = tuple((groups[first:last, ::-1] + 0.5) * planning.side + corner for first, last, _, _ in own)
+        costs = planning._layers[self._level].costs
+        self.candidates = Candidates(
+            viewpoints=table[:, VIEW_X : VIEW_Y + 1],
+            frontiers=table[:, THERE_X : THERE_Y + 1],
+            costs=table[:, LENGTH],
+            sizes=table[:, EXTENT],
+            groups=own[:, 3],
+            group_sizes=own[:, 2] * planning.side,
+            gains=table[:, GAIN],
+            clearances=table[:, CLEARANCE],
+            turns=table[:, TURN],
+            ages=table[:, AGE],
+            failures=table[:, FAILURES].astype(np.int64),
+            chosen=chosen,
+            last_failed=self._last_failed,
+            cells=cells,
+            costmap=Costmap(costs, planning.grid, costmap_params(planning.params, tables.robot_radius)),
+        )
+        """What there is to choose from."""
+
+    def _replan(self, pose: Pose2D) -> bool:
+        """Plan the path to the goal anew; False if there is none any more."""
+        planning, tables = self.map, self.map.tables[self._level]
+        layer = planning.layer(self._level, pose, self.navigator.obstacles)
+        stand = self._stand(layer.costs, self._level, pose)
+        if stand[0] < 0:
+            return False
+        slack = math.floor(self.navigator.numbers.goal_tolerance / planning.side + 1e-9)
+        goal = planning.cell(*self.navigator.goal)
+        weights, arrays = tables.weights, (layer.costs, layer.open_weights)
+        end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, stand, goal, slack)
+        if end[0] < 0:
+            return False
+        frame = (*planning.origin, planning.side)
+        count = write_path(layer.costs, weights, planning.expansion, end, self._shortcut, frame, self._path)
+        self.navigator.follow(self._path, num_points=count)
+        return True
+
+    def _fail(self) -> None:
+        """Take note that the robot did not get to where it should look at a frontier."""
+        assert self._chosen is not None
+        self._failures = np.vstack([self._failures, self._chosen])
+        near = np.hypot(*(self._failures - self._chosen).T) <= self.params.retry_radius
+        if np.count_nonzero(near) >= self.params.max_failures:
+            self._ignore(self._near_chosen(self._look_radius))
+
+    def _ignore_in_sight(self, pose: Pose2D) -> None:
+        """Ignore what was not observed though the robot stands where it wanted to see it from."""
+        if not self._is_frontier_left():
+            return
+        assert self._chosen is not None
+        planning, numbers = self.map, self.navigator.numbers
+        reach = math.ceil((math.dist(self._chosen, pose[:2]) + self._look_radius) / planning.side - 1e-9)
+        at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
+        view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov
+        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
+        # What the visit was for goes in any case, or the robot would come back for ever.
+        row, col = planning.cell(*self._chosen)
+        reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
+        place = (row + 0.5, col + 0.5), (0.0, math.pi)
+        beside = frontier_in_sight(planning.joined, planning.frontier, *place, reach)
+        self._ignore(np.vstack([in_sight, [(row, col)], beside]))
+
+    def _near_chosen(self, radius: float) -> np.ndarray:
+        """Return the frontier cells within `radius` [m] of the chosen one: shape (k, 2), (row, column)."""
+        assert self._chosen is not None
+        self.map.refresh()
+        reach = math.ceil(radius / self.map.side - 1e-9)
+        cells: np.ndarray = frontier_near(self.map.frontier, *self.map.cell(*self._chosen), reach)
+        return cells
+
+    def _ignore(self, cells: np.ndarray) -> None:
+        """Leave frontier cells, shape (k, 2), (row, column), out from now on."""
+        self.map.ignore(self.map.grid.centers(cells))
+
+
+__all__ = ["OUTCOMES", "Candidates", "FrontierNavigator"]

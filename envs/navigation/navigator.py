@@ -1,0 +1,190 @@
+"""One navigator for everybody: drives a robot along paths, recovers when it gets nowhere, and says how it goes.
+
+Each control period: `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
+turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended (see `envs.navigation.records`).
+
+    navigator = Navigator(robot, control_period)
+    navigator.reset(reading)
+    navigator.drive_to(path)                       # shape (n, 2), map frame [m]
+    while navigator.update(reading, belief.pose) in (DRIVING, REPLAN):
+        reading = drive(navigator.command(belief.pose))
+"""
+
+import math
+
+import numpy as np
+
+from envs.estimation.motion import make_motion_source
+from envs.geometry import Pose2D
+from envs.navigation.navigator_kernels import (
+    check_progress,
+    compute_velocity_command,
+    recover,
+    set_goal,
+    start_spin,
+    update_obstacles,
+)
+from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
+from envs.navigation.params import NavigatorParams
+from envs.navigation.records import DRIVING, NAVIGATOR, NavigatorNumbers
+from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
+
+NO_POINTS = np.empty((0, 2))
+"""No obstacles."""
+MAX_OTHERS = 256
+"""Points of other robots that are taken at most."""
+NOTHING = (math.nan, math.nan)
+"""No view is asked for at the goal."""
+
+
+class Navigator:
+    """Drives a robot to one goal at a time. Knows its own wheels: velocities come from the encoders."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        params: NavigatorParams = NavigatorParams(),
+        *,
+        max_time: float = math.inf,
+    ) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: the robot.
+            control_period: time between two calls of `update` [s].
+            params: how to drive.
+            max_time: longest drive, but for a recovery, which is finished [s].
+        """
+        self.params = params
+        self.numbers = NavigatorNumbers.of(robot, control_period, max_time, params)
+        angles = robot.lidar.angles + robot.lidar.mount.yaw
+        self._directions = np.vstack([np.cos(angles), np.sin(angles)])
+        self._odometry = make_motion_source(robot, control_period)
+        self._record_array = np.zeros(1, dtype=NAVIGATOR)
+        self._obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
+        self._path = NO_POINTS
+        self._period = control_period
+        self.v = 0.0
+        """Forward speed by odometry [m/s]."""
+
+    def reset(self, reading: Reading) -> None:
+        """Begin an episode with its first reading."""
+        array = self._record_array
+        array[:] = 0
+        array["side"] = 1.0
+        array["stall_steps"] = array["stuck_steps"] = -1
+        array["forward"] = 1
+        self.record = array[0]
+        """Of type `NAVIGATOR`."""
+        self._odometry.reset(reading)
+        self.sense(reading)
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        return self._path[self.record["index"] : self.record["num_points"]] if self.has_goal else None
+
+    @property
+    def has_goal(self) -> bool:
+        """Whether the robot is on its way to a goal."""
+        return bool(self.record["has_goal"])
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        """Where the robot is going (x, y), map frame [m]."""
+        return float(self.record["goal_x"]), float(self.record["goal_y"])
+
+    @property
+    def steps(self) -> int:
+        """Control periods of this drive."""
+        return int(self.record["steps"])
+
+    @property
+    def is_recovering(self) -> bool:
+        """Whether the robot backs up or spins, and no goal can change that."""
+        return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
+
+    @property
+    def obstacles(self) -> np.ndarray:
+        """Shape (n, 2), float64, base frame [m]: what the lidar sees and has seen around the robot; live."""
+        return self._obstacles[: self.record["num_seen"]]
+
+    def drive_to(
+        self,
+        path: np.ndarray,
+        goal: tuple[float, float] | None = None,
+        *,
+        view: tuple[float, float] = NOTHING,
+        num_points: int | None = None,
+        keep_clocks: bool = False,
+    ) -> None:
+        """Begin a drive.
+
+        Args:
+            path: shape (n, 2), float64, n > 0, map frame [m].
+            goal: where to go (x, y), map frame [m]; the end of the path if not given.
+            view: what to have in the lidar's view in the end (x, y), map frame [m].
+            num_points: how many points of the path count; all if not given.
+            keep_clocks: whether this is the same drive with another plan: the time for which the robot has got nowhere
+                goes on, or goals that change faster than that is noticed would keep it there for ever.
+        """
+        self._path = np.ascontiguousarray(path, dtype=np.float64)
+        count = len(path) if num_points is None else num_points
+        end = goal or (float(path[count - 1, 0]), float(path[count - 1, 1]))
+        set_goal(self.record, count, end, view, keep_clocks)
+
+    def follow(self, path: np.ndarray, *, num_points: int | None = None) -> None:
+        """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]; see `drive_to`."""
+        self._path = np.ascontiguousarray(path, dtype=np.float64)
+        self.record["num_points"] = len(path) if num_points is None else num_points
+        self.record["index"] = 0
+
+    def spin(self) -> None:
+        """Turn once around on the spot, in place of a drive."""
+        start_spin(self.record, self.numbers)
+
+    def recover(self, *, backwards: bool = True) -> None:
+        """Back up (or drive on, where there is more room) and spin a little."""
+        recover(self.record, self._obstacles[: self.record["num_obstacles"]], backwards, self.numbers)
+
+    def stop(self) -> None:
+        """Give up the goal and whatever else was to be done, and stand still."""
+        for name in ("has_goal", "back_steps", "turn_steps"):
+            self.record[name] = 0
+
+    def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
+        """Take in the obstacles of a reading outside of drives; `update` does so itself.
+
+        Args:
+            reading: what the sensors say now.
+            others: shape (m, 2), float64, base frame [m]: what else stands around now, as other robots do.
+        """
+        motion = self._odometry.update(reading)
+        self.v = motion.x / self._period
+        sensors = reading.ranges, self._directions, reading.bumper
+        update_obstacles(self.record, self._obstacles, sensors, tuple(motion), others[:MAX_OTHERS], self.numbers)
+
+    def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
+        """Take in a reading, and judge how the drive goes on.
+
+        Args:
+            reading: what the sensors say now.
+            pose: estimate now, map frame.
+            others: see `sense`.
+
+        Returns:
+            `DRIVING` or one of what follows there.
+        """
+        self.sense(reading, others)
+        return int(check_progress(self.record, self._obstacles, tuple(pose), reading.bumper, self.numbers))
+
+    def command(self, pose: Pose2D) -> Twist:
+        """Return the twist for the next control period, from the pose estimate."""
+        return Twist(
+            *compute_velocity_command(self.record, self._path, self._obstacles, tuple(pose), self.v, self.numbers)
+        )
+
+
+__all__ = ["DRIVING", "NO_POINTS", "Navigator"]

@@ -1,0 +1,213 @@
+"""Driving along a path, recovering, and judging progress. Kernels over one record of `envs.navigation.records`.
+
+The parts are those of Nav2: a controller (regulated pure pursuit), a progress checker, a goal checker, and the recovery
+behaviors BackUp and Spin.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.geometry.pose import wrap_angle
+from envs.navigation.obstacles import add_bump, free_distance, remember, scan_points
+from envs.navigation.pursuit import follow, turn_rate
+from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
+
+
+@njit(cache=True, error_model="numpy")
+def update_obstacles(record, obstacles, sensors, motion, others, numbers):
+    """Take in a scan: what the lidar no longer sees is remembered, and moves along by odometry.
+
+    Args:
+        record: of type `NAVIGATOR`, written.
+        obstacles: shape (n, 2), float64, written: the first `record.num_obstacles` are what stands around, base
+            frame [m].
+        sensors: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame
+            (shape (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
+        motion: pose of the base now, seen from the base at the last call: x, y [m], theta [rad].
+        others: shape (m, 2), float64, base frame [m]: what else stands around now, and is not remembered.
+        numbers: `NavigatorNumbers`.
+    """
+    ranges, directions, bumper = sensors
+    mount = numbers.mount
+    kept = remember(
+        obstacles,
+        record.num_remembered,
+        record.num_seen,
+        motion[0],
+        motion[1],
+        motion[2],
+        mount,
+        numbers.half_fov,
+        numbers.range_min,
+        numbers.range_far,
+    )
+    if bumper:
+        kept = add_bump(obstacles, kept, numbers.follower.radius, record.forward == 1)
+    record.num_remembered = kept
+    count = scan_points(ranges, np.inf, 1.0, directions[0], directions[1], mount[0], mount[1], obstacles[kept:])
+    record.num_seen = kept + count
+    record.num_obstacles = kept + count + others.shape[0]
+    for k in range(others.shape[0]):
+        obstacles[kept + count + k, 0], obstacles[kept + count + k, 1] = others[k, 0], others[k, 1]
+
+
+@njit(cache=True, error_model="numpy")
+def set_goal(record, num_points, goal, view, keep_clocks):
+    """Begin a drive along a path of `num_points` to a goal (x, y), to look at `view` (x, y), map frame [m]."""
+    record.num_points = num_points
+    record.index = 0
+    record.goal_x, record.goal_y = goal
+    record.view_x, record.view_y = view
+    record.has_goal = 1
+    record.planned = record.steps
+    if keep_clocks:
+        return
+    record.steps = record.planned = 0
+    record.stall_steps = -1
+    record.recoveries = 0
+    record.back_steps = record.turn_steps = 0
+
+
+@njit(cache=True, error_model="numpy")
+def start_spin(record, numbers):
+    """Begin a full turn on the spot in place of a drive."""
+    record.has_goal = 0
+    record.steps = 0
+    record.recoveries = 0
+    record.back_steps = 0
+    record.turn_w = numbers.spin_rate
+    record.turn_steps = math.ceil(2.0 * math.pi / numbers.spin_rate / numbers.period)
+
+
+@njit(cache=True, error_model="numpy")
+def _turn_to_view(record, pose, numbers):
+    """Return by how much to turn at the goal to get what is to be seen well into view [rad]; 0 if it is."""
+    dx, dy = record.view_x - pose[0], record.view_y - pose[1]
+    if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
+        return 0.0
+    bearing = wrap_angle(math.atan2(dy, dx) - pose[2] - numbers.mount[2])
+    return bearing if abs(bearing) > 0.8 * numbers.half_fov else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _is_at_goal(record, pose, numbers):
+    return math.hypot(record.goal_x - pose[0], record.goal_y - pose[1]) <= numbers.goal_tolerance
+
+
+@njit(cache=True, error_model="numpy")
+def compute_velocity_command(record, path, obstacles, pose, v_now, numbers):
+    """Choose the next twist.
+
+    Args:
+        record: of type `NAVIGATOR`, written.
+        path: shape (n, 2), float64, map frame [m].
+        obstacles: see `update_obstacles`.
+        pose: estimate (x, y, theta), map frame [m, m, rad].
+        v_now: forward speed by odometry [m/s].
+        numbers: `NavigatorNumbers`.
+
+    Returns:
+        Forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
+    """
+    follower = numbers.follower
+    around = obstacles[: record.num_obstacles]
+    v, w = 0.0, 0.0
+    if record.back_steps > 0:
+        record.back_steps -= 1
+        look = 2.0 * record.back_v * numbers.period
+        if free_distance(around, 0.0, follower.radius, look) < 0.5 * abs(look):
+            record.back_steps = 0
+        else:
+            v = record.back_v
+    elif record.turn_steps > 0:
+        record.turn_steps -= 1
+        w = record.turn_w
+    elif record.has_goal:
+        if _is_at_goal(record, pose, numbers):
+            w = turn_rate(_turn_to_view(record, pose, numbers), follower)
+        else:
+            points = path[: record.num_points]
+            v, w, _ = follow(record, points, pose[0], pose[1], pose[2], v_now, around, follower)
+    record.forward = 1 if v >= 0.0 else 0
+    v, w = min(max(v, -follower.max_v), follower.max_v), min(max(w, -numbers.max_w), numbers.max_w)
+    return v, w
+
+
+@njit(cache=True, error_model="numpy")
+def recover(record, around, backwards, numbers):
+    """Back up, or drive on where there is more room, and spin a little, left and right in turn."""
+    record.recoveries += 1
+    radius, reach = numbers.follower.radius, numbers.back_reach
+    sign = -1.0 if backwards else 1.0
+    room = free_distance(around, 0.0, radius, sign * reach)
+    if room < 0.5 * reach and free_distance(around, 0.0, radius, -sign * reach) > room:
+        sign = -sign
+    record.back_v = sign * numbers.back_speed
+    record.back_steps = max(1, round(reach / numbers.back_speed / numbers.period))
+    # 0.6, 0.8, 1.0 rad: another direction each time.
+    angle = 0.4 + 0.2 * record.recoveries
+    record.turn_w = numbers.spin_rate * record.side * (1.0 if record.recoveries % 2 else -1.0)
+    record.turn_steps = max(1, round(angle / numbers.spin_rate / numbers.period))
+    record.stall_steps = -1
+
+
+@njit(cache=True, error_model="numpy")
+def _count_still(record, pose, numbers):
+    """Count the steps for which the robot has not moved or turned, and for which it has not come far."""
+    x, y, theta = pose
+    moved = math.hypot(x - record.stall_x, y - record.stall_y) >= numbers.stall_distance
+    moved |= abs(wrap_angle(theta - record.stall_theta)) >= numbers.stall_angle
+    if record.stall_steps < 0 or moved:
+        record.stall_x, record.stall_y, record.stall_theta = x, y, theta
+        record.stall_steps = 0
+    else:
+        record.stall_steps += 1
+    if record.stuck_steps < 0 or math.hypot(x - record.stuck_x, y - record.stuck_y) >= numbers.stuck_distance:
+        record.stuck_x, record.stuck_y = x, y
+        record.stuck_steps = 0
+    else:
+        record.stuck_steps += 1
+
+
+@njit(cache=True, error_model="numpy")
+def check_progress(record, obstacles, pose, bumper, numbers):
+    """Judge how the drive goes on, once a step is made and `update_obstacles` has taken in its scan.
+
+    Args:
+        record: of type `NAVIGATOR`, written.
+        obstacles: see `update_obstacles`.
+        pose: estimate (x, y, theta), map frame [m, m, rad].
+        bumper: whether the robot touched anything.
+        numbers: `NavigatorNumbers`.
+
+    Returns:
+        `DRIVING` or one of what follows there.
+    """
+    around = obstacles[: record.num_obstacles]
+    record.steps += 1
+    if bumper and record.back_steps == 0 and record.turn_steps == 0:
+        recover(record, around, record.forward == 1, numbers)
+    if record.recoveries > numbers.max_recoveries:
+        return FAILED if record.has_goal else SPUN
+    if record.back_steps > 0 or record.turn_steps > 0:
+        return DRIVING
+    if not record.has_goal:
+        return SPUN
+    if _is_at_goal(record, pose, numbers) and _turn_to_view(record, pose, numbers) == 0.0:
+        return REACHED
+    _count_still(record, pose, numbers)
+    # The robot may have been stuck before it set out: what is chosen anew gets a decision's time all the same.
+    if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
+        record.stuck_steps = -1
+        return FAILED
+    if record.stall_steps > numbers.stall_steps:
+        recover(record, around, True, numbers)
+        return DRIVING
+    if record.steps >= numbers.max_steps:
+        return TIME_UP
+    if record.steps - record.planned >= numbers.replan_steps:
+        record.planned = record.steps
+        return REPLAN
+    return DRIVING

@@ -1,0 +1,111 @@
+"""What a navigator keeps from step to step, what it goes by, and what it says."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.navigation.params import NavigatorParams
+from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerNumbers
+from envs.robots import RobotParams
+
+DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
+"""Progress of a drive: it goes on; it goes on once the path is planned anew; the robot is at its goal; the robot does
+not get there; the time for the drive is over; a turn on the spot is complete."""
+
+NAVIGATOR = np.dtype(
+    [
+        *FOLLOWER_FIELDS,
+        ("num_points", np.int64),  # of the path
+        ("goal_x", np.float64),
+        ("goal_y", np.float64),
+        ("view_x", np.float64),  # what to have in view at the goal; NaN for nothing
+        ("view_y", np.float64),
+        ("has_goal", np.int64),
+        ("steps", np.int64),  # of this drive
+        ("planned", np.int64),  # step at which the path was planned last
+        ("stall_x", np.float64),  # where the robot last was when it had moved or turned
+        ("stall_y", np.float64),
+        ("stall_theta", np.float64),
+        ("stall_steps", np.int64),
+        ("stuck_x", np.float64),  # where it last was when it had come some distance
+        ("stuck_y", np.float64),
+        ("stuck_steps", np.int64),
+        ("recoveries", np.int64),
+        ("back_v", np.float64),  # BackUp for some steps, then Spin for some
+        ("back_steps", np.int64),
+        ("turn_w", np.float64),
+        ("turn_steps", np.int64),
+        ("forward", np.int64),  # whether the last command was not backwards
+        ("num_remembered", np.int64),  # obstacles, see `remember`
+        ("num_seen", np.int64),  # those, and what the last scan shows
+        ("num_obstacles", np.int64),  # those, and other robots
+    ]
+)
+"""What a navigator keeps from step to step, in the map frame, m and rad."""
+
+
+class NavigatorNumbers(NamedTuple):
+    """Robot and `NavigatorParams` as scalars that Numba takes."""
+
+    follower: FollowerNumbers
+    period: float
+    """[s]"""
+    mount: tuple[float, float, float]
+    """Of the lidar: x, y [m], yaw [rad]."""
+    half_fov: float
+    sees_around: bool
+    """Whether the lidar sees in all directions."""
+    range_min: float
+    range_far: float
+    """Distance up to which obstacles beside the lidar's view are remembered [m]."""
+    max_w: float
+    goal_tolerance: float
+    """[m]"""
+    max_steps: int
+    replan_steps: int
+    stall_distance: float
+    """[m]"""
+    stall_angle: float
+    stall_steps: int
+    stuck_distance: float
+    stuck_steps: int
+    max_recoveries: int
+    spin_rate: float
+    """[rad/s]"""
+    back_reach: float
+    """How far the robot backs up [m]."""
+    back_speed: float
+    """[m/s]"""
+
+    @classmethod
+    def of(cls, robot: RobotParams, period: float, max_time: float, params: NavigatorParams) -> "NavigatorNumbers":
+        """Collect the numbers for drives of at most `max_time` seconds with a command every `period` seconds."""
+        lidar = robot.lidar
+
+        def steps(seconds: float) -> int:
+            return max(1, round(min(seconds, 1e6) / period))
+
+        return cls(
+            follower=FollowerNumbers.of(robot, period),
+            period=float(period),
+            mount=(float(lidar.mount.x), float(lidar.mount.y), float(lidar.mount.yaw)),
+            # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
+            half_fov=0.5 * lidar.fov + lidar.angle_increment,
+            sees_around=lidar.fov > 2.0 * math.pi - 0.1,
+            range_min=float(lidar.range_min),
+            range_far=2.0 * robot.radius + 0.3,
+            max_w=float(robot.max_w),
+            goal_tolerance=min(params.goal_tolerance * robot.radius, 0.2),
+            max_steps=steps(max_time),
+            replan_steps=steps(params.replan_time),
+            stall_distance=0.25 * robot.radius + 0.02,
+            stall_angle=params.stall_angle,
+            stall_steps=steps(params.stall_time),
+            stuck_distance=params.stuck_distance,
+            stuck_steps=steps(params.stuck_time),
+            max_recoveries=params.max_recoveries,
+            spin_rate=float(min(robot.max_w, params.spin_rate)),
+            back_reach=0.5 * robot.radius + 0.1,
+            back_speed=0.4 * robot.max_v,
+        )

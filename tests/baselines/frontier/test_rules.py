@@ -1,0 +1,173 @@
+"""How rules choose, and that explorers get to know a small world with them."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401
+from baselines import (
+    ExploreLiteExplorer,
+    ExploreLiteParams,
+    FrontierExplorer,
+    GreedyGainExplorer,
+    NearestExplorer,
+    NextBestViewExplorer,
+    NextBestViewParams,
+    TourParams,
+    make_explorer,
+)
+from baselines.explorer import to_action
+from baselines.frontier.visible_gain import visible_gains
+from envs.geometry import OccupancyGrid
+from tests.baselines.places import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
+
+NAMES = ["nearest", "frontier", "explore_lite", "greedy_gain", "next_best_view", "tour"]
+
+
+def explore(name, *, seed, max_time, **kwargs):
+    """Run an episode; returns the explorer, the last info and all actions."""
+    env = gymnasium.make("lidarnaut/Explore-v0", **kwargs).unwrapped
+    _, info = env.reset(seed=seed)
+    explorer = make_explorer(name)
+    explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))
+    actions, done = [], False
+    while not done and explorer.end_reason is None and info["time"] < max_time:
+        actions.append(to_action(explorer.act(env.reading, env.belief), env.robot))
+        assert env.action_space.contains(actions[-1])
+        _, _, terminated, truncated, info = env.step(actions[-1])
+        done = terminated or truncated
+    env.close()
+    return explorer, info, np.array(actions)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_explorers_get_to_know_a_small_world(name):
+    world = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "tinyslam", "start": "spawn"}
+    _, info, _ = explore(name, seed=1, max_time=150.0, **world)
+    assert info["explored_fraction"] >= 0.97
+    assert info["collisions"] == 0
+    # It drives rather than turns.
+    assert info["path_length"] > 0.3 * info["time"] * BURGER.max_v
+
+
+def test_nearest_gets_to_know_a_small_world_with_rigid_bodies():
+    pytest.importorskip("pybullet")
+    world = {"world": "turtlebot3_world", "physics": "bullet", "slam": "tinyslam", "start": "spawn"}
+    _, info, _ = explore("nearest", seed=1, max_time=120.0, **world)
+    assert info["explored_fraction"] >= 0.95
+    assert info["collisions"] == 0
+
+
+def test_an_explorer_says_when_nothing_is_left():
+    world = {"world": "turtlebot3_dqn_stage1", "physics": "kinematic", "slam": "truth", "start": "spawn"}
+    explorer, info, _ = explore("nearest", seed=0, max_time=300.0, target_coverage=1.0, **world)
+    assert explorer.end_reason == "no_reachable_frontier" or info["explored_fraction"] == 1.0
+    assert info["explored_fraction"] > 0.98
+
+
+@pytest.mark.parametrize("name", ["frontier", "next_best_view"])
+def test_same_seed_same_episode(name):
+    runs = [explore(name, seed=3, max_time=8.0, world="rooms", physics="kinematic")[2] for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_in_a_closed_room_explorers_look_around_and_end(name):
+    grid, explorer = hall(), make_explorer(name)
+    grid.data[64:96, 28:30] = grid.data[40:120, 230:232] = 100
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    turns = []
+    while explorer.end_reason is None and len(turns) < 200:
+        turns.append(explorer.act(reading_of(time=0.1 * len(turns)), belief_at(5.0, 0.0, grid)).w)
+    assert 0.1 * np.sum(turns) == pytest.approx(2.0 * np.pi, abs=0.2)
+    assert explorer.end_reason == "no_reachable_frontier"
+    assert explorer.act(reading_of(), belief_at(5.0, 0.0, grid)) == (0.0, 0.0)
+
+
+def test_a_reset_comes_first():
+    with pytest.raises(RuntimeError, match="reset"):
+        make_explorer("nearest").act(reading_of(), belief_at(5.0, 0.0))
+
+
+def test_nearest_goes_to_the_nearest_opening():
+    # The openings lie at x = -0.1 and x = 10.1.
+    assert first_choice(NearestExplorer(), 4.0, 0.0)[0] < 0.0
+    assert first_choice(NearestExplorer(), 6.0, 0.0)[0] > 10.0
+
+
+def test_what_failed_comes_last():
+    candidates = candidates_from(4.0, 0.0)
+    nearest = make_explorer("nearest").rule
+    first = nearest(candidates, belief_at(4.0, 0.0))
+    failures = (np.hypot(*(candidates.frontiers - candidates.frontiers[first]).T) < 2.0).astype(np.int64)
+    other = nearest(replace(candidates, failures=failures), belief_at(4.0, 0.0))
+    assert candidates.frontiers[other][0] > 10.0
+
+
+def test_visible_gain_equals_a_look_along_every_ray():
+    rng = np.random.default_rng(0)
+    data = rng.choice(np.array([-1, 0, 100], dtype=np.int8), p=[0.5, 0.45, 0.05], size=(40, 50))
+    grid, reach = OccupancyGrid(data, 0.1, (0.0, 0.0)), 12
+    cells = np.array([[20, 25], [3, 4], [39, 49]])
+    expected = []
+    for row, col in cells:
+        seen = set()
+        for angle in np.arange(76) * 2.0 * np.pi / 76:
+            for step in range(1, reach + 1):
+                r, c = int(np.floor(row + step * np.sin(angle) + 0.5)), int(np.floor(col + step * np.cos(angle) + 0.5))
+                inside = 0 <= r < 40 and 0 <= c < 50
+                if inside and data[r, c] == 100:
+                    break
+                if not inside or data[r, c] < 0:
+                    seen.add((r, c))
+        expected.append(0.01 * len(seen))
+    np.testing.assert_allclose(visible_gains(grid, grid.centers(cells), 1.2), expected)
+
+
+def test_explore_lite_weighs_three_metres_against_nine_cells():
+    # Frontiers of 60 cells 4 m to the left, and of more cells than that farther away to the right.
+    def goal_x(right, more):
+        return first_choice(ExploreLiteExplorer(), 10.0, -0.5, corridor((100, 119), (right, right + 19 + more)))[0]
+
+    assert goal_x(280, 0) < 7.0
+    assert goal_x(280, 40) > 13.0
+    # Without gain the nearer one is better whatever its size.
+    explorer = ExploreLiteExplorer(ExploreLiteParams(gain_scale=0.0))
+    assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
+
+
+def test_explore_lite_is_asked_as_often_as_its_planner_runs():
+    assert ExploreLiteExplorer().max_time == pytest.approx(3.0, abs=0.1)
+
+
+def test_greedy_gain_goes_far_for_more_and_next_best_view_does_not():
+    grid = corridor((180, 183), (300, 340))
+    assert first_choice(GreedyGainExplorer(), 8.0, -0.5, grid)[0] > 14.0
+    assert first_choice(NextBestViewExplorer(), 8.0, -0.5, grid)[0] < 10.0
+    undiscounted = NextBestViewExplorer(NextBestViewParams(discount=0.0))
+    assert first_choice(undiscounted, 8.0, -0.5, grid)[0] > 14.0
+
+
+def test_frontier_prefers_the_greater_gain_at_equal_distance():
+    assert first_choice(FrontierExplorer(), 5.0, 0.0)[0] > 10.0
+    # Far nearer to the small opening, the gain no longer pays the distance.
+    assert first_choice(FrontierExplorer(), 1.8, 0.0)[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("params_type", "wrong"),
+    [
+        (TourParams, {"max_stops": 0}),
+        (TourParams, {"sizes": ()}),
+        (TourParams, {"hysteresis": -1.0}),
+        (ExploreLiteParams, {"planner_frequency": 0.0}),
+        (ExploreLiteParams, {"min_cells": 0}),
+        (NextBestViewParams, {"num_samples": 0}),
+        (NextBestViewParams, {"discount": -0.1}),
+    ],
+)
+def test_params_refuse_nonsense(params_type, wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        params_type(**wrong)

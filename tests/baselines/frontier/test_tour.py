@@ -1,0 +1,87 @@
+"""Tours: what comes first, and the paths between stops, on a raster of cells as large as the robot's radius."""
+
+import numpy as np
+import pytest
+
+from baselines import TourExplorer, TourParams, make_explorer
+from baselines.frontier.tour import FAR, path_lengths, pool
+from envs.geometry import OccupancyGrid
+from envs.navigation import COST_INSCRIBED, COST_UNKNOWN, CostmapParams, make_costmap, travel_field
+from tests.baselines.places import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
+
+
+def rooms_with_a_door(width):
+    """Two rooms of 4 m x 4 m beside each other; the wall between them has a door of so many cells."""
+    data = np.full((84, 165), 100, dtype=np.int8)
+    data[2:82, 2:82] = data[2:82, 84:163] = 0
+    data[40 : 40 + width, 82:84] = 0
+    return make_costmap(OccupancyGrid(data, 0.05, (0.0, 0.0)), CostmapParams(0.155, 0.6, 4.0))
+
+
+def test_lengths_are_those_of_the_fine_raster_to_within_a_few_cells():
+    costmap, rng = rooms_with_a_door(16), np.random.default_rng(0)
+    field = travel_field(costmap, (1.0, 1.0))
+    cells = np.column_stack([rng.integers(8, 76, 8), rng.integers(8, 155, 8)])
+    cells = cells[np.isfinite(field.cost(cells))]
+    lengths = path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(cells))
+    np.testing.assert_array_equal(lengths, lengths.T)
+    assert len(cells) >= 6
+    for k, cell in enumerate(cells):
+        x, y = costmap.grid.centers(cell)
+        exact = travel_field(costmap, (float(x), float(y))).cost(cells)
+        np.testing.assert_allclose(lengths[k + 1, 1:], exact, rtol=0.12, atol=0.35)
+    np.testing.assert_allclose(lengths[0, 1:], field.cost(cells), rtol=0.12, atol=0.35)
+
+
+@pytest.mark.parametrize(("width", "is_open"), [(0, False), (2, False), (7, True), (9, True)])
+def test_larger_cells_neither_open_walls_nor_close_doors(width, is_open):
+    # The robot needs 7 cells.
+    costmap, far = rooms_with_a_door(width), np.array([[40, 140]])
+    assert np.isfinite(travel_field(costmap, (1.0, 1.0)).cost(far)[0]) == is_open
+    assert (path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(far))[0, 1] < FAR) == is_open
+
+
+def test_a_larger_cell_costs_as_much_as_its_cheapest_part():
+    rng = np.random.default_rng(1)
+    data = rng.choice(np.array([-1, 0, 100], dtype=np.int8), (31, 44), p=[0.1, 0.89, 0.01])
+    costmap = make_costmap(OccupancyGrid(data, 0.05, (1.0, 2.0)), CostmapParams(0.155, 0.6, 4.0))
+    coarse, fine = pool(costmap), costmap.costs
+    height, width = fine.shape
+    assert coarse.grid.resolution == pytest.approx(0.15)
+    assert coarse.costs.shape == (-(-height // 3), -(-width // 3))
+    for row, col in np.ndindex(coarse.costs.shape):
+        assert coarse.costs[row, col] == fine[3 * row : 3 * row + 3, 3 * col : 3 * col + 3].min()
+    assert {int((fine < COST_INSCRIBED).any()), int((fine == COST_UNKNOWN).any())} == {1}
+
+
+def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():
+    # 1.5 m to the left lies a dead end, 1.2 m to the right the path on: nearest goes right, and must come back.
+    grid = corridor((160, 169), (225, 230), (300, 320))
+    assert first_choice(make_explorer("nearest"), 10.0, -0.5, grid)[0] > 11.0
+    assert first_choice(TourExplorer(TourParams(max_stops=16)), 10.0, -0.5, grid)[0] < 9.0
+
+
+def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
+    grid, explorer = corridor((160, 169), (231, 240)), TourExplorer()
+    explorer.rule.reset(BURGER, np.random.default_rng(0))
+
+    def choice(rule, x):
+        candidates = candidates_from(x, -0.5, grid, planning=explorer.planning)
+        return candidates.frontiers[rule(candidates, belief_at(x, -0.5, grid))][0]
+
+    assert choice(explorer.rule, 10.0) < 9.0
+    # A step to the other side makes the other order a little shorter, and a longer one clearly.
+    assert choice(explorer.rule, 10.2) < 9.0
+    assert first_choice(TourExplorer(), 10.2, -0.5, grid)[0] > 11.0
+    assert choice(explorer.rule, 11.2) > 11.0
+
+
+def test_a_goal_is_changed_on_the_way():
+    explorer, grid = TourExplorer(), corridor((160, 169), (231, 240))
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    for _ in range(12):
+        explorer.act(reading_of(), belief_at(10.0, -0.5, grid))
+    assert explorer.plan[-1, 0] < 9.0
+    for _ in range(30):
+        explorer.act(reading_of(), belief_at(11.2, -0.5, grid))
+    assert explorer.plan[-1, 0] > 11.0

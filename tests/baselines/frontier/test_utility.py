@@ -1,0 +1,144 @@
+"""The explorer of the warehouse AGV report, item by item."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baselines import FrontierExplorer, FrontierParams
+from baselines.frontier.utility import cluster, information_gain, is_clear
+from envs.geometry import OccupancyGrid
+from envs.navigation import crop_to_known
+from tests.baselines.places import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
+
+WIDE, SMALL = (10.1, 0.0), (-0.1, 0.0)
+"""Where the hall's openings are."""
+
+
+def rule_at_rest(**params):
+    rule = FrontierExplorer(FrontierParams(**params)).rule
+    rule.reset(BURGER, np.random.default_rng(0))
+    return rule
+
+
+def test_params_are_those_of_the_report():
+    params = FrontierParams()
+    assert (params.cluster_tolerance, params.min_frontier_size, params.min_frontier_size_final) == (0.5, 8, 3)
+    assert (params.obstacle_clearance, params.information_gain_radius, params.min_goal_distance) == (0.5, 2.0, 1.2)
+    assert (params.adaptive_threshold, params.blacklist_radius, params.max_blacklist_size) == (0.7, 1.2, 25)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cluster_tolerance": 0.0},
+        {"min_frontier_size_final": 9},
+        {"adaptive_threshold": 1.5},
+        {"obstacle_above": 100},
+        {"blacklist_radius": -1.0},
+        {"max_blacklist_size": 0},
+    ],
+)
+def test_params_refuse_nonsense(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        FrontierParams(**wrong)
+
+
+def test_clusters_are_dense_groups_of_candidates_cells():
+    candidates = candidates_from(5.0, 0.0)
+    cells, owners, labels = cluster(candidates, 0.5, 8)
+    assert labels.max() == 1
+    for label, opening in ((labels[0], cells[0]), (labels[-1], cells[-1])):
+        assert (np.abs(cells[labels == label][:, 0] - opening[0]) < 1.0).all()
+    assert all(len(candidates.cells[k]) == np.count_nonzero(owners == k) for k in range(len(candidates)))
+    # Nothing is as dense as that.
+    assert (cluster(candidates, 0.5, 100)[2] == -1).all()
+
+
+def test_clearance_is_kept_to_the_centimetre_of_a_cell():
+    # The lower wall's upper cell has its centre at y = -3.025.
+    points = np.array([[5.0, -2.975 + 0.05 * k] for k in range(15)])
+    clear = is_clear(crop_to_known(hall()), points, FrontierParams())
+    np.testing.assert_array_equal(clear, points[:, 1] + 3.025 > 0.501)
+
+
+@pytest.mark.parametrize(("side", "factor"), [(10.0, 0.5 * 2.0**0.5), (40.0, 2.0)])
+def test_the_gain_counts_a_disc_that_grows_with_the_map(side, factor):
+    grid = OccupancyGrid(np.full((round(side / 0.1),) * 2, -1, dtype=np.int8), 0.1, (0.0, 0.0))
+    middle = np.array([side / 2, side / 2])
+    cells = [information_gain(grid, middle, FrontierParams(scale_radius_with_map=scale)) for scale in (False, True)]
+    assert cells[0] * 0.01 == pytest.approx(np.pi * 2.0**2, rel=0.02)
+    assert cells[1] / cells[0] == pytest.approx(factor**2, rel=0.03)
+
+
+def test_goals_nearer_than_the_least_distance_are_left_out():
+    # The small opening is 0.8 m away: its utility is the greater, but it comes only when the filters are relaxed.
+    assert first_choice(FrontierExplorer(), 0.7, 0.0)[0] > 10.0
+    assert first_choice(FrontierExplorer(FrontierParams(min_goal_distance=0.0)), 0.7, 0.0)[0] < 0.0
+
+
+def test_filters_are_relaxed_before_exploration_ends():
+    # A corridor of 0.9 m: every frontier is nearer to walls than the clearance, and nearer than the least distance.
+    data = np.full((60, 60), -1, dtype=np.int8)
+    data[20:40, 20:38] = 0
+    data[18:20, 20:38] = data[40:42, 20:38] = 100
+    grid, rule = OccupancyGrid(data, 0.05, (0.0, 0.0)), rule_at_rest()
+    rule(candidates_from(1.45, 1.5, grid), belief_at(1.45, 1.5, grid))
+    assert rule.status.relaxation >= 3
+
+
+def test_what_failed_is_blacklisted_until_too_much_is():
+    rule, candidates, belief = rule_at_rest(), candidates_from(5.0, 0.0), belief_at(5.0, 0.0)
+    failed = replace(candidates, last_failed=True)
+    assert candidates.frontiers[rule(candidates, belief)][0] > 10.0
+    assert candidates.frontiers[rule(failed, belief)][0] < 0.0
+    assert rule.status.blacklist_size == 1
+    # With both of them blacklisted, more than half is: the list is shortened and the older one is free again.
+    assert candidates.frontiers[rule(failed, belief)][0] > 10.0
+
+
+def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
+    explorer = FrontierExplorer()
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    explorer.act(reading_of(), belief_at(5.0, 0.0))
+    first = explorer.status.goal
+    assert first[0] > 10.0
+    steps = 0
+    grid = hall()
+    while explorer.status.goal == first:
+        # To and fro by 0.2 m: that is moving, but leads nowhere.
+        steps += 1
+        explorer.act(reading_of(time=0.1 * steps), belief_at(5.0 + 0.2 * (steps // 20 % 2), 0.0, grid))
+        assert steps < 400
+    assert explorer.status.goal[0] < 0.0
+    assert explorer.status.blacklist_size == 1
+    assert explorer.end_reason is None
+    # The path is the new goal's.
+    assert explorer.plan[-1, 0] < 0.5
+
+
+def test_status_and_log_tell_the_progress(caplog):
+    rule, candidates = rule_at_rest(), candidates_from(5.0, 0.0)
+    assert rule.status.goal is None
+    with caplog.at_level(logging.INFO, logger="baselines.frontier"):
+        rule(candidates, belief_at(5.0, 0.0))
+    status, data = rule.status, crop_to_known(candidates.costmap.grid).data
+    assert status.explored_share == pytest.approx((data == 0).mean())
+    assert status.relaxation == 0
+    np.testing.assert_allclose(status.candidates, [WIDE, SMALL], atol=0.11)
+    assert np.hypot(*np.subtract(status.goal, WIDE)) < 0.15
+    assert f"{100 * status.explored_share:.0f} % explored, goal (10." in caplog.text
+    assert "2 candidates at relaxation 0, 0 blacklisted" in caplog.text
+
+
+def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
+    grid, explorer = hall(), FrontierExplorer()
+    rows, cols = np.ogrid[:160, :260]
+    grid.data[(rows - 80) ** 2 + (cols - 130) ** 2 <= 8**2] = 100
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    for k in range(200):
+        explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0, grid))
+        if explorer.end_reason is not None:
+            break
+    assert explorer.end_reason == "stuck"
