@@ -29,7 +29,7 @@ PIXEL = 0.125
 OCCUPIED_FROM = 0.5
 """Least occupancy at which a cell counts as occupied."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Points of a map cell that are looked up in the truth; see `envs.tasks.coverage.mark_known`."""
+"""Points of a map cell that are looked up in the ground truth; see `envs.tasks.coverage.mark_known`."""
 
 
 def crop_map(values: np.ndarray, counts: np.ndarray, x: float, y: float, theta: float, grid: np.ndarray) -> np.ndarray:
@@ -64,8 +64,8 @@ def count_new(cells: np.ndarray, belief: OccupancyGrid, start: Pose2D, area: Exp
         cells: shape (k, 2), (row, column) of map cells.
         belief: tells where the map's cells lie.
         start: pose of the map frame's origin in the world frame.
-        area: the truth.
-        seen: shape of the truth, bool, written.
+        area: ground truth.
+        seen: shape of the ground truth, bool, written.
     """
     corners = cells[:, None, ::-1] + QUARTERS
     points = start.transform((corners * belief.resolution + belief.origin).reshape(-1, 2))
@@ -89,7 +89,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             hall: where.
-            robot: who.
+            robot: its parameters.
             slam: "tinyslam", or "truth" to map at the true pose.
             control_hz: steps per second.
 
@@ -99,7 +99,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if slam not in ("tinyslam", "truth"):
             raise ValueError(f"slam must be 'tinyslam' or 'truth', got {slam!r}")
         self._hall, self._robot, self._period = hall, robot, 1.0 / control_hz
-        self._told_the_truth = slam == "truth"
+        self._uses_truth = slam == "truth"
         self.slam = NaiveSlam(robot.lidar, load_params("default"), match_scans=slam == "tinyslam")
         self._physics = NaivePhysics(hall, robot, self._period)
         self._weights = RewardWeights()
@@ -150,7 +150,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         wheels = self._robot.odometry
         motion = wheel_motion(left - left_before, right - right_before, wheels.metres_per_tick, wheels.track)
         self._motion = Pose2D(*motion)
-        motion = before.between(self.pose) if self._told_the_truth else self._motion
+        motion = before.between(self.pose) if self._uses_truth else self._motion
         gained = self._gain(self.slam.update(self._ranges, motion))
         self._num_seen += gained
         weights = self._weights

@@ -73,9 +73,10 @@ class BulletRobot:
         row[COMMANDED_V], row[COMMANDED_W] = plan_wheels(
             reached, command, normals, self._timing, self._drive, rates, slips
         )
-        self._rolled += rates.sum(axis=0) * self._dt
-        self._slipped += slips.sum(axis=0) * self._dt
         self._targets = (rates + slips).tolist()
+        if self._robot.odometry.open_loop:
+            self._rolled += rates.sum(axis=0) * self._dt
+        self._slipped += slips.sum(axis=0) * self._dt
         self.touched = False
 
     def turn_wheels(self, substep: int) -> None:

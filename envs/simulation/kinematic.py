@@ -136,7 +136,7 @@ def step_robots(states, commands, normals, uniforms, period, substeps, robot, se
         if touched:
             others[k, TOUCHED] = 1.0
         for j in range(num_fixed, hits.shape[0]):
-            if hits[j]:  # both robots of a collision feel it
+            if hits[j]:  # contact is mutual
                 peer = j - num_fixed
                 others[peer + (peer >= k), TOUCHED] = 1.0
     sense(states, normals, uniforms, robot, segments, after, ranges, others)
@@ -156,10 +156,8 @@ class KinematicSimulator:
         self._sensors = Sensors(robot, num_robots)
         self._steps = 0
         self._world: World | None = None
-        self.rngs: Sequence[np.random.Generator] = ()
-        """Each robot's source of noise."""
-        self.circles = np.empty((0, 3))
-        """Round obstacles and movers as they are now, shape (m, 3), float64 [m]."""
+        self._rngs: Sequence[np.random.Generator] = ()
+        self._circles = np.empty((0, 3))
 
     @property
     def states(self) -> list[RobotState]:
@@ -170,14 +168,14 @@ class KinematicSimulator:
         """Place the robots at rest and return their first readings; see `Simulator`."""
         check_number(len(self.rows), poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
-        self._world, self.rngs, self._steps, self.circles = world, rngs, 0, world.circles_at(0.0)
+        self._world, self._rngs, self._steps, self._circles = world, rngs, 0, world.circles_at(0.0)
         self.rows[:] = 0.0
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
         self._sensors.draw(rngs)
         self._sensors.draw_biases(self.rows)
         self._sensors.others[:, TOUCHED] = 0.0
-        self._sensors.sense(self.rows, world.segments, self.circles)
+        self._sensors.sense(self.rows, world.segments, self._circles)
         return self._sensors.readings(0.0)
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
@@ -187,12 +185,12 @@ class KinematicSimulator:
             raise RuntimeError("call reset before step")
         check_number(len(self.rows), commands=commands)
         self._commands[:] = check_commands(commands)
-        sensors.draw(self.rngs)
+        sensors.draw(self._rngs)
         self._steps += 1
         period, substeps = self.timing
-        time, before = self._steps * period, self.circles
+        time, before = self._steps * period, self._circles
         if world.movers:
-            self.circles = world.circles_at(time)
+            self._circles = world.circles_at(time)
         step_robots(
             self.rows,
             self._commands,
@@ -203,7 +201,7 @@ class KinematicSimulator:
             self._numbers,
             world.segments,
             before,
-            self.circles,
+            self._circles,
             sensors.ranges,
             sensors.others,
         )

@@ -17,7 +17,7 @@ def world(room):
 
 
 def record(simulator, world, pose, seed, steps=60):
-    """Everything that the sensors say and the truth during an episode of random commands."""
+    """All readings and states of an episode of random commands."""
     rng = np.random.default_rng(1000 + seed)
     reading = simulator.reset(world, [pose], [np.random.default_rng(seed)])[0]
     log = []

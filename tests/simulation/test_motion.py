@@ -78,14 +78,14 @@ def test_odometry_errs_as_documented(physics, name, plain):
     for command in (Twist(robot.max_v, 0.0), Twist(0.0, 0.5 * robot.max_w)):
         reading = simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])[0]
         odometry.reset(reading)
-        believed = true = 0.0
+        measured = true = 0.0
         for _ in range(50):
             before = simulator.states[0].pose
             reading = simulator.step([command])[0]
             motion, truth = odometry.update(reading), before.between(simulator.states[0].pose)
-            believed += motion.x if command.v else motion.theta
+            measured += motion.x if command.v else motion.theta
             true += truth.x if command.v else truth.theta
-        assert true / believed == pytest.approx(forward if command.v else turning, rel=0.01)
+        assert true / measured == pytest.approx(forward if command.v else turning, rel=0.01)
 
 
 def test_slip_spreads_as_stated(physics, plain):

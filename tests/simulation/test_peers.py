@@ -27,7 +27,7 @@ def hall(width):
     )
 
 
-def place(world, *poses):
+def reset_at(world, *poses):
     simulator = KinematicSimulator(BURGER, 0.1, len(poses))
     simulator.reset(world, poses, np.random.default_rng(0).spawn(len(poses)))
     return simulator
@@ -36,8 +36,8 @@ def place(world, *poses):
 def test_a_robot_that_runs_into_a_wall_does_not_bump_into_the_peer_beside_it():
     ahead = 1.0 + 2.0 * BURGER.radius + 2e-4
     world = hall(ahead + BURGER.radius + 2e-5)
-    simulator = place(world, Pose2D(1.0, 2.0, 0.0), Pose2D(ahead, 2.0, 0.0))
-    # They stand 0.05 mm apart: nearer than robots may start.
+    simulator = reset_at(world, Pose2D(1.0, 2.0, 0.0), Pose2D(ahead, 2.0, 0.0))
+    # A gap of 0.05 mm is less than robots may start with.
     simulator.rows[0, X] += 1.5e-4
     for _ in range(3):
         readings = simulator.step([STILL, Twist(BURGER.max_v, 0.0)])
@@ -56,7 +56,7 @@ def test_both_robots_of_a_grazing_collision_feel_it_in_the_same_step(lead, first
     commands = [Twist(BURGER.max_v, 0.0), STILL, STILL]
     if first:
         poses[:2], commands[:2] = poses[1::-1], commands[1::-1]
-    simulator = place(hall(6.0), *poses)
+    simulator = reset_at(hall(6.0), *poses)
     felt = np.array([[reading.bumper for reading in simulator.step(commands)] for _ in range(30)])
     assert felt[:, 0].any()
     assert not felt[-1].any()
