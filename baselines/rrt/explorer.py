@@ -20,77 +20,48 @@ The robot keeps its point until it is there, or the frontier around it is gone.
 
 import numpy as np
 
-from baselines.goal_explorer import MAX_FAILURES, Goal, GoalExplorer
-from baselines.navigator import Navigator
-from baselines.rrt.assigner import NOBODY, assign
-from baselines.rrt.detector import RrtDetector
-from baselines.rrt.goals import OpenGoals, goals_of
 from baselines.rrt.params import RrtParams
+from baselines.rrt.team import RrtTeam
 from baselines.rrt.trees import Tree
-from baselines.survey import Survey
+from envs.estimation import Belief
 from envs.robots import RobotParams
-from envs.slam import Belief
+from envs.simulation import Reading, Twist
 
 
-class RrtExplorer(GoalExplorer):
-    """Drives to the frontier point of the highest revenue among those that two random trees have found."""
+class RrtExplorer:
+    """Drives to the frontier point of the highest revenue among those that two random trees have found.
+
+    It is a team of one robot.
+    """
 
     def __init__(self, params: RrtParams = RrtParams()) -> None:
         """Make an explorer with the given parameters."""
-        super().__init__()
-        self._params = params
-        self._detector: RrtDetector | None = None
+        self._team = RrtTeam(params)
 
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
-        super().reset(robot, control_period, rng)
-        self._detector = RrtDetector(self._params, rng)
-        self._idle_steps = 0
+    @property
+    def end_reason(self) -> str | None:
+        """Why no point is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
+        return self._team.end_reason
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        return next(iter(self._team.plans), None)
 
     @property
     def points(self) -> np.ndarray:
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
-        return np.empty((0, 2)) if self._detector is None else self._detector.points
+        return self._team.points
 
     @property
     def trees(self) -> list[Tree]:
         """The local and the global tree; none before the first step."""
-        return [] if self._detector is None else self._detector.trees
+        return self._team.trees
 
-    def _act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        if self._detector is not None and self._end_reason is None:
-            self._detector.detect(belief.grid, [belief.pose[:2]])
-            self._idle_steps += 1
-        return super()._act(observation, belief)
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for a new episode; see `Explorer`."""
+        self._team.reset(robot, control_period, 1, rng)
 
-    def _consider(self, navigator: Navigator, belief: Belief) -> None:
-        super()._consider(navigator, belief)
-        if self._goal is not None:
-            self._idle_steps = 0
-        elif self._idle_steps < self._params.patience:
-            self._end_reason = None
-
-    def _choose(self, survey: Survey) -> Goal | None:
-        goals = self._open_goals(survey)
-        best = self._assigned(survey, goals) if len(goals.viewpoints) else NOBODY
-        if best == NOBODY:
-            return None
-        (row, col), (x, y) = goals.viewpoints[best], goals.frontiers[best]
-        return Goal((int(row), int(col)), (float(x), float(y)))
-
-    def _open_goals(self, survey: Survey) -> OpenGoals:
-        """Return what can be assigned to the robot; goals that it failed to reach only if there are no others."""
-        if survey.field is None:
-            return OpenGoals(np.empty((0, 2), dtype=np.int64), np.empty((0, 2)))
-        goals = goals_of(survey, self.points, self._params)
-        failures = self._count_failures(goals.frontiers)
-        is_open = failures == 0
-        if not is_open.any():
-            is_open = failures < MAX_FAILURES
-        return OpenGoals(goals.viewpoints[is_open], goals.frontiers[is_open])
-
-    def _assigned(self, survey: Survey, goals: OpenGoals) -> int:
-        """Return the index of the goal of the highest revenue; `NOBODY` for none."""
-        assert survey.field is not None
-        costs = survey.field.cost(goals.viewpoints)[None]
-        return int(assign(survey.grid, np.array([survey.pose[:2]]), goals.frontiers, costs, self._params)[0])
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
+        return self._team.act([reading], [belief])[0]

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from baselines.survey import Survey
 from envs.geometry import Pose2D
-from envs.geometry.distance_transform import squared_distances
 from envs.geometry.polyline import lengths_along
+from envs.navigation import TravelField
+from envs.navigation.costmap import squared_distances
 
 PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a robot that passes and of one that waits [m]."""
@@ -46,27 +46,25 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
     return bool(np.hypot(*(near - position).T).min() < gap)
 
 
-def find_waiting_cell(survey: Survey, path: np.ndarray, radius: float) -> tuple[int, int] | None:
+def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
     """Find where a robot waits for another one to pass.
 
     Args:
-        survey: the map as the waiting robot sees it, with the other one as an obstacle.
+        field: travel of the waiting robot, with the other one as an obstacle.
         path: shape (n, 2), n > 0, path of the other one from its position, map frame [m].
         radius: of either footprint [m].
 
     Returns:
         The cell (row, column) off the path with the lowest travel cost; None if there is none.
     """
-    if survey.field is None:
-        return None
-    grid = survey.grid
+    grid = field.costmap.grid
     cells = grid.cells(path)
     cells = cells[grid.contains(cells)]
     on_path = np.zeros(grid.data.shape, dtype=np.bool_)
     on_path[cells[:, 0], cells[:, 1]] = True
     reach = math.ceil((2.0 * radius + PASSING_CLEARANCE) / grid.resolution)
     off_path = np.argwhere(squared_distances(on_path, reach) > reach**2)
-    costs = survey.field.cost(off_path)
+    costs = field.cost(off_path)
     if len(costs) == 0 or math.isinf(costs.min()):
         return None
     row, col = off_path[np.argmin(costs)]

@@ -13,21 +13,22 @@ three robots. What `baselines.rrt.explorer` says of one robot holds for each; be
   remembered; their footprints take their place, which move with them and are known also where the lidar is blind.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from baselines.goal_explorer import GOAL_RADIUS
-from baselines.navigator import NO_POINTS, Status
 from baselines.rrt.assigner import NOBODY, assign
 from baselines.rrt.detector import RrtDetector
-from baselines.rrt.goals import OpenGoals
 from baselines.rrt.params import TEAM_PARAMS, RrtParams
 from baselines.rrt.right_of_way import is_beside, outline
-from baselines.rrt.team_robot import TeamRobot
-from baselines.survey import Survey
+from baselines.rrt.robot import RrtRobot
+from baselines.rrt.trees import Tree
+from envs.estimation import Belief
 from envs.estimation.peers import PeerFilter
 from envs.geometry import Pose2D
+from envs.navigation import NO_POINTS
 from envs.robots import RobotParams
-from envs.slam import Belief
+from envs.simulation import Reading, Twist
 
 BLOCKING_REACH = 1.5
 """How far ahead on its path a robot is blocked by a peer [m]."""
@@ -35,15 +36,17 @@ PEER_CLEARANCE = 0.05
 """Distance that is kept to a peer besides that to other obstacles, since it moves [m]."""
 PREDICTION_TIME = 0.5
 """A peer is an obstacle also where it will be after this time [s]."""
+SAME_POINT = 0.4
+"""Points this near to one that another robot drives to are not assigned [m]."""
 
 
 class RrtTeam:
-    """Explores with several robots."""
+    """Explores with one or several robots."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         """Make a team with the given parameters."""
         self._params = params
-        self._team: list[TeamRobot] = []
+        self._team: list[RrtRobot] = []
 
     def reset(self, robot: RobotParams, control_period: float, num_robots: int, rng: np.random.Generator) -> None:
         """Prepare for a new episode.
@@ -56,9 +59,7 @@ class RrtTeam:
         """
         self._robot = robot
         self._detector = RrtDetector(self._params, rng)
-        self._team = [TeamRobot(self._params, k, self.assign, self._is_anyone_driving) for k in range(num_robots)]
-        for teammate in self._team:
-            teammate.join(robot, control_period, rng, self._detector)
+        self._team = [RrtRobot(robot, control_period, self._params, k) for k in range(num_robots)]
         self._peer_filter = PeerFilter(robot)
 
     @property
@@ -68,9 +69,6 @@ class RrtTeam:
         if None in reasons or not reasons:
             return None
         return "no_reachable_frontier" if "no_reachable_frontier" in reasons else reasons[0]
-
-    def _is_anyone_driving(self) -> bool:
-        return any(robot.target is not None for robot in self._team)
 
     @property
     def plans(self) -> list[np.ndarray | None]:
@@ -83,110 +81,112 @@ class RrtTeam:
         return self._detector.points
 
     @property
+    def trees(self) -> list[Tree]:
+        """The local trees and the global one; none before the first step."""
+        return self._detector.trees
+
+    @property
     def targets(self) -> list[tuple[float, float] | None]:
-        """The frontier point of each robot (x, y), map frame [m]; None for a robot without one."""
+        """The frontier that each robot drives to (x, y), map frame [m]; None for a robot without one."""
         return [robot.target for robot in self._team]
 
-    def act(self, observation: dict[str, np.ndarray], beliefs: list[Belief]) -> np.ndarray:
-        """Return the actions.
+    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
+        """Return the twists to command for the next control period.
 
         Args:
-            observation: of `ExploreTeamEnv`.
+            readings: of each robot's sensors.
             beliefs: pose estimate of each robot; the map in them is one and the same.
 
-        Returns:
-            Shape (num_robots, 2), float32.
+        Raises:
+            RuntimeError: before the first `reset`.
         """
         if not self._team:
             raise RuntimeError("call reset before act")
         if self.end_reason is not None:
-            return np.zeros((len(self._team), 2), dtype=np.float32)
-        self._beliefs = beliefs
-        self._detector.detect(beliefs[0].grid, [belief.pose[:2] for belief in beliefs])
+            return [Twist(0.0, 0.0) for _ in self._team]
+        self._poses = [belief.pose for belief in beliefs]
+        self._detector.detect(beliefs[0].grid, [pose[:2] for pose in self._poses])
         for robot in self._team:
-            if any(peer.target is not None for peer in self._peers_of(robot)):
-                robot.resume()
             if robot.is_blocked:
                 self._resolve_conflict(robot)
-        # All process their readings before any decides, since the one that decides asks the others for their goals.
-        views = [self._observe_peers(robot, observation) for robot in self._team]
-        for robot, view in zip(self._team, views, strict=True):
-            robot.sense(view)
-        return np.stack(
-            [robot.drive(view, belief) for robot, view, belief in zip(self._team, views, beliefs, strict=True)]
-        )
+        readings = [self._observe_peers(robot, reading) for robot, reading in zip(self._team, readings, strict=True)]
+        self._assign(self._update(readings, beliefs), beliefs)
+        return [robot.navigator.command(belief) for robot, belief in zip(self._team, beliefs, strict=True)]
 
-    def assign(self, robot: TeamRobot, survey: Survey, goals: OpenGoals) -> int:
-        """Return which of its open goals a robot gets when all robots without a point are assigned one.
+    def _update(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[RrtRobot]:
+        """Let all robots process their readings, and return those that are to be assigned a point.
 
-        Args:
-            robot: the robot.
-            survey: its view of the map.
-            goals: its open goals.
-
-        Returns:
-            Index into its goals; `NOBODY` for none.
+        Robots without a point come last: they are asked as soon as any other robot is to be assigned one.
         """
-        peers = self._peers_of(robot)
-        asked = [(survey, goals)]
-        for peer in peers:
-            if peer.target is None and peer.yielding_to is None:
-                asked.append(peer.open_goals(self._beliefs[peer.index]))
-        columns: dict[tuple[float, float], int] = {}
-        for _, theirs in asked:
-            for x, y in theirs.frontiers.tolist():
-                columns.setdefault((x, y), len(columns))
-        costs = np.full((len(asked), len(columns)), np.inf)
-        for row, (view, theirs) in enumerate(asked):
-            if view.field is not None and len(theirs.viewpoints):
-                costs[row, [columns[x, y] for x, y in theirs.frontiers.tolist()]] = view.field.cost(theirs.viewpoints)
-        points = np.array(list(columns))
-        taken = np.array([peer.target for peer in peers if peer.target]).reshape(-1, 2)
-        gaps = points[:, None] - taken
-        costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= GOAL_RADIUS).any(axis=1)] = np.inf
-        positions = np.array([view.pose[:2] for view, _ in asked])
-        chosen = assign(survey.grid, positions, points, costs, self._params, taken)[0]
-        if chosen == NOBODY:
-            return NOBODY
-        return int(np.flatnonzero((goals.frontiers == points[chosen]).all(axis=1))[0])
+        due: list[RrtRobot] = []
+        for robot in sorted(self._team, key=lambda robot: robot.is_idle):
+            for peer in self._peers_of(robot):
+                robot.learn(beliefs[peer.index])
+            if robot.update(readings[robot.index], beliefs[robot.index], self.points, is_asked=bool(due)):
+                due.append(robot)
+        return due
 
-    def _peers_of(self, robot: TeamRobot) -> list[TeamRobot]:
+    def _assign(self, due: list[RrtRobot], beliefs: Sequence[Belief]) -> None:
+        """Assign points to robots that have none, all together (`assign`); those that get none wait, or end."""
+        if not due:
+            return
+        is_driving = any(robot.target is not None for robot in self._team)
+        columns: dict[tuple[float, float], int] = {}
+        goals = [robot.open_goals() for robot in due]
+        for frontiers, _, _ in goals:
+            for x, y in frontiers.tolist():
+                columns.setdefault((x, y), len(columns))
+        costs = np.full((len(due), len(columns)), np.inf)
+        for row, (frontiers, lengths, _) in enumerate(goals):
+            costs[row, [columns[x, y] for x, y in frontiers.tolist()]] = lengths
+        points = np.array(list(columns)).reshape(-1, 2)
+        taken = np.array([robot.target for robot in self._team if robot.target]).reshape(-1, 2)
+        gaps = points[:, None] - taken
+        costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= SAME_POINT).any(axis=1)] = np.inf
+        positions = np.array([self._poses[robot.index][:2] for robot in due]).reshape(-1, 2)
+        chosen = assign(beliefs[0].grid, positions, points, costs, self._params, taken)
+        for robot, (frontiers, _, indices), point in zip(due, goals, chosen, strict=True):
+            if point != NOBODY:
+                robot.choose(int(indices[(frontiers == points[point]).all(axis=1).argmax()]))
+        is_driving |= bool((chosen != NOBODY).any())
+        for robot in due:
+            if robot.target is None:
+                robot.wait() if is_driving else robot.look_around_or_end(self._params.patience)
+
+    def _peers_of(self, robot: RrtRobot) -> list[RrtRobot]:
         return [peer for peer in self._team if peer is not robot]
 
-    def _observe_peers(self, robot: TeamRobot, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Give a robot its peers as obstacles, and return its observation without them."""
-        params, k, peers = self._robot, robot.index, self._peers_of(robot)
-        view = {key: observation[key][k] for key in ("scan", "motion")}
+    def _observe_peers(self, robot: RrtRobot, reading: Reading) -> Reading:
+        """Give a robot its peers as obstacles, and return its reading without them."""
+        peers, pose, radius = self._peers_of(robot), self._poses[robot.index], self._robot.radius + PEER_CLEARANCE
         if not peers:
-            return view
-        poses = [belief.pose for belief in self._beliefs]
-        ranges = view["scan"] * np.float32(params.lidar.range_max)
+            return reading
         obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
         for peer in peers:
-            here, speed = poses[peer.index], float(observation["motion"][peer.index, 0]) * params.max_v
-            ahead = here.compose(Pose2D(speed * PREDICTION_TIME, 0.0, 0.0))
+            here = self._poses[peer.index]
+            ahead = here.compose(Pose2D(peer.speed * PREDICTION_TIME, 0.0, 0.0))
             obstacles[peer.precedence > robot.precedence] += [
-                outline(poses[k], here, params.radius + PEER_CLEARANCE),
-                outline(poses[k], ahead, params.radius + PEER_CLEARANCE),
-                self._peer_filter.hits(ranges, poses[k], here),
+                outline(pose, here, radius),
+                outline(pose, ahead, radius),
+                self._peer_filter.hits(reading.ranges, pose, here),
             ]
         robot.standing, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
-        is_hit = np.isnan(self._peer_filter(ranges, poses[k], [poses[peer.index] for peer in peers]))
-        return {**view, "scan": np.where(is_hit, np.float32(0.0), view["scan"])}
+        ranges = self._peer_filter(reading.ranges, pose, [self._poses[peer.index] for peer in peers])
+        return reading._replace(ranges=ranges)
 
-    def _resolve_conflict(self, robot: TeamRobot) -> None:
+    def _resolve_conflict(self, robot: RrtRobot) -> None:
         """Find the peer that blocks a robot, and let one of them yield."""
         gap = 2.0 * self._robot.radius + 0.1
         for peer in self._peers_of(robot):
-            path = robot.navigator.plan
+            path = robot.plan
             if peer.yielding_to is robot or peer.precedence < robot.precedence or path is None:
                 continue
-            if not is_beside(self._beliefs[peer.index].pose[:2], path, gap, BLOCKING_REACH):
+            if not is_beside(self._poses[peer.index][:2], path, gap, BLOCKING_REACH):
                 continue
-            robot.reset_progress()
-            if peer.yield_to(self._beliefs[peer.index], robot):
+            robot.restart_progress()
+            if peer.yield_to(robot, self._poses[peer.index]):
                 return
-            if peer.navigator.plan is not None and robot.yield_to(self._beliefs[robot.index], peer):
+            if peer.plan is not None and robot.yield_to(peer, self._poses[robot.index]):
                 return
-            robot.navigator.status = Status.FAILED
+            robot.fail()
             return

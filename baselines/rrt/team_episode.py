@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.episode import Decide, Info, Observation, Watch, first_at, run
+from baselines.explorer import to_action
 from baselines.rrt.team import RrtTeam
 from envs.explore_team import ExploreTeamEnv
 
@@ -41,9 +42,9 @@ def decide_with_team(team: RrtTeam, env: ExploreTeamEnv) -> Decide:
     """Return the decisions of a team in an environment, which also gets its plans to draw."""
 
     def decide(observation: Observation) -> np.ndarray | str:
-        actions = team.act(observation, env.beliefs)
+        twists = team.act([robot.reading for robot in env.robots], env.beliefs)
         env.plans = team.plans
-        return team.end_reason or actions
+        return team.end_reason or np.stack([to_action(twist, env.robot) for twist in twists])
 
     return decide
 

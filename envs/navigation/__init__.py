@@ -18,7 +18,7 @@ from .frontier_navigator import FrontierNavigator
 from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
 from .layers import LayeredCostmap, ObstacleParams
 from .local_planner import LocalPlanner
-from .navigator import Navigator
+from .navigator import NO_POINTS, Navigator
 from .obstacles import free_distance, mark_missing
 from .params import NavigatorParams, PlanningParams
 from .paths import TravelField, plan_path, travel_field
@@ -34,6 +34,7 @@ __all__ = [
     "COST_MAX_FREE",
     "COST_UNKNOWN",
     "FEATURES",
+    "NO_POINTS",
     "Candidates",
     "Costmap",
     "CostmapParams",

@@ -41,7 +41,7 @@ from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import SHORTCUT, nearest_cell
 from envs.navigation.planned_paths import search_goal, write_path
 from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near, is_frontier_near
-from envs.navigation.planning_map import PlanningMap
+from envs.navigation.planning_map import CostLayer, PlanningMap
 from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from envs.navigation.tables import costmap_params
 from envs.robots import RobotParams
@@ -92,6 +92,8 @@ class FrontierNavigator:
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
         self._path = np.empty((MAX_POINTS, 2))
+        self.bodies = NO_POINTS
+        """Shape (n, 2), float64, base frame [m]: what plans lead around and no map shows, such as other robots."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode: take in the first reading and find the first candidates."""
@@ -109,7 +111,7 @@ class FrontierNavigator:
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._outcome: str | None = None
-        self._integrate(belief)
+        self.integrate(belief)
         self._find(belief.pose)
 
     @property
@@ -160,10 +162,7 @@ class FrontierNavigator:
             How the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
             that has no candidates left looks around first.
         """
-        self._integrate(belief)
-        progress = self.navigator.update(reading, belief.pose, others)
-        self._now = reading.time
-        outcome = self._judge(progress, belief.pose)
+        outcome = self._judge(self.drive(reading, belief, others), belief.pose)
         if outcome is None:
             return None
         self._find(belief.pose)
@@ -175,8 +174,37 @@ class FrontierNavigator:
             outcome, self._outcome = self._outcome, None
         return outcome
 
-    def _integrate(self, belief: Belief) -> None:
-        """Take note of what has changed in the map."""
+    def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
+        """Process a reading without looking for candidates; returns what `Navigator.update` does."""
+        self.integrate(belief)
+        self._now = reading.time
+        return self.navigator.update(reading, belief.pose, others)
+
+    def stop(self) -> None:
+        """Drop the goal, and stand still."""
+        self.navigator.stop()
+
+    def fail(self) -> None:
+        """Drop the goal as one that cannot be reached."""
+        self._fail()
+        self._last_failed = True
+        self.navigator.stop()
+
+    @property
+    def target(self) -> tuple[float, float] | None:
+        """The frontier that was chosen last (x, y), map frame [m]."""
+        return self._chosen
+
+    def free_costmap(self, pose: Pose2D) -> Costmap:
+        """Return the costs now for the largest footprint that touches nothing where the robot is; its array is live."""
+        for level in range(self.map.max_level + 1):
+            costmap = self.map.costmap(level, pose, self.navigator.obstacles, self.bodies)
+            if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
+                break
+        return costmap
+
+    def integrate(self, belief: Belief) -> None:
+        """Take note of what the last scan has changed in the map; also that of another robot with the same map."""
         self.map.update(belief.grid, belief.update.window, redrawn=belief.update.redrawn)
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
@@ -216,11 +244,10 @@ class FrontierNavigator:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
         planning.refresh()
-        groups, starts = frontier_groups(planning.frontier, planning.tile_counts)
-        parts = split_groups(groups, starts, planning.tables[0].max_extent, min(self._lengths))
         self._can_stand = False
         for level in range(planning.max_level + 1):
-            layer = planning.layer(level, pose, self.navigator.obstacles)
+            layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
+            groups, parts = self._frontiers(layer)
             stand = self._stand(layer.costs, level, pose)
             found = np.empty((0, len(CANDIDATE_FIELDS)))
             if stand[0] >= 0:
@@ -240,6 +267,11 @@ class FrontierNavigator:
                 break
         self._level, self._found = level, found
         self._describe(pose, groups, parts)
+
+    def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
+        """Return the frontier cells that may become candidates, shape (n, 2), and their parts; see `split_groups`."""
+        groups, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
+        return groups, split_groups(groups, starts, layer.tables.max_extent, min(self._lengths))
 
     def _describe(self, pose: Pose2D, groups: np.ndarray, parts: np.ndarray) -> None:
         """Make the record of the candidates that were found."""
@@ -283,7 +315,7 @@ class FrontierNavigator:
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path to the goal anew; False if there is none any more."""
         planning, tables = self.map, self.map.tables[self._level]
-        layer = planning.layer(self._level, pose, self.navigator.obstacles)
+        layer = planning.layer(self._level, pose, self.navigator.obstacles, self.bodies)
         stand = self._stand(layer.costs, self._level, pose)
         if stand[0] < 0:
             return False

@@ -107,6 +107,15 @@ class Navigator:
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
     @property
+    def still_steps(self) -> int:
+        """Control periods for which the robot has not moved or turned, on its way to a goal."""
+        return int(self.record["stall_steps"])
+
+    def restart_progress(self) -> None:
+        """Measure progress anew from here."""
+        self.record["stall_steps"] = -1
+
+    @property
     def obstacles(self) -> np.ndarray:
         """Shape (n, 2), float64, base frame [m]: what the lidar sees and has seen around the robot; live."""
         return self._obstacles[: self.record["num_seen"]]

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from baselines.survey import Survey
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams, FrontierNavigator
+from envs.navigation import FrontierNavigator
 from envs.robots import load_robot
 from envs.simulation import Reading
 
@@ -40,15 +39,6 @@ def corridor(*unknown, length=400):
 
 def belief_at(x, y, grid=None):
     return Belief(Pose2D(x, y, 0.0), grid or hall())
-
-
-def survey_from(x, y, grid=None):
-    return Survey(belief_at(x, y, grid), CostmapParams(0.155, 0.6, 4.0))
-
-
-def observation_of(*, bump=False, action=(0.0, 0.0), scan=1.0):
-    motion = np.array([*action, *action, bump, 0.0], dtype=np.float32)
-    return {"scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32), "motion": motion}
 
 
 def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=0.0, robot=BURGER):

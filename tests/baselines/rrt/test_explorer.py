@@ -10,19 +10,18 @@ from sklearn.cluster import MeanShift
 from baselines import RrtExplorer, RrtParams, make_explorer
 from baselines.explorer import to_action
 from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.detector import RrtDetector
 from baselines.rrt.filter import information_gain, mean_shift
-from baselines.rrt.goals import goals_of
+from baselines.rrt.navigator import PointNavigator
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
-from baselines.survey import Survey
-from baselines.viewpoints import find_viewpoint
+from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams
 from envs.robots import load_robot
-from envs.slam import Belief
+from tests.baselines.places import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
-NO_CELLS = np.empty((0, 2), dtype=np.int32)
+
 REVENUE = RrtParams()
 
 
@@ -244,73 +243,58 @@ def test_params_refuse_nonsense():
         RrtParams(spacing=2.0)
 
 
-def explorer_in(grid, pose, num_steps=20):
-    """Return an explorer whose trees have grown, and the belief."""
-    explorer = RrtExplorer()
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    belief = Belief(pose, grid, NO_CELLS)
+def belief_in(grid):
+    return Belief(Pose2D(0.0, 0.0, 0.0), grid)
+
+
+def detector_in(grid, num_steps=20):
+    """Return a detector whose trees have grown."""
+    detector = RrtDetector(RrtParams(), np.random.default_rng(0))
     for _ in range(num_steps):
-        explorer._detector.detect(belief.grid, [belief.pose[:2]])
-    return explorer, belief
-
-
-def survey_of(belief):
-    return Survey(belief, CostmapParams(0.155, 0.6, 4.0))
+        detector.detect(grid, [(0.0, 0.0)])
+    return detector
 
 
 def test_the_filter_keeps_few_points_and_drops_stale_ones():
-    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
-    assert 3 <= len(explorer.points) <= 16
-    assert distances(explorer.points, explorer.points)[~np.eye(len(explorer.points), dtype=bool)].min() > 0.3
-    assert explorer._choose(survey_of(belief)).frontier[0] == pytest.approx(9.075)
-    belief.grid.data[12:92, 202:239] = 0
-    belief.grid.data[:, 239] = 100
-    explorer._detector.detect(belief.grid, [belief.pose[:2]])
-    assert len(explorer.points) == 0
+    grid = rooms()
+    detector = detector_in(grid)
+    assert 3 <= len(detector.points) <= 16
+    assert distances(detector.points, detector.points)[~np.eye(len(detector.points), dtype=bool)].min() > 0.3
+    grid.data[12:92, 202:239] = 0
+    grid.data[:, 239] = 100
+    detector.detect(grid, [(0.0, 0.0)])
+    assert len(detector.points) == 0
 
 
-def goal_found_slowly(survey, point, max_cost, radius, view_distances):
-    """One point at a time: the nearest frontier cell, and the first distance from which it can be seen."""
-    grid = survey.grid
-    cells = np.argwhere(survey.frontier)
-    gaps = np.hypot(*(grid.centers(cells) - point).T)
-    cost = survey.costmap.cost_at(*point)
-    touches = cost > 252 and cost != 255
-    ros_cost = 99.0 if touches else 1.0 + math.floor(97.0 * (cost - 1) / 251.0) if 0 < cost < 255 else 0.0
-    if gaps.min() > radius or ros_cost > max_cost:
-        return None
-    target = cells[np.argmin(gaps)]
-    for distance in view_distances:
-        found = find_viewpoint(survey.field, target[None], distance)
-        if found is not None:
-            return (*found[0], *target)
-    return None
+def navigator_at(grid, points, **params):
+    navigator = PointNavigator(BURGER, 0.1, RrtParams(**params))
+    navigator.points = points
+    navigator.begin(reading_of(), belief_in(grid))
+    return navigator
 
 
-def test_goals_of_many_points_equal_a_search_for_each():
+def test_candidates_are_the_frontier_cells_nearest_to_the_points():
     rng = np.random.default_rng(5)
     grid = rooms()
-    grid.data[rng.uniform(size=grid.data.shape) < 0.01] = -1
-    grid.data[30:34, 150:170] = 100
-    belief = Belief(Pose2D(0.0, 0.0, 0.0), grid, NO_CELLS)
-    survey = survey_of(belief)
-    x0, y0, x1, y1 = grid.bounds
-    points = rng.uniform((x0 - 0.2, y0 - 0.2), (x1 + 0.2, y1 + 0.2), (400, 2))
-    found = [goal_found_slowly(survey, point, 70.0, 0.3, (0.0, 0.3, 0.6)) for point in points]
-    expected = np.array([goal for goal in found if goal is not None])
-    assert 50 < len(expected) < 350
-    params = RrtParams(max_cost=70.0, bandwidth=0.3, view_distances=(0.0, 0.3, 0.6))
-    goals = goals_of(survey, points, params)
-    np.testing.assert_array_equal(goals.viewpoints, expected[:, :2])
-    np.testing.assert_array_equal(goals.frontiers, survey.grid.centers(expected[:, 2:]))
-    assert [len(part) for part in goals_of(survey, np.empty((0, 2)), params)] == [0, 0]
+    # The frontier lies along x = 9.05, from wall to wall; what is farther than the bandwidth has none.
+    points = np.column_stack([rng.uniform(8.0, 10.0, 200), rng.uniform(-1.5, 1.5, 200)])
+    navigator = navigator_at(grid, points, bandwidth=0.3)
+    cells = navigator.map.grid.centers(np.argwhere(navigator.map.frontier))
+    gaps = distances(points, cells)
+    expected = cells[gaps.argmin(axis=1)][gaps.min(axis=1) <= 0.3]
+    assert 20 < len(expected) < 180
+    assert {tuple(cell) for cell in navigator.candidates.frontiers.round(6)} == {tuple(c) for c in expected.round(6)}
+    assert len(navigator_at(grid, np.empty((0, 2))).candidates) == 0
 
 
-def test_points_that_no_path_leads_to_are_invalid():
-    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
-    belief.grid.data[42:62, 100:102] = 100
-    assert len(explorer.points)
-    assert explorer._choose(survey_of(belief)) is None
+def test_points_in_costly_cells_and_beyond_walls_are_invalid():
+    grid = rooms()
+    points = np.array([[9.05, 0.0], [9.05, -1.93]])
+    # The second one lies within reach of the wall.
+    assert len(navigator_at(grid, points).candidates) == 1
+    assert len(navigator_at(grid, points, max_cost=99.0).candidates) == 2
+    grid.data[42:62, 100:102] = 100
+    assert len(navigator_at(grid, points).candidates) == 0
 
 
 def run(seed, max_time, **kwargs):
@@ -337,13 +321,12 @@ def test_it_explores_a_small_world(physics):
 
 
 def steps_until_the_end(explorer, belief):
-    observation = {"scan": np.ones(BURGER.lidar.num_beams, dtype=np.float32), "motion": np.zeros(6, dtype=np.float32)}
     steps = 0
     while explorer.end_reason is None and steps < 1000:
-        explorer._act(observation, belief)
+        explorer.act(reading_of(), belief)
         steps += 1
     # From then on it stands still.
-    assert explorer._act(observation, belief).tolist() == [0.0, 0.0]
+    assert explorer.act(reading_of(), belief) == (0.0, 0.0)
     return steps
 
 
@@ -352,17 +335,22 @@ def test_a_world_without_frontiers_ends_the_episode_after_patience():
     grid.data[12:92, 202:] = 100
     explorer = RrtExplorer(RrtParams(patience=250))
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    steps = steps_until_the_end(explorer, Belief(Pose2D(0.0, 0.0, 0.0), grid, NO_CELLS))
+    steps = steps_until_the_end(explorer, belief_in(grid))
     assert 250 <= steps < 500
     assert explorer.end_reason == "no_reachable_frontier"
     assert len(explorer.points) == 0
 
 
 def test_points_that_cannot_be_reached_do_not_keep_an_episode_going():
-    explorer, belief = explorer_in(rooms(), Pose2D(0.0, 0.0, 0.0))
+    grid = rooms()
+    explorer = RrtExplorer()
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     # The global tree stays behind the door that closes, and finds on.
-    belief.grid.data[42:62, 100:102] = 100
-    steps = steps_until_the_end(explorer, belief)
+    for _ in range(20):
+        explorer.act(reading_of(), belief_in(grid))
+    grid.data[42:62, 100:102] = 100
+    closed = OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin)
+    steps = steps_until_the_end(explorer, belief_in(closed))
     assert RrtParams().patience - 20 <= steps < 500
     assert explorer.end_reason == "no_reachable_frontier"
     assert len(explorer.points) > 0
@@ -377,4 +365,4 @@ def test_same_seed_same_actions():
 
 def test_it_wants_a_reset_first():
     with pytest.raises(RuntimeError, match="reset"):
-        RrtExplorer().act(None, Belief(Pose2D(0.0, 0.0, 0.0), rooms(), NO_CELLS))
+        RrtExplorer().act(None, Belief(Pose2D(0.0, 0.0, 0.0), rooms()))

@@ -5,34 +5,39 @@ import math
 import numpy as np
 import pytest
 
+import baselines.rrt.team as team_module
 from baselines import RrtExplorer, RrtParams
+from baselines.episode import run_episode
 from baselines.explorer import to_action
-from baselines.goal_explorer import Goal
-from baselines.navigator import Navigator
-from baselines.rrt.assigner import assign
+from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.detector import RrtDetector
 from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
-from baselines.survey import Survey
+from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams
+from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
+from envs.navigation import CostmapParams, make_costmap, travel_field
 from envs.robots import load_robot
-from envs.slam import Belief
 from envs.worlds import World
 
 BURGER = load_robot("turtlebot3_burger")
-NO_CELLS = np.empty((0, 2), dtype=np.int32)
+
+
+def act(team, env):
+    """Let a team decide; returns the actions."""
+    twists = team.act([robot.reading for robot in env.robots], env.beliefs)
+    return np.stack([to_action(twist, env.robot) for twist in twists])
 
 
 def run(env, seed, max_time, watch=None):
-    observation, info = env.reset(seed=seed)
+    _, info = env.reset(seed=seed)
     team = RrtTeam()
     team.reset(env.robot, env.control_period, env.num_robots, np.random.default_rng(seed))
     done = False
     while not done and team.end_reason is None and info["time"] < max_time:
-        observation, _, terminated, truncated, info = env.step(team.act(observation, env.beliefs))
+        _, _, terminated, truncated, info = env.step(act(team, env))
         done = terminated or truncated
         if watch is not None:
             watch(team, info)
@@ -54,24 +59,20 @@ def corridor(width=0.45, length=4.0):
     )
 
 
-def send(team, env, targets, monkeypatch):
-    """Let the robots drive to targets (x, y), world frame, on a map that they know already, and to nothing else."""
+def known_map(env, targets):
+    """Return the map of a world that is known but for a cell's surroundings at each target (x, y), world frame."""
     grid, walls = env.beliefs[0].grid, env.coverage.area.walls
-    rows, cols = np.nonzero(grid.data < 0)
+    data = grid.data.copy()
+    rows, cols = np.nonzero(data < 0)
     cells = walls.cells(env.start.transform(grid.centers(np.column_stack([rows, cols]))))
     inside = walls.contains(cells)
-    grid.data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
-    monkeypatch.setattr(team._detector, "detect", lambda *_: None)
-    for member, target in zip(team._team, targets, strict=True):
-        point = env.start.between(Pose2D(*target, 0.0))[:2]
-
-        def choose(survey, point=point):
-            row, col = survey.grid.cells(np.array(point))
-            is_open = survey.field is not None and np.isfinite(survey.field.cost(np.array([row, col])))
-            return Goal((int(row), int(col)), point) if is_open else None
-
-        monkeypatch.setattr(member, "_choose", choose)
-        monkeypatch.setattr(member, "_frontier_near", lambda *_: np.zeros((1, 2), dtype=np.int64))
+    data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
+    # Looked up from the other side as well, so that thin walls have no holes.
+    occupied = walls.centers(np.argwhere(walls.data == OCCUPIED))
+    data[tuple(grid.cells(env.start.inverse().transform(occupied)).T)] = OCCUPIED
+    for row, col in grid.cells(env.start.inverse().transform(np.array(targets))):
+        data[row - 2 : row + 3, col - 2 : col + 3] = -1
+    return OccupancyGrid(data, grid.resolution, grid.origin)
 
 
 @pytest.mark.parametrize("indices", [(0, 1), (1, 0)])
@@ -84,18 +85,33 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
         start=tuple(starts[k] for k in indices),
         target_coverage=1.0,
     )
-    observation, info = env.reset(seed=0)
+    _, info = env.reset(seed=0)
+    targets = [targets[k] for k in indices]
+    grid, points = known_map(env, targets), env.start.inverse().transform(np.array(targets))
+
+    def assign_far_ends(grid, robots, found, costs, params, taken):
+        """Send each robot to its target at the other end, whatever lies nearer."""
+        chosen = np.full(len(robots), NOBODY)
+        for k, position in enumerate(robots):
+            index = int(np.argmin([math.dist(position, belief.pose[:2]) for belief in env.beliefs]))
+            gaps = np.hypot(*(found - points[index]).T)
+            if len(gaps) and gaps.min() < 0.4 and np.isfinite(costs[k, gaps.argmin()]):
+                chosen[k] = gaps.argmin()
+        return chosen
+
+    monkeypatch.setattr(team_module, "assign", assign_far_ends)
+    monkeypatch.setattr(RrtDetector, "detect", lambda detector, *_: setattr(detector, "points", points))
     team = RrtTeam()
     team.reset(env.robot, env.control_period, 2, np.random.default_rng(0))
-    targets = [targets[k] for k in indices]
-    send(team, env, targets, monkeypatch)
     arrived, met = [math.inf, math.inf], math.inf
     while max(arrived) == math.inf and info["time"] < 150.0:
-        observation, _, _, _, info = env.step(team.act(observation, env.beliefs))
-        poses = [member.state.pose for member in env.members]
+        beliefs = [Belief(belief.pose, grid) for belief in env.beliefs]
+        twists = team.act([robot.reading for robot in env.robots], beliefs)
+        _, _, _, _, info = env.step(np.stack([to_action(twist, env.robot) for twist in twists]))
+        poses = [truth.state.pose for truth in env.truths]
         met = min(met, math.dist(poses[0][:2], poses[1][:2]))
         for k in range(2):
-            if math.dist(poses[k][:2], targets[k]) < 0.25:
+            if math.dist(poses[k][:2], targets[k]) < 0.35:
                 arrived[k] = min(arrived[k], info["time"])
     assert met < 1.0
     # The lower index goes first.
@@ -103,23 +119,14 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     assert info["collisions"].tolist() == [0, 0]
 
 
-def test_a_team_of_one_does_what_the_single_explorer_does():
+def test_a_team_of_one_explores_as_the_single_explorer_does():
     kwargs = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
     env, team_env = ExploreEnv(**kwargs), ExploreTeamEnv(**kwargs, num_robots=1)
     params = RrtParams(patience=30)
-    explorer, team = RrtExplorer(params), RrtTeam(params)
-    _, (stacked, _) = env.reset(seed=3), team_env.reset(seed=3)
-    explorer.reset(env.robot, env.control_period, np.random.default_rng(0))
-    team.reset(env.robot, env.control_period, 1, np.random.default_rng(0))
-    for _ in range(600):
-        action, actions = (
-            to_action(explorer.act(env.reading, env.belief), env.robot),
-            team.act(stacked, team_env.beliefs),
-        )
-        np.testing.assert_array_equal(action[None], actions)
-        env.step(action)
-        stacked, *_ = team_env.step(actions)
-    np.testing.assert_array_equal(explorer.points, team.points)
+    episode = run_episode(env, RrtExplorer(params), 3)
+    team_episode = run_team_episode(team_env, RrtTeam(params), 3)
+    assert team_episode.duration == episode.duration
+    assert team_episode.path_length.tolist() == [episode.path_length]
 
 
 def test_two_robots_explore_a_small_world_without_touching():
@@ -132,28 +139,6 @@ def test_two_robots_explore_a_small_world_without_touching():
     both = np.array([targets for targets in apart if None not in targets])
     assert len(both) > 50
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
-
-
-def test_no_robot_plans_on_the_map_twice_in_a_step_however_many_ask(monkeypatch):
-    surveys = []
-    survey = Navigator.survey
-
-    def count(navigator, belief, tightness=0):
-        surveys.append((id(navigator), tightness))
-        return survey(navigator, belief, tightness)
-
-    monkeypatch.setattr(Navigator, "survey", count)
-    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", num_robots=4, slam="truth")
-    busiest = 0
-
-    def watch(*_):
-        nonlocal busiest
-        busiest = max(busiest, len(surveys))
-        assert len(surveys) == len(set(surveys))
-        surveys.clear()
-
-    run(env, 0, 15.0, watch)
-    assert busiest >= 4
 
 
 def test_what_a_peer_drives_to_is_no_gain_any_more():
@@ -174,19 +159,25 @@ def test_a_waiting_cell_lies_off_the_path_and_on_the_own_side_of_it():
     data = np.full((80, 160), 100, dtype=np.int8)
     data[35:45, 2:158] = 0  # a corridor, 0.5 m wide, along x = 0 ... 8
     data[35:60, 100:120] = 0  # with a bay at x = 5 ... 6
-    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
     path = np.column_stack([np.linspace(2.0, 7.5, 111), np.full(111, 2.0)])
-    belief = Belief(Pose2D(4.0, 2.0, 0.0), grid, NO_CELLS)
-    peer = outline(belief.pose, Pose2D(3.0, 2.0, 0.0), BURGER.radius)
+    pose = Pose2D(4.0, 2.0, 0.0)
+    peer = outline(pose, Pose2D(3.0, 2.0, 0.0), BURGER.radius)
     np.testing.assert_allclose(np.hypot(*(peer - (-1.0, 0.0)).T), BURGER.radius)
-    cell = find_waiting_cell(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=peer), path, BURGER.radius)
-    x, y = grid.centers(np.array(cell))
+
+    def waiting_cell():
+        blocked = OccupancyGrid(data.copy(), 0.05, (0.0, 0.0))
+        rows, cols = blocked.cells(pose.transform(peer)).T
+        blocked.data[rows, cols] = 100
+        field = travel_field(make_costmap(blocked, CostmapParams(0.155, 0.6, 4.0)), pose[:2])
+        return find_waiting_cell(field, path, BURGER.radius)
+
+    x, y = OccupancyGrid(data, 0.05, (0.0, 0.0)).centers(np.array(waiting_cell()))
     assert 5.0 < x < 6.0
     assert y > 2.0 + 2 * BURGER.radius + 0.1
     assert not is_beside((x, y), path, 2 * BURGER.radius + 0.1)
     data[35:60, 100:120] = 100
     data[35:45, 100:120] = 0
-    assert find_waiting_cell(Survey(belief, CostmapParams(0.155, 0.6, 4.0), bodies=peer), path, BURGER.radius) is None
+    assert waiting_cell() is None
 
 
 def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
