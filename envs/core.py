@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
+from numba import njit
 
 from envs.arguments import check_positive
 from envs.compilation import announce_compilation
@@ -17,7 +18,7 @@ from envs.estimation.ground_truth import TrueMotion
 from envs.estimation.motion import make_motion_source
 from envs.estimation.trail import Trail
 from envs.geometry import Pose2D
-from envs.geometry.pose import distance
+from envs.geometry.pose import between, compose, distance
 from envs.observations import Observations, make_parts
 from envs.robot import Robot
 from envs.robots import RobotParams
@@ -25,6 +26,14 @@ from envs.simulation import Reading, RobotState, Simulator, Twist, make_simulato
 from envs.simulation.sensors import measure_ranges
 from envs.task import Task
 from envs.worlds import World
+
+
+@njit(cache=True)
+def pose_error(map_x, map_y, map_theta, x, y, theta, true_x, true_y, true_theta):
+    """Return how far an estimated pose in the map frame is off: distance [m] and angle [rad], both at least 0."""
+    world_pose = compose(map_x, map_y, map_theta, x, y, theta)
+    dx, dy, turn = between(world_pose[0], world_pose[1], world_pose[2], true_x, true_y, true_theta)
+    return distance(dx, dy), abs(turn)
 
 
 class GroundTruth:
@@ -107,7 +116,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._is_team = is_team
         self._parts = make_parts(observations, task.observation_parts())
         self.observation_space: spaces.Space[Any] = self._make_observation_space()
-        self.action_space = spaces.Box(-1.0, 1.0, (len(self.robots), 2) if is_team else (2,), np.float32)
+        self._action_shape = (len(self.robots), 2) if is_team else (2,)
+        self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
+        space: Any = self.observation_space
+        self._layout: list[tuple[str, Any, Any]] = [
+            (name, space[name].shape, space[name].dtype) for name in self._parts
+        ]
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._renderer: Any = None
         for k, robot in enumerate(self.robots):
@@ -164,10 +178,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def twists(self, action: Any) -> list[Twist]:
         """Return the twists that an action commands, and let the robots remember it; raises as `step`."""
-        action = np.array(action, dtype=np.float32)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"action must have shape {self.action_space.shape}, got {action.shape}")
-        rows = action.reshape(-1, 2).tolist()
+        action = np.asarray(action, dtype=np.float32)
+        if action.shape != self._action_shape:
+            raise ValueError(f"action must have shape {self._action_shape}, got {action.shape}")
+        rows = action.tolist() if self._is_team else [action.tolist()]
         max_v, max_w = self.robot.max_v, self.robot.max_w
         twists = []
         for robot, (v, w) in zip(self.robots, rows, strict=True):
@@ -214,22 +228,25 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in fresh arrays, or write it to the arrays of `out`."""
-        spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
         if out is None:
-            out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
+            out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
         for name, part in self._parts.items():
-            rows = out[name] if self._is_team else (out[name],)
-            for robot, row in zip(self.robots, rows, strict=True):
-                part.write(robot, row)
+            if self._is_team:
+                for robot, row in zip(self.robots, out[name], strict=True):
+                    part.write(robot, row)
+            else:
+                part.write(self.robots[0], out[name])
         return dict(out)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
-        info = self.task.metrics()
-        errors = np.empty((len(self.robots), 2))
-        for row, robot, truth in zip(errors, self.robots, self.truths, strict=True):
-            error = self.map_pose.compose(robot.belief.pose).between(truth.state.pose)
-            row[0], row[1] = distance(error.x, error.y), abs(error.theta)
+        info, map_pose = self.task.metrics(), self.task.map_pose
+        errors = np.array(
+            [
+                pose_error(*map_pose, *robot.belief.pose, *truth.state.pose)
+                for robot, truth in zip(self.robots, self.truths, strict=True)
+            ]
+        )
         info["time"] = self.time
         info["rewards"] = rewards
         if self._is_team:

@@ -189,6 +189,7 @@ class MapPyramid:
         self._grid, self._data = grid, grid.data
         self._trails = trails
         self._levels: dict[int, Level] = {}
+        self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
         """Follow a change of the map."""
@@ -218,12 +219,17 @@ class MapPyramid:
             pixel: side of a pixel [m].
             out: shape (3, size, size), uint8, written; see `crop_level`.
         """
-        grid = self._grid
-        block = 2 ** max(round(math.log2(pixel / grid.resolution)), 0)
-        level, side = self._level(block), block * grid.resolution
-        left, low = grid.origin
-        frame = (level.height, level.width, (x - left) / side, (y - low) / side, theta)
-        crop_level(level.words, *frame, pixel / side, out)
+        level = self._level_of_pixel.get(pixel) or self._choose_level(pixel)
+        side = level.block * self._grid.resolution
+        left, low = self._grid.origin
+        x, y = (x - left) / side, (y - low) / side
+        crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
+
+    def _choose_level(self, pixel: float) -> Level:
+        """Return the level whose blocks are nearest to a pixel of a side [m] in size, by powers of two."""
+        block = 2 ** max(round(math.log2(pixel / self._grid.resolution)), 0)
+        level = self._level_of_pixel[pixel] = self._level(block)
+        return level
 
     def _level(self, block: int) -> Level:
         if block not in self._levels:

@@ -155,6 +155,7 @@ class KinematicSimulator:
         self._commands = np.zeros((num_robots, 2))
         self._sensors = Sensors(robot, num_robots)
         self._steps = 0
+        self._states: list[RobotState] | None = None
         self._world: World | None = None
         self._rngs: Sequence[np.random.Generator] = ()
         self._circles = np.empty((0, 3))
@@ -162,13 +163,16 @@ class KinematicSimulator:
     @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot; see `Simulator`."""
-        return robot_states(self.rows)
+        if self._states is None:
+            self._states = robot_states(self.rows)
+        return self._states
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
         """Place the robots at rest and return their first readings; see `Simulator`."""
         check_number(len(self.rows), poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
         self._world, self._rngs, self._steps, self._circles = world, rngs, 0, world.circles_at(0.0)
+        self._states = None
         self.rows[:] = 0.0
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
@@ -187,6 +191,7 @@ class KinematicSimulator:
         self._commands[:] = check_commands(commands)
         sensors.draw(self._rngs)
         self._steps += 1
+        self._states = None
         period, substeps = self.timing
         time, before = self._steps * period, self._circles
         if world.movers:

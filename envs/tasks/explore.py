@@ -13,11 +13,11 @@ from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState
 from envs.task import ObservationPart, Task
-from envs.worlds import World, explorable_area, world_sampler
+from envs.worlds import World, explorable_area
 
 from .coverage import Coverage, map_iou
 from .rewards import RewardWeights
-from .starts import choose_starts, read_start
+from .starts import WorldChoice, choose_starts, read_start
 
 
 class Explore(Task):
@@ -52,8 +52,7 @@ class Explore(Task):
         self._resolution = resolution
         self._num_robots = num_robots
         self._start = read_start(start, num_robots)
-        self._sampler = partial(world_sampler, split=split, size=world_size)
-        self._sample_world = self._sampler(world)
+        self._worlds = WorldChoice(world, split, world_size)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the peers of a team as "mates"; see `Task`."""
@@ -61,7 +60,7 @@ class Explore(Task):
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._sample_world(rng) if world is None else self._sampler(world)(rng)
+        drawn = self._worlds.draw(world, rng)
         explorable_area(drawn, self._robot, self._resolution)
         return drawn
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -16,11 +15,11 @@ from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState
 from envs.task import ObservationPart, Task
-from envs.worlds import World, explorable_area, world_sampler
+from envs.worlds import World, explorable_area
 
 from .goals import DeadReckoning, GeodesicDistance, draw_goal, known_map
 from .rewards import NavigateRewards
-from .starts import choose_starts, read_start
+from .starts import WorldChoice, choose_starts, read_start
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
@@ -71,8 +70,7 @@ class Navigate(Task):
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
         self._start = read_start(start)
-        self._sampler = partial(world_sampler, split=split, size=world_size)
-        self._sample_world = self._sampler(world)
+        self._worlds = WorldChoice(world, split, world_size)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
@@ -84,7 +82,7 @@ class Navigate(Task):
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._sample_world(rng) if world is None else self._sampler(world)(rng)
+        drawn = self._worlds.draw(world, rng)
         explorable_area(drawn, self._robot, self._resolution)
         return drawn
 

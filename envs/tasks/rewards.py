@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from typing import Self
 
 from envs.files import resolve
@@ -18,6 +19,7 @@ class Weights:
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
 
     @classmethod
+    @cache
     def names(cls) -> tuple[str, ...]:
         """Return the names of the terms, in the order in which they are summed."""
         return tuple(field.name for field in fields(cls))

@@ -1,9 +1,9 @@
-"""Where robots start."""
+"""In which world an episode takes place, and where robots start."""
 
 import math
 from collections.abc import Iterable
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,13 +12,30 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.lines import cell_along
 from envs.robots import RobotParams
-from envs.worlds import ExplorableArea, World
+from envs.worlds import FAMILIES, ExplorableArea, World, world_sampler
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
 """Least gaps between the footprints of two robots at the start [m]: each is tried where there is no room for the ones
 before."""
+
+
+class WorldChoice:
+    """The worlds of an environment's episodes."""
+
+    def __init__(self, world: Any, split: Literal["train", "test"], size: tuple[float, float] | None) -> None:
+        """Take the arguments of environments; see `envs.worlds.world_sampler`, also for what is raised."""
+        self._split: Literal["train", "test"] = split
+        self._size = size
+        self._sample = world_sampler(world, split=split, size=size)
+
+    def draw(self, world: Any, rng: np.random.Generator) -> World:
+        """Return the world of an episode: `world`, or for None the usual one; procedural families draw from `rng`."""
+        if world is None:
+            return self._sample(rng)
+        is_family = isinstance(world, str) and world in FAMILIES
+        return world_sampler(world, split=self._split, size=self._size if is_family else None)(rng)
 
 
 Start = str | Pose2D | list[Pose2D]

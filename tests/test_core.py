@@ -1,0 +1,263 @@
+"""What all environments have in common: options of a reset, observation parts, rewards, SLAMs of the user's own."""
+
+import pickle
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+from envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from envs.explore import ExploreEnv
+from envs.explore_team import ExploreTeamEnv
+from envs.navigate import NavigateEnv
+from envs.observations import MapCrop
+from envs.slam import KnownPoses, load_params
+from envs.tasks.rewards import RewardWeights
+from envs.track import TrackEnv
+from envs.worlds import load_world
+from tests.rollouts import rollout
+from tests.side_by_side import step_both
+
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
+STILL = np.zeros(2, dtype=np.float32)
+
+OWN_CODE = '''
+import numpy as np
+from gymnasium import spaces
+
+from envs.estimation import Belief
+from envs.slam import KnownPoses, load_params
+from envs.tasks.rewards import RewardWeights
+from dataclasses import dataclass, replace
+
+
+class Speed:
+    """How fast the robot is, by odometry."""
+
+    def space(self, robot):
+        return spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def write(self, robot, out):
+        out[0] = robot.twist.v / robot.params.max_v
+
+
+class Nailed(KnownPoses):
+    """Takes the robot to stay where it starts."""
+
+    def __init__(self, lidar, resolution):
+        super().__init__(lidar, replace(load_params("default"), resolution=resolution))
+
+    def update(self, ranges, motion):
+        return super().update(ranges, type(motion)(0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Hurry(RewardWeights):
+    hurry: float = -1.0
+
+    def terms(self, quantities):
+        return RewardWeights.terms(self, {**quantities, "hurry": quantities["time"]})
+'''
+
+
+@pytest.fixture
+def own_code(tmp_path, monkeypatch):
+    (tmp_path / "own_parts_of_core.py").write_text(OWN_CODE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "own_parts_of_core", raising=False)
+    return "own_parts_of_core"
+
+
+def test_world_and_start_can_be_chosen_for_one_episode():
+    env = ExploreEnv(**{**QUICK, "world_size": None})
+    first = rollout(env, 3, 10)
+    env.reset(seed=3, options={"world": "turtlebot3_world", "start": (-2.0, 0.5, 1.0)})
+    assert env.world.name == "turtlebot3_world"
+    assert tuple(env.start) == (-2.0, 0.5, 1.0)
+    env.reset(options={"world": load_world("turtlebot3_stage_1"), "start": "spawn"})
+    assert env.world.name == "turtlebot3_stage_1"
+    # The next episode is as the environment was constructed.
+    assert same(first, rollout(env, 3, 10))
+
+
+@pytest.mark.parametrize(
+    "env", [ExploreEnv(**QUICK), ExploreTeamEnv(**QUICK), NavigateEnv(**QUICK), TrackEnv(physics="kinematic")]
+)
+def test_unknown_options_are_named(env):
+    with pytest.raises(ValueError, match=r"unknown options \['weather'\]; allowed are .*'start'"):
+        env.reset(options={"weather": "rain", "start": "spawn"})
+
+
+@pytest.mark.parametrize("options", [{"start": "home"}, {"world": "atlantis"}, {"start": (99.0, 0.0, 0.0)}])
+def test_options_that_are_not_allowed_are_named(options):
+    env = ExploreEnv(**QUICK)
+    with pytest.raises(ValueError, match=str(next(iter(options)))):
+        env.reset(seed=0, options=options)
+
+
+def test_a_prepared_world_is_the_one_that_would_have_been_drawn():
+    prepared, plain = ExploreEnv(**QUICK), ExploreEnv(**QUICK)
+    for env in (prepared, plain):
+        env.reset(seed=0)
+    for options in (None, {"world": "turtlebot3_world"}, None):
+        prepared.prepare()
+        assert same(prepared.reset(options=options), plain.reset(options=options))
+
+
+def test_observations_are_chosen_by_name_and_argument():
+    env = ExploreEnv(**QUICK, observations=("motion", "map_far"))
+    assert list(env.reset(seed=0)[0]) == ["motion", "map_far"]
+    parts = {"scan": None, "map_near": {"resolution": 0.1, "size": 64}, "wide": MapCrop(0.4, size=48)}
+    env = ExploreEnv(**QUICK, observations=parts)
+    observation, _ = env.reset(seed=0)
+    assert {key: part.shape for key, part in observation.items()} == {
+        "scan": (360,),
+        "map_near": (3, 64, 64),
+        "wide": (3, 48, 48),
+    }
+    assert observation in env.observation_space
+    usual = ExploreEnv(**QUICK)
+    expected = usual.reset(seed=0)[0]
+    np.testing.assert_array_equal(observation["scan"], expected["scan"])
+    # 64 pixels of 0.1 m show what the inner 32 pixels of 0.2 m do.
+    fine = observation["map_near"][1].reshape(32, 2, 32, 2).mean(axis=(1, 3))
+    assert np.abs(fine - expected["map_near"][1, 4:36, 4:36]).mean() < 25.0
+
+
+@pytest.mark.parametrize("observations", [("sound",), (), {"sound": None}, {"scan": "no_such_module:Part"}])
+def test_unknown_observations_are_named(observations):
+    with pytest.raises(ValueError, match=r"sound|at least one|no_such_module"):
+        ExploreEnv(**QUICK, observations=observations)
+
+
+def test_parts_rewards_and_slams_of_the_users_own_code(own_code):
+    arguments = {
+        **QUICK,
+        "observations": {"speed": f"{own_code}:Speed", "motion": None},
+        "reward": f"{own_code}:Hurry",
+        "slam": f"{own_code}:Nailed",
+    }
+    env = gymnasium.make("lidarnaut/Explore-v0", **arguments)
+    env.reset(seed=0)
+    for _ in range(5):
+        observation, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    assert observation["speed"][0] == pytest.approx(observation["motion"][0])
+    assert observation["speed"][0] > 0.3
+    assert info["rewards"]["hurry"] == pytest.approx(-0.2)
+    assert reward == pytest.approx(sum(info["rewards"].values()))
+    assert info["pose_error"][0] == pytest.approx(info["path_length"], abs=0.02)
+    # The vector environment runs the same SLAM.
+    ours = gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, **arguments)
+    theirs = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make("lidarnaut/Explore-v0", **arguments)] * 2)
+    moving = np.tile(np.array([1.0, 0.2], dtype=np.float32), (2, 1))
+    *_, (_, info) = step_both(ours, theirs, [moving] * 5)
+    assert (info["pose_error"][:, 0] > 0.05).all()
+    ours.close()
+
+
+def test_a_slam_can_be_given_as_an_object_and_is_copied():
+    robot = ExploreEnv(**QUICK).robot
+    slam = KnownPoses(robot.lidar, load_params("default", {"resolution": 0.05}))
+    first, second = ExploreEnv(**QUICK, slam=slam), ExploreEnv(**QUICK, slam=slam)
+    assert same(rollout(first, 1, 10), rollout(second, 1, 10))
+    first.reset(seed=1)
+    assert first.belief is not second.belief
+    with pytest.raises(ValueError, match="slam must be"):
+        ExploreEnv(**QUICK, slam=7)
+
+
+def test_a_slam_that_cannot_share_its_map_is_refused_for_teams(own_code):
+    class Own(KnownPoses):
+        shares_maps = False
+
+        def __init__(self, lidar, resolution):
+            super().__init__(lidar, load_params("default", {"resolution": resolution}))
+
+    ExploreTeamEnv(**QUICK, slam=Own, num_robots=1).reset(seed=0)
+    with pytest.raises(ValueError, match="cannot share a map"):
+        ExploreTeamEnv(**QUICK, slam=Own, num_robots=2)
+
+
+class Redrawing(KnownPoses):
+    """Moves its whole map by a metre at the tenth scan, as a closed loop may."""
+
+    def __init__(self, lidar, resolution):
+        super().__init__(lidar, load_params("default", {"resolution": resolution}))
+
+    def reset(self, rng, pose=ORIGIN, map=None):
+        self._count = 0
+        return super().reset(rng, pose, map)
+
+    def update(self, ranges, motion) -> Belief:
+        belief = super().update(ranges, motion)
+        self._count += 1
+        if self._count == 10:
+            cells = round(1.0 / belief.grid.resolution)
+            belief.grid.data[:] = np.roll(belief.grid.data, cells, axis=1)
+            known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
+            height, width = belief.grid.data.shape
+            window = Window(0, 0, width - 1, height - 1)
+            belief.update = MapUpdate(known, window, redrawn=True, origin=belief.grid.origin)
+            belief.pose = belief.pose._replace(x=belief.pose.x + 1.0)
+            belief.path = np.array([[1.0, 0.0, 0.0], [*belief.pose]])
+        return belief
+
+
+def test_a_map_that_is_redrawn_reaches_coverage_crops_and_trail():
+    env = ExploreEnv(**QUICK, slam=Redrawing, target_coverage=1.0)
+    env.reset(seed=2)
+    ahead = np.array([0.4, 0.1], dtype=np.float32)
+    infos = [env.step(ahead)[4] for _ in range(8)]
+    before, crop = infos[-1]["explored_area"], env.observe()["map_near"]
+    _, _, _, _, info = env.step(ahead)
+    # The map no longer knows the cells where they are.
+    assert info["explored_area"] < 0.95 * before
+    assert info["rewards"]["explored"] == pytest.approx(info["explored_area"] - before)
+    assert env.robots[0].trail.positions[0].tolist() == [1.0, 0.0]
+    # Map and pose moved together.
+    assert np.mean(env.observe()["map_near"][:2] != crop[:2]) < 0.2
+
+
+def test_actions_outside_are_refused_or_clipped():
+    env, clipped = ExploreEnv(**QUICK), ExploreEnv(**QUICK, clip_actions=True)
+    for each in (env, clipped):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(np.array([1.5, 0.0], dtype=np.float32))
+    with pytest.raises(ValueError, match="action must"):
+        clipped.step(np.array([np.nan, 0.0], dtype=np.float32))
+    expected = env.step(np.array([1.0, -1.0], dtype=np.float32))
+    assert same(clipped.step(np.array([2.5, -7.0], dtype=np.float32)), expected)
+
+
+@pytest.mark.parametrize(
+    "env",
+    [
+        ExploreEnv(**QUICK),
+        ExploreTeamEnv(**QUICK, num_robots=3),
+        NavigateEnv(**QUICK),
+        TrackEnv(physics="kinematic", map_resolution=0.1),
+    ],
+)
+def test_every_environment_is_checked_deterministic_and_pickles(env):
+    check_env(env, skip_render_check=True)
+    again = pickle.loads(pickle.dumps(env))
+    outcomes = []
+    for each in (env, again):
+        out = [each.reset(seed=4)]
+        each.action_space.seed(0)
+        out += [each.step(each.action_space.sample()) for _ in range(10)]
+        outcomes.append(out)
+    assert same(*outcomes)
+    assert isinstance(env.observation_space, spaces.Dict)
+
+
+def test_rewards_name_what_is_wrong():
+    assert RewardWeights.of({"explored": 2.0}).explored == 2.0
+    for wrong in ({"fame": 1.0}, {"time": np.nan}, 5):
+        with pytest.raises(ValueError, match=r"fame|time|reward must be"):
+            RewardWeights.of(wrong)
