@@ -50,15 +50,19 @@ class EnvironmentConfig(Section):
     """Weights of the reward's terms; those left out keep the environment's own."""
     reward_object: str | None = None
     """`module:attribute` of reward weights of your own, terms included; takes the place of `reward`."""
+    clip_actions: bool = False
+    """Whether the environment cuts actions to [-1, 1] rather than refuse them. PPO clips them in any case."""
 
     vectorization: Literal["native", "sync", "async"] = "native"
     """How sub-environments run side by side: in the package's own vector environment, one after the other, or in a
     process each."""
+    num_workers: int | None = Field(default=None, ge=0)
+    """Processes of the native vector environment, 0 for none but this one; null takes as many as there are cores."""
 
     @property
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
-        arguments = self.model_dump(exclude={"id", "vectorization", "reward_object"})
+        arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
         return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
 
     @field_validator("vectorization", mode="before")

@@ -24,14 +24,14 @@ def make_vector(
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
     """Make several environments on the worlds of a split. One whose episode ends starts the next at once."""
     arguments = {**config.arguments, "split": split}
-    if config.vectorization == "native":
-        arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
-        return gymnasium.make_vec(config.id, num_envs, vectorization_mode="vector_entry_point", **arguments)
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    if config.vectorization == "async":
+    if config.vectorization != "sync":
         # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
         methods = multiprocessing.get_all_start_methods()
         settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
+    if config.vectorization == "native":
+        settings["num_workers"] = config.num_workers
+        return gymnasium.make_vec(config.id, num_envs, "vector_entry_point", **settings, **arguments)
     return gymnasium.make_vec(
         config.id, num_envs, vectorization_mode=config.vectorization, vector_kwargs=settings, **arguments
     )

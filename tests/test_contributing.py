@@ -21,7 +21,8 @@ QUICK = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
 def own_package(tmp_path_factory):
     """A folder with the modules of CONTRIBUTING.md, in which users would stand."""
     folder = tmp_path_factory.mktemp("own")
-    blocks = re.findall(r"```python\n# (my_package/\w+\.py)\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL)
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    blocks = re.findall(r"```python\n# (my_package/\w+\.py)\n(.*?)```", text, re.DOTALL)
     for name, code in blocks:
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(code)
