@@ -1,5 +1,7 @@
 """A share of a vector environment's sub-environments, stepped one after the other in one process."""
 
+import ctypes
+import math
 import pickle
 import signal
 import traceback
@@ -9,8 +11,11 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
+ALIGNMENT = 64
+"""Arrays begin at multiples of a cache line [bytes]."""
 Extras = dict[int, dict[str, Any]]
 """By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
 
@@ -35,6 +40,45 @@ class Arrays(NamedTuple):
         return Arrays(observations, *(array[first:last] for array in self[1:]))
 
 
+class Memory(NamedTuple):
+    """Memory that processes may share, and which array lies where in it. Pickling does not copy it, unlike arrays."""
+
+    buffer: Any
+    """A `multiprocessing.RawArray` of bytes, or a bytearray of one process."""
+    names: tuple[str, ...]
+    """Of the observations' arrays, which come first."""
+    layout: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
+    """Offset [bytes], shape and type of each array."""
+
+    @classmethod
+    def of(cls, num_envs: int, observations: spaces.Dict, actions: spaces.Space, context: Any = None) -> "Memory":
+        """Return memory for the arrays of so many sub-environments.
+
+        Args:
+            num_envs: number of sub-environments.
+            observations: space of one observation.
+            actions: space of one action.
+            context: `multiprocessing` context of the processes that share it; None for this process alone.
+        """
+        rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*observations.values(), actions)]
+        rows += [((), np.float64), ((), np.bool_), ((), np.bool_)]
+        layout, size = [], 0
+        for shape, kind in rows:
+            dtype = np.dtype(kind)
+            layout.append((size, (num_envs, *shape), dtype))
+            size += -(-math.prod((num_envs, *shape)) * dtype.itemsize // ALIGNMENT) * ALIGNMENT
+        buffer = bytearray(size) if context is None else context.RawArray(ctypes.c_uint8, size)
+        return cls(buffer, tuple(observations), tuple(layout))
+
+    def arrays(self) -> Arrays:
+        """Return the arrays, which show this memory."""
+        views = [
+            np.frombuffer(self.buffer, dtype, math.prod(shape), offset).reshape(shape)
+            for offset, shape, dtype in self.layout
+        ]
+        return Arrays(dict(zip(self.names, views, strict=False)), *views[len(self.names) :])
+
+
 class Shard:
     """Sub-environments in this process.
 
@@ -44,7 +88,9 @@ class Shard:
     def __init__(
         self,
         make_env: Callable[[], Any],
-        arrays: Arrays,
+        memory: Memory,
+        first: int,
+        last: int,
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
@@ -52,11 +98,13 @@ class Shard:
 
         Args:
             make_env: makes one; see `envs.core.LidarEnv` for what a shard calls.
-            arrays: rows of its sub-environments.
+            memory: of all sub-environments' arrays.
+            first: row of its first sub-environment.
+            last: row after that of its last one.
             autoreset_mode: when a sub-environment whose episode has ended starts the next one.
             max_episode_steps: truncates episodes after so many steps.
         """
-        self._arrays = arrays
+        self._arrays = arrays = memory.arrays().rows(first, last)
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
         self.envs = [make_env() for _ in range(len(arrays.rewards))]

@@ -1,6 +1,5 @@
 """Many environments as one: shards of them in worker processes, with shared memory for what is large."""
 
-import ctypes
 import functools
 import itertools
 import multiprocessing
@@ -16,7 +15,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.shard import Arrays, Extras, Shard, serve
+from envs.shard import Extras, Memory, Shard, serve
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -71,7 +70,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._take_spaces(functools.partial(make_env, **arguments))
         multiprocessing_context = multiprocessing.get_context(context)
-        self._arrays = self._make_arrays(multiprocessing_context if num_workers else None)
+        observations = self.single_observation_space
+        assert isinstance(observations, spaces.Dict)
+        shared_by = multiprocessing_context if num_workers else None
+        memory = Memory.of(num_envs, observations, self.single_action_space, shared_by)
+        self._arrays = memory.arrays()
         self._has_ended = np.zeros(num_envs, dtype=np.bool_)
         self._dtype: np.dtype | None = None
         bounds = np.linspace(0, num_envs, max(num_workers, 1) + 1).round().astype(int).tolist()
@@ -79,7 +82,9 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             functools.partial(
                 Shard,
                 functools.partial(make_env, **arguments),
-                self._arrays.rows(first, last),
+                memory,
+                first,
+                last,
                 self.autoreset_mode,
                 max_episode_steps,
             )
@@ -201,25 +206,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.render_mode = env.render_mode
         self._clips_actions = getattr(env, "clip_actions", False)
         env.close()
-
-    def _make_arrays(self, context: Any) -> Arrays:
-        """Return the arrays of all sub-environments, in shared memory if processes share them."""
-
-        def make(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-            if context is None:
-                return np.zeros(shape, dtype)
-            size = max(int(np.prod(shape)) * np.dtype(dtype).itemsize, 1)
-            return np.frombuffer(context.RawArray(ctypes.c_uint8, size), dtype, int(np.prod(shape))).reshape(shape)
-
-        n, observations = self.num_envs, self.single_observation_space
-        assert isinstance(observations, spaces.Dict)
-        return Arrays(
-            {name: make((n, *space.shape), space.dtype) for name, space in observations.items()},  # type: ignore[misc]
-            make((n, *self.single_action_space.shape), self.single_action_space.dtype),  # type: ignore[misc]
-            make((n,), np.float64),
-            make((n,), np.bool_),
-            make((n,), np.bool_),
-        )
 
     def _check_actions(self, actions: Any) -> np.ndarray:
         """Return actions as an array of the right type, checked once for all sub-environments."""
