@@ -26,11 +26,11 @@ PLOT = Path(__file__).parents[1] / "docs" / "images" / "throughput.png"
 def main(
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None, quick: bool = False, plot: Path = PLOT
 ) -> None:
-    """Measure, print tables, and draw how cost grows with beams, cells and lanes.
+    """Measure, print tables, and draw how cost grows with beams, cells and sub-environments.
 
     Args:
         json_file: also write everything measured to this file.
-        quick: take less than a minute: shorter measurements, no 1,024 lanes, no plot.
+        quick: take less than a minute: shorter measurements, no plot.
         plot: where to draw how cost grows.
     """
     progress = Console(stderr=True)

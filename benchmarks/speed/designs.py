@@ -19,31 +19,30 @@ from envs.robots import RobotParams, load_robot
 HOLD = 10
 """Steps for which an action is held: at white noise a robot would tremble on the spot."""
 NUM_ACTIONS = 500
-"""Actions of a lane before they start again."""
+"""Actions of a sub-environment before they start again."""
 SUBPROCESSES = 2
 """Processes of `subproc`."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
-"""Network and settings of `ppo`; where it learns and in how many lanes is up to the benchmark."""
+"""Network and settings of `ppo`; where it learns and in how many sub-environments is up to the benchmark."""
 
 
 class Design(NamedTuple):
     """What is measured, and on how much of the machine."""
 
-    name: Literal["naive", "bullet", "kinematic", "vector", "subproc", "ppo"]
-    """`naive`: `benchmarks.naive`. `bullet` and `kinematic`: the single environment under either physics. `vector`:
-    `ExploreVectorEnv`. `subproc`: the single kinematic environment in stable-baselines3's `SubprocVecEnv`. `ppo`: PPO
-    of stable-baselines3 learning from `vector`, end to end."""
-    lanes: int = 1
-    """How many environments step together."""
+    name: Literal["naive", "bullet", "kinematic", "vector", "bullet_vector", "subproc", "ppo"]
+    """`naive`: `benchmarks.naive`. `bullet` and `kinematic`: the single environment under either physics. `vector` and
+    `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
+    stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from `vector`, end to end."""
+    num_envs: int = 1
+    """Environments that step together."""
     cores: int = 1
-    """How many cores they may use."""
+    """Cores that they may use; from two on, a vector environment has as many worker processes."""
 
 
 class Case(NamedTuple):
     """A design at work."""
 
     design: Design
-    """Which design."""
     num_bodies: int
     """Crates and pillars in the hall."""
     slam: str
@@ -58,10 +57,10 @@ class Drive(Protocol):
     """Robots under way in one design."""
 
     at_once: int
-    """Steps of a lane that are taken together, between two looks at the clock."""
+    """Steps of a sub-environment between two looks at the clock."""
 
     def step(self, count: int) -> None:
-        """Step every lane `count` times."""
+        """Step every sub-environment `count` times."""
         ...
 
     def close(self) -> None:
@@ -86,25 +85,27 @@ def open_drive(case: Case, hall: Hall) -> Drive:
     arguments: dict[str, Any] = {
         "world": hall.world,
         "robot": robot,
-        "physics": "bullet" if design.name == "bullet" else "kinematic",
+        "physics": "bullet" if design.name.startswith("bullet") else "kinematic",
         "slam": case.slam,
         "start": "spawn",
         "map_resolution": case.map_resolution,
     }
-    if design.name in ("vector", "ppo"):
-        if design.name == "ppo":
-            arguments |= {"autoreset_mode": AutoresetMode.SAME_STEP}
-        env = gymnasium.make_vec("lidarnaut/Explore-v0", design.lanes, "vector_entry_point", **arguments)
-        return VectorDrive(env) if design.name == "vector" else TrainingDrive(env, design.cores)
+    if design.name in ("vector", "bullet_vector", "ppo"):
+        mode = AutoresetMode.SAME_STEP if design.name == "ppo" else AutoresetMode.NEXT_STEP
+        # Not forked: a process that learns has threads, which copies of it would miss.
+        arguments |= {"autoreset_mode": mode, "num_workers": design.cores if design.cores > 1 else 0}
+        arguments |= {"context": "forkserver"}
+        env = gymnasium.make_vec("lidarnaut/Explore-v0", design.num_envs, "vector_entry_point", **arguments)
+        return TrainingDrive(env, design.cores) if design.name == "ppo" else VectorDrive(env)
     if design.name == "subproc":
-        return SubprocDrive(design.lanes, arguments)
+        return SubprocDrive(design.num_envs, arguments)
     return SingleDrive(gymnasium.make("lidarnaut/Explore-v0", **arguments))
 
 
-def make_actions(lanes: int) -> Iterator[np.ndarray]:
-    """Yield actions without end, shape (lanes, 2), float32: forward, turning either way; the same at every run."""
+def make_actions(num_envs: int) -> Iterator[np.ndarray]:
+    """Yield actions without end, shape (num_envs, 2), float32: forward, turning either way; the same at every run."""
     rng = np.random.default_rng(0)
-    table = rng.uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, lanes, 2)).astype(np.float32)
+    table = rng.uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
     while True:
         for actions in table:
             for _ in range(HOLD):
@@ -153,13 +154,13 @@ class SubprocDrive:
 
     at_once = 5
 
-    def __init__(self, lanes: int, arguments: dict[str, Any]) -> None:
+    def __init__(self, num_envs: int, arguments: dict[str, Any]) -> None:
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
         # Imported once in the process that the others are forked from.
         multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
-        self._env = SubprocVecEnv([lambda: _make_registered(arguments)] * lanes, start_method="forkserver")
-        self._actions = make_actions(lanes)
+        self._env = SubprocVecEnv([lambda: _make_registered(arguments)] * num_envs, start_method="forkserver")
+        self._actions = make_actions(num_envs)
         self._env.seed(0)
         self._env.reset()
 

@@ -13,7 +13,7 @@ from benchmarks.speed.targets import targets
 AXES = {
     "beams": "beams of a scan",
     "map_cells": "cells along each side of a map of 20 m",
-    "lanes": "lanes",
+    "num_envs": "sub-environments",
 }
 """What the panels of the plot are about."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
@@ -25,7 +25,7 @@ def print_results(results: Results, console: Console) -> None:
     console.print(_speeds(results))
     console.print(_kernels(results))
     console.print(_targets(results))
-    console.print(f"A further lane of the vector environment takes {results.state_bytes_per_lane / 1024:,.0f} KiB.")
+    console.print(f"A further sub-environment takes {results.state_bytes_per_env / 1024:,.0f} KiB.")
     if results.busy:
         console.print(
             "The machine was busy with other programs: these figures are too low, and ratios uncertain.", style="bold"
@@ -35,19 +35,21 @@ def print_results(results: Results, console: Console) -> None:
 def _speeds(results: Results) -> Table:
     columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
     table = Table(
-        title="Steps per second, all lanes together, and how often naive's", box=box.SIMPLE, padding=(0, 1, 0, 0)
+        title="Steps per second, all sub-environments together, and how often naive's",
+        box=box.SIMPLE,
+        padding=(0, 1, 0, 0),
     )
-    for heading in ("design", "lanes", "cores"):
+    for heading in ("design", "num_envs", "cores"):
         table.add_column(heading, justify="left" if heading == "design" else "right")
     for world, slam in columns:
         table.add_column(f"{world}\n{slam}", justify="right", no_wrap=True)
     cells: dict[tuple[str, int, int], dict[tuple[str, str], str]] = {}
     for row in results.rows:
         entry = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
-        line = cells.setdefault((row["design"], row["lanes"], row["cores"]), {})
+        line = cells.setdefault((row["design"], row["num_envs"], row["cores"]), {})
         line[row["world"], row["slam"]] = entry
-    for (design, lanes, cores), line in cells.items():
-        table.add_row(design, str(lanes), str(cores), *(line.get(column, "") for column in columns))
+    for (design, num_envs, cores), line in cells.items():
+        table.add_row(design, str(num_envs), str(cores), *(line.get(column, "") for column in columns))
     return table
 
 
@@ -97,7 +99,7 @@ def plot_growth(results: Results, path: Path) -> None:
     panels[0].set_ylim(low, high)
     panels[0].set_yticks([step for step in steps if low <= step <= high])
     panels[0].yaxis.set_major_formatter("{x:g}")
-    panels[0].set_ylabel("time for a step of one lane [µs]")
+    panels[0].set_ylabel("time for a step of one sub-environment [µs]")
     panels[0].legend(frameon=False, title="pose from")
     figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
     figure.savefig(path, dpi=150, metadata={"Software": None})

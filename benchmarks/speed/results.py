@@ -17,23 +17,23 @@ BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
 SLAMS = ("tinyslam", "truth")
 """Who tells where the robot is."""
-PAIRED_LANES = 256
-"""Lanes of the vector environment that is measured on one core and on two."""
+FEW, MANY = 16, 256
+"""Sub-environments of the vector environments that are measured on one core and on two."""
 DESIGNS = (
     Design("naive"),
     Design("bullet"),
     Design("kinematic"),
-    *(Design("vector", lanes) for lanes in (1, 16, PAIRED_LANES, 1024)),
-    Design("vector", PAIRED_LANES, cores=2),
+    *(Design("vector", num_envs) for num_envs in (FEW, 64, MANY)),
+    *(Design("vector", num_envs, cores=2) for num_envs in (FEW, 64, MANY)),
+    Design("bullet_vector", FEW),
+    Design("bullet_vector", FEW, cores=2),
     Design("subproc", SUBPROCESSES),
     Design("subproc", SUBPROCESSES, cores=2),
-    Design("ppo", PAIRED_LANES, cores=2),
+    Design("ppo", MANY, cores=2),
 )
 """What is measured side by side."""
-GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "lanes": (1, 4, 16, 64, 256, 1024)}
-"""Along what the growth of cost is measured: beams of a scan, cells along each side of a map of 20 m, lanes."""
-GROWTH_LANES = 16
-"""Lanes while beams or cells grow."""
+GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
+"""What cost is measured to grow with: beams of a scan, cells along a side of a map of 20 m, sub-environments."""
 MAP_SIDE = 20.0
 """Side of a new map [m]."""
 BUSY = 0.9
@@ -58,7 +58,7 @@ class Effort(NamedTuple):
 
 
 FULL = Effort(seconds=0.4, repeats=5)
-QUICK = Effort(seconds=0.1, repeats=3, designs=tuple(d for d in DESIGNS if d.lanes < 1024), growth=False)
+QUICK = Effort(seconds=0.1, repeats=3, designs=DESIGNS, growth=False)
 
 
 @dataclass(slots=True)
@@ -70,18 +70,18 @@ class Results:
     busy: bool = False
     """Whether other programs took the cores at the same time, so that figures are too low and ratios uncertain."""
     rows: list[dict[str, Any]] = field(default_factory=list)
-    """`design`, `world`, `slam`, `lanes`, `cores`, `steps_per_second`, `ratio_to_naive`."""
+    """`design`, `world`, `slam`, `num_envs`, `cores`, `steps_per_second`, `ratio_to_naive`."""
     kernels: list[dict[str, Any]] = field(default_factory=list)
     """`kernel`, `us`, `us_reference`."""
-    state_bytes_per_lane: int = 0
-    """Memory that a further lane of the vector environment takes, with a map of 400 x 400 cells [bytes]."""
+    state_bytes_per_env: int = 0
+    """Memory that a further sub-environment takes, with a map of 400 x 400 cells [bytes]."""
     growth: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """For each key of `GROWTH` points of `slam`, `at` and `us`, the time for a step of a lane [us]."""
+    """For each key of `GROWTH` points of `slam`, `at` and `us`, the time for a step of a sub-environment [us]."""
 
     def speed(self, design: Design, world: str, slam: str) -> float | None:
         """Return the steps per second of a design, None if it was not measured."""
         wanted = (*design, world, slam)
-        keys = ("design", "lanes", "cores", "world", "slam")
+        keys = ("design", "num_envs", "cores", "world", "slam")
         found = (row["steps_per_second"] for row in self.rows if tuple(row[key] for key in keys) == wanted)
         return next(found, None)
 
@@ -105,7 +105,7 @@ def run(effort: Effort, note: Callable[[str], object]) -> Results:
             for name, us, reference in workers[1].call("measure_kernels", num_bodies, 0.1 * effort.seconds, 5):
                 results.kernels.append({"kernel": f"{name} (hall_{num_bodies})", "us": us, "us_reference": reference})
         note("memory")
-        results.state_bytes_per_lane = workers[1].call("measure_state", effort.bodies[0], "tinyslam")
+        results.state_bytes_per_env = workers[1].call("measure_state", effort.bodies[0], "tinyslam")
         for key, slam in itertools.product(GROWTH if effort.growth else (), SLAMS):
             note(f"how cost grows with {key.replace('_', ' ')}, {slam}")
             points = {at: _grown(key, at, slam) for at in GROWTH[key]}
@@ -147,7 +147,7 @@ def _rows(speeds: dict[Case, float]) -> list[dict[str, Any]]:
             "design": case.design.name,
             "world": f"hall_{case.num_bodies}",
             "slam": case.slam,
-            "lanes": case.design.lanes,
+            "num_envs": case.design.num_envs,
             "cores": case.design.cores,
             "steps_per_second": speed,
             "ratio_to_naive": speed / naive,
@@ -160,7 +160,7 @@ def _grown(key: str, at: int, slam: str) -> Case:
     """Return the case in which what `key` of `GROWTH` names has grown to `at`."""
     beams = at if key == "beams" else 360
     cells = at if key == "map_cells" else 400
-    return Case(Design("vector", at if key == "lanes" else GROWTH_LANES), BODIES[0], slam, beams, MAP_SIDE / cells)
+    return Case(Design("vector", at if key == "num_envs" else FEW), BODIES[0], slam, beams, MAP_SIDE / cells)
 
 
 def _machine(num_cores: int) -> dict[str, str]:

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 from benchmarks.speed.designs import Design
-from benchmarks.speed.results import BODIES, PAIRED_LANES, Results
+from benchmarks.speed.results import BODIES, FEW, MANY, Results
 
-NAIVE, BULLET, ONE_LANE = Design("naive"), Design("bullet"), Design("vector", 1)
-LANES, TWO_CORES, MANY_LANES = Design("vector", PAIRED_LANES), Design("vector", PAIRED_LANES, 2), Design("vector", 1024)
-
-TRAINING = Design("ppo", PAIRED_LANES, 2)
+NAIVE, BULLET, KINEMATIC = Design("naive"), Design("bullet"), Design("kinematic")
+VECTOR, TWO_CORES = Design("vector", MANY), Design("vector", MANY, 2)
+BULLETS = Design("bullet_vector", FEW, 2)
+TRAINING = Design("ppo", MANY, 2)
 
 
 class Target(NamedTuple):
@@ -28,15 +28,18 @@ class Target(NamedTuple):
 def targets(results: Results) -> list[Target]:
     """Return all targets whose designs were measured, the worse of the two halls each."""
     wanted = [
-        _speed(results, f"vector, {PAIRED_LANES} lanes, one core, tinyslam [steps/s]", LANES, "tinyslam", 10_000),
-        _speed(results, f"vector, {PAIRED_LANES} lanes, one core, truth [steps/s]", LANES, "truth", 18_000),
+        _speed(results, f"vector, {MANY} sub-environments, one core, tinyslam [steps/s]", VECTOR, "tinyslam", 10_000),
+        _speed(results, f"vector, {MANY} sub-environments, one core, truth [steps/s]", VECTOR, "truth", 18_000),
         _speed(results, "bullet, tinyslam [steps/s]", BULLET, "tinyslam", 4_000),
         _ratio(results, "bullet over naive, tinyslam", BULLET, NAIVE, 10.0),
-        _ratio(results, "vector on two cores over one, tinyslam", TWO_CORES, LANES, 1.8),
-        _ratio(results, "vector, 1024 lanes over 1, tinyslam", MANY_LANES, ONE_LANE, 0.9),
+        _ratio(results, "vector on two cores over one, tinyslam", TWO_CORES, VECTOR, 1.8),
+        _ratio(results, "vector over kinematic, tinyslam", VECTOR, KINEMATIC, 0.9),
+        _ratio(results, "bullet vector on two cores over bullet, tinyslam", BULLETS, BULLET, 1.7),
         _speed(results, "ppo on two cores, tinyslam [steps/s]", TRAINING, "tinyslam", 8_000),
         _speed(results, "ppo on two cores, truth [steps/s]", TRAINING, "truth", 12_000),
-        Target("state of a lane, 400 x 400 cells [MiB]", 1.0, results.state_bytes_per_lane / 2**20, at_most=True),
+        Target(
+            "state of a sub-environment, 400 x 400 cells [MiB]", 1.0, results.state_bytes_per_env / 2**20, at_most=True
+        ),
     ]
     return [target for target in wanted if target is not None]
 

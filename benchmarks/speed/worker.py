@@ -21,16 +21,16 @@ from benchmarks.speed.halls import Hall, make_hall
 from benchmarks.speed.kernels import make_kernels, time_kernel
 
 WARM_UP = 5000
-"""Steps of all lanes together before anything is measured, but at least 20 and at most 100 of each lane."""
-STATE_LANES = (4, 12)
-"""Numbers of lanes whose memory is compared."""
+"""Steps of all sub-environments together before anything is measured, but 20 to 100 of each."""
+STATE_ENVS = (4, 12)
+"""Numbers of sub-environments whose memory is compared."""
 
 
 class Sample(NamedTuple):
     """One measurement."""
 
     steps_per_second: float
-    """Steps of all lanes together, by the clock on the wall [1/s]."""
+    """Steps of all sub-environments together, by the clock on the wall [1/s]."""
     share: float
     """Time that the process computed, over that on the wall and its cores."""
 
@@ -47,7 +47,7 @@ class Bench:
         self.close()
         for case in cases:
             self._drives[case] = open_drive(case, self._hall(case.num_bodies))
-            self._drives[case].step(min(max(WARM_UP // case.design.lanes, 20), 100))
+            self._drives[case].step(min(max(WARM_UP // case.design.num_envs, 20), 100))
         # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
         gc.collect()
         gc.freeze()
@@ -62,7 +62,7 @@ class Bench:
             count += drive.at_once
             elapsed = time.perf_counter() - start
         share = (time.process_time() - computing) / (elapsed * design.cores)
-        return Sample(count * design.lanes / elapsed, share)
+        return Sample(count * design.num_envs / elapsed, share)
 
     def close(self) -> None:
         """Stop all cases."""
@@ -78,20 +78,20 @@ class Bench:
         return [(kernel.name, *time_kernel(kernel, seconds, repeats)) for kernel in kernels]
 
     def measure_state(self, num_bodies: int, slam: str) -> int:
-        """Return how much memory a further lane of the vector environment takes, observations included [bytes]."""
+        """Return how much memory a further sub-environment takes, observations included [bytes]."""
         hall = self._hall(num_bodies)
-        open_drive(Case(Design("vector"), num_bodies, slam), hall).close()  # fills what all lanes share
+        open_drive(Case(Design("vector"), num_bodies, slam), hall).close()  # fills what all share
         sizes = []
-        for lanes in STATE_LANES:
+        for num_envs in STATE_ENVS:
             gc.collect()
             tracemalloc.start()
-            drive = open_drive(Case(Design("vector", lanes), num_bodies, slam), hall)
+            drive = open_drive(Case(Design("vector", num_envs), num_bodies, slam), hall)
             drive.step(1)
             gc.collect()
             sizes.append(tracemalloc.get_traced_memory()[0])
             drive.close()
             tracemalloc.stop()
-        return round((sizes[1] - sizes[0]) / (STATE_LANES[1] - STATE_LANES[0]))
+        return round((sizes[1] - sizes[0]) / (STATE_ENVS[1] - STATE_ENVS[0]))
 
     def _hall(self, num_bodies: int) -> Hall:
         if num_bodies not in self._halls:

@@ -167,6 +167,7 @@ def test_a_run_measures_every_design_and_writes_what_is_documented(tmp_path, mon
         Design("kinematic"),
         Design("vector", 16),
         Design("vector", 16, cores=2),
+        Design("bullet_vector", 2),
         Design("subproc", 2),
     )
     effort = Effort(seconds=0.02, repeats=1, designs=designs, growth=False, bodies=(50,), slams=("truth",))
@@ -174,9 +175,9 @@ def test_a_run_measures_every_design_and_writes_what_is_documented(tmp_path, mon
     throughput.main(json_file=tmp_path / "speed.json", quick=True)
     written = json.loads((tmp_path / "speed.json").read_text())
     rows = written["rows"]
-    keys = ["design", "world", "slam", "lanes", "cores", "steps_per_second", "ratio_to_naive"]
+    keys = ["design", "world", "slam", "num_envs", "cores", "steps_per_second", "ratio_to_naive"]
     assert all(list(row) == keys for row in rows)
-    measured = [(row["design"], row["lanes"], row["cores"]) for row in rows]
+    measured = [(row["design"], row["num_envs"], row["cores"]) for row in rows]
     assert measured[:4] == [tuple(design) for design in designs[:4]]
     assert rows[0]["ratio_to_naive"] == 1.0
     for row in rows:
@@ -185,14 +186,14 @@ def test_a_run_measures_every_design_and_writes_what_is_documented(tmp_path, mon
     assert rows[2]["ratio_to_naive"] > 3  # the kinematic environment, whatever else the machine does
     assert all(list(row) == ["kernel", "us", "us_reference"] for row in written["kernels"])
     assert all(0 < row["us"] < row["us_reference"] for row in written["kernels"])
-    assert 800_000 < written["state_bytes_per_lane"] < 4_000_000  # two arrays of 400 x 400 cells at least
+    assert 800_000 < written["state_bytes_per_env"] < 4_000_000  # two arrays of 400 x 400 cells at least
 
 
 def made_up(speed):
-    results = Results(state_bytes_per_lane=2**19)
+    results = Results(state_bytes_per_env=2**19)
     for hall in ("hall_50", "hall_300"):
-        for design, lanes, cores in (("naive", 1, 1), ("bullet", 1, 1), ("vector", 256, 1), ("vector", 256, 2)):
-            row = {"design": design, "world": hall, "slam": "tinyslam", "lanes": lanes, "cores": cores}
+        for design, num_envs, cores in (("naive", 1, 1), ("bullet", 1, 1), ("vector", 256, 1), ("vector", 256, 2)):
+            row = {"design": design, "world": hall, "slam": "tinyslam", "num_envs": num_envs, "cores": cores}
             results.rows.append({**row, "steps_per_second": speed(hall, design, cores), "ratio_to_naive": 1.0})
     return results
 
@@ -201,16 +202,16 @@ def test_targets_take_the_worse_hall_and_leave_out_what_was_not_measured():
     speeds = {"naive": 300.0, "bullet": 4500.0, "vector": 12000.0}
     results = made_up(lambda hall, design, cores: speeds[design] * cores**0.9 * (0.5 if hall == "hall_300" else 1.0))
     found = {target.name.split(" [")[0]: target for target in targets(results)}
-    assert found["vector, 256 lanes, one core, tinyslam"].measured == 6000.0
-    assert not found["vector, 256 lanes, one core, tinyslam"].met
+    assert found["vector, 256 sub-environments, one core, tinyslam"].measured == 6000.0
+    assert not found["vector, 256 sub-environments, one core, tinyslam"].met
     assert found["bullet over naive, tinyslam"].measured == pytest.approx(15.0)
     assert found["vector on two cores over one, tinyslam"].met
-    assert found["state of a lane, 400 x 400 cells"].met
-    assert "vector, 256 lanes, one core, truth" not in found
-    assert "vector, 1024 lanes over 1, tinyslam" not in found
+    assert found["state of a sub-environment, 400 x 400 cells"].met
+    assert "vector, 256 sub-environments, one core, truth" not in found
+    assert "vector over kinematic, tinyslam" not in found
 
 
 def test_growth_is_drawn(tmp_path):
     points = [{"slam": slam, "at": at, "us": 0.3 * at} for slam in ("tinyslam", "truth") for at in (90, 180)]
-    plot_growth(Results(growth={"beams": points, "lanes": points}), tmp_path / "growth.png")
+    plot_growth(Results(growth={"beams": points, "num_envs": points}), tmp_path / "growth.png")
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
