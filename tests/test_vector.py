@@ -214,3 +214,17 @@ def test_subclasses_run_in_shards():
     for _ in step_both(ours, theirs, actions_of(ours, 10)):
         pass
     ours.close()
+
+
+def test_processes_that_are_not_forked_share_the_arrays_as_well():
+    """As a training needs them: torch has threads, which forked processes would miss."""
+    results = []
+    for how in ({"num_workers": 0}, {"num_workers": 2, "context": "forkserver"}):
+        env = ExploreVectorEnv(2, **how, **QUICK)
+        env.reset(seed=3)
+        results.append(env.step(np.full((2, 2), 0.5, dtype=np.float32))[:2])
+        env.close()
+    (here, rewards), (there, their_rewards) = results
+    np.testing.assert_array_equal(rewards, their_rewards)
+    assert all((here[name] == there[name]).all() for name in here)
+    assert here["scan"].any()
