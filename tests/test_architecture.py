@@ -1,0 +1,92 @@
+"""The table of floors in docs/architecture.md, held against the imports."""
+
+import ast
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("envs", "baselines", "agents", "benchmarks")
+
+
+def floors():
+    """Return the rows of the table from the top down, each a list of files and folders."""
+    lines = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("| rows from the top down"))
+    rows = []
+    for line in lines[first + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append(re.findall(r"`([^`]+)`", line.split("|")[1]))
+    return rows
+
+
+def modules():
+    """Return the path of every module outside of tests by its name."""
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    paths += [ROOT / "train.py", ROOT / "evaluate.py"]
+    relative = {path.relative_to(ROOT) for path in paths}
+    return {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in sorted(relative)}
+
+
+def floor_of(path, rows):
+    """Return which row a file belongs to: the one that names the file, or else its folder."""
+    for name in (path.as_posix(), *(parent.as_posix() for parent in path.parents)):
+        for k, row in enumerate(rows):
+            if name in row:
+                return k
+    return None
+
+
+def imports(path, name, known):
+    """Return the names of the project's modules that a file imports anywhere."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in known else base for alias in node.names}
+    return {module for module in found if module in known}
+
+
+def test_every_module_lives_on_a_floor():
+    rows = floors()
+    assert len(rows) > 15
+    assert [str(path) for path in modules().values() if floor_of(path, rows) is None] == []
+    assert [name for row in rows for name in row if not (ROOT / name).exists()] == []
+
+
+def test_modules_import_from_their_own_floor_and_below_only():
+    rows, known = floors(), modules()
+    upward = []
+    for name, path in known.items():
+        for other in imports(path, name, known):
+            if floor_of(known[other], rows) < floor_of(path, rows):
+                upward.append(f"{path} imports {other}")
+    assert upward == []
+
+
+def test_no_folders_import_each_other_in_circles():
+    known = modules()
+    edges = {}
+    for name, path in known.items():
+        for other in imports(path, name, known):
+            room, other_room = (Path(*each.parts[:2]) for each in (path, known[other]))
+            if room != other_room and path.parts[0] == known[other].parts[0] == "envs":
+                edges.setdefault(room, set()).add(other_room)
+    done, active = set(), []
+
+    def visit(folder):
+        if folder in active:
+            raise AssertionError(f"a circle of imports: {' -> '.join(map(str, [*active, folder]))}")
+        if folder not in done:
+            active.append(folder)
+            for other in edges.get(folder, ()):
+                visit(other)
+            active.pop()
+            done.add(folder)
+
+    for folder in list(edges):
+        visit(folder)
