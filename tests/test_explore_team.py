@@ -181,7 +181,7 @@ def test_there_is_room_to_start_in_every_maze():
         area = explorable_area(world, BURGER, 0.05)
         starts = draw_starts(area, world, BURGER, area.draw_pose(rng), 4, rng)
         check_starts(starts, BURGER.radius, world)
-        assert all(area.can_stand(pose) for pose in starts)
+        assert all(area.is_traversable(pose) for pose in starts)
 
 
 @pytest.mark.parametrize("seed", range(5))

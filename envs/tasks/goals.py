@@ -99,9 +99,9 @@ class GeodesicDistance:
         Raises:
             ValueError: if the robot does not fit there.
         """
-        if not area.can_stand(goal):
+        if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
-        costs = np.where(area.standable, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
+        costs = np.where(area.traversable, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
         resolution = area.walls.resolution
         costmap = Costmap(costs, area.walls, CostmapParams(resolution, resolution))
         field = travel_field(costmap, goal[:2], cost_weight=0.0)

@@ -92,7 +92,7 @@ def check_start(pose: Pose2D, world: World, area: ExplorableArea, robot: RobotPa
     Raises:
         ValueError: if it does not.
     """
-    if not area.can_stand(pose):
+    if not area.is_traversable(pose):
         raise ValueError(
             f"start {tuple(pose)} is no pose at which robot {robot.name!r} (radius {robot.radius} m) can stand "
             f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
@@ -120,12 +120,12 @@ def draw_starts(
         ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close they stand.
     """
     starts, circles = [first], world.circles_at(0.0)
-    roomy = area.walls.centers(np.argwhere(area.roomy))
-    away = np.hypot(*(roomy - first[:2]).T)
+    start_cells = area.walls.centers(np.argwhere(area.start_cells))
+    away = np.hypot(*(start_cells - first[:2]).T)
     for must_see, gap, factor in product((True, False), START_GAPS, (1.0, 2.0, 4.0, 8.0)):
         if len(starts) == num_robots:
             break
-        for x, y in rng.permutation(roomy[away <= factor * START_DISTANCE]):
+        for x, y in rng.permutation(start_cells[away <= factor * START_DISTANCE]):
             if len(starts) == num_robots:
                 break
             is_apart = all(math.hypot(x - pose.x, y - pose.y) >= 2.0 * robot.radius + gap for pose in starts)

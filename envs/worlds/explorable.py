@@ -17,7 +17,7 @@ from .raster import rasterize
 from .world import World
 
 NUM_DIRECTIONS = 180
-"""Directions in which a cell is looked at from everywhere the robot can stand."""
+"""Directions in which a traversable cell is searched for from a cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,13 +25,13 @@ class ExplorableArea:
     """The part of a world that a robot could see, on a raster in the world frame."""
 
     walls: OccupancyGrid
-    """The truth: 0 free, 100 touched by something static."""
+    """Ground truth: 0 free, 100 touched by something static."""
     explorable: np.ndarray
-    """Shape of `walls`, bool: free cells visible from somewhere the robot can stand."""
-    standable: np.ndarray
-    """Shape of `walls`, bool: cells where the robot's base can be, connected to the world's first spawn."""
-    roomy: np.ndarray
-    """Shape of `walls`, bool: standable cells with a cell's width to spare, where a robot may be put down."""
+    """Shape of `walls`, bool: free cells visible from a traversable one."""
+    traversable: np.ndarray
+    """Shape of `walls`, bool: cells in which the robot's base is collision-free, connected to the world's first spawn."""
+    start_cells: np.ndarray
+    """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
     near_movers: np.ndarray
     """Shape of `walls`, bool: cells in whose centre the footprint overlaps a mover at time 0."""
 
@@ -47,10 +47,10 @@ class ExplorableArea:
         """
         return 120.0 + 10.0 * round(0.2 * self.area / speed)
 
-    def can_stand(self, pose: Pose2D) -> bool:
+    def is_traversable(self, pose: Pose2D) -> bool:
         """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
         row, col = self.walls.cells(np.array([pose.x, pose.y]))
-        return bool(self.walls.contains(np.array([row, col])) and self.standable[row, col])
+        return bool(self.walls.contains(np.array([row, col])) and self.traversable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
         """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
@@ -60,19 +60,19 @@ class ExplorableArea:
         Raises:
             ValueError: if movers leave no room anywhere.
         """
-        cells, blocked = np.flatnonzero(self.roomy), self.near_movers.ravel()
+        cells, blocked = np.flatnonzero(self.start_cells), self.near_movers.ravel()
         if blocked[cells].all():
             raise ValueError("there is no free pose for the robot: movers cover all that it can reach at time 0")
         cell = cells[rng.integers(len(cells))]
         while blocked[cell]:
             cell = cells[rng.integers(len(cells))]
-        x, y = self.walls.centers(np.array(divmod(int(cell), self.roomy.shape[1])))
+        x, y = self.walls.centers(np.array(divmod(int(cell), self.start_cells.shape[1])))
         return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
 @njit(cache=True, error_model="numpy")
 def _sees(free, goals, row, col, reach):
-    """Tell whether a straight walk of at most `reach` cells over free cells leads from a cell to one of the goals.
+    """Tell whether a straight line of at most `reach` free cells leads from a cell to one of the goals.
 
     Args:
         free: shape (height, width), bool.
@@ -108,7 +108,7 @@ def _visible_from(free, goals, candidates, reach):
 
 @lru_cache(maxsize=16)
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Find what `robot` could see of `world`: the free cells within lidar range of where its footprint can stand.
+    """Find what `robot` could see of `world`: the free cells within lidar range of where its footprint fits.
 
     Args:
         world: a closed world.
@@ -132,17 +132,17 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
             f"which has {clearance[row, col]:.3f} m of clearance at a resolution of {resolution} m; "
             "choose a smaller robot, another world or a finer map_resolution"
         )
-    standable = labels == label
-    roomy = standable & (clearance > robot.radius + resolution)
-    if not roomy.any():
-        roomy = standable
-    # Only free cells in one piece with a standable one can see any.
+    traversable = labels == label
+    start_cells = traversable & (clearance > robot.radius + resolution)
+    if not start_cells.any():
+        start_cells = traversable
+    # Only free cells connected to a traversable one can be seen from it.
     pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
     touches = np.zeros(num_pieces + 1, dtype=bool)
-    touches[pieces[standable]] = True
+    touches[pieces[traversable]] = True
     candidates = free & touches[pieces]
-    explorable = _visible_from(free, standable, candidates, robot.lidar.range_max / resolution)
-    return ExplorableArea(walls, explorable, standable, roomy, _near_movers(world, walls, robot.radius))
+    explorable = _visible_from(free, traversable, candidates, robot.lidar.range_max / resolution)
+    return ExplorableArea(walls, explorable, traversable, start_cells, _near_movers(world, walls, robot.radius))
 
 
 def _near_movers(world: World, walls: OccupancyGrid, radius: float) -> np.ndarray:

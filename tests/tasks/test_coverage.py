@@ -42,12 +42,12 @@ def test_what_cannot_be_reached_or_seen_is_not_explorable(burger):
     closed_off = room(4.02, 2.02, (2.01, 0.0, 2.01, 2.02))
     area = explorable_area(closed_off, burger, 0.05)
     assert area.area == pytest.approx(4.0, abs=0.3)
-    assert not area.can_stand(Pose2D(3.0, 1.0, 0.0))
+    assert not area.is_traversable(Pose2D(3.0, 1.0, 0.0))
     # Through a slit too narrow for the robot it sees part of the other half, and all it sees lies within the room.
     slit = room(4.02, 2.02, (2.01, 0.0, 2.01, 0.9), (2.01, 1.05, 2.01, 2.02))
     beyond = explorable_area(slit, burger, 0.05).area - area.area
     assert 0.5 < beyond < 4.0
-    assert not explorable_area(slit, burger, 0.05).can_stand(Pose2D(3.0, 1.0, 0.0))
+    assert not explorable_area(slit, burger, 0.05).is_traversable(Pose2D(3.0, 1.0, 0.0))
 
 
 def test_explorable_area_refuses_a_robot_that_does_not_fit(burger):
@@ -59,7 +59,7 @@ def test_drawn_poses_are_standable_and_vary(burger):
     area = explorable_area(room(2.02, 3.02), burger, 0.05)
     rng = np.random.default_rng(0)
     poses = [area.draw_pose(rng) for _ in range(50)]
-    assert all(area.can_stand(pose) for pose in poses)
+    assert all(area.is_traversable(pose) for pose in poses)
     assert len(set(poses)) == 50
     assert all(burger.radius < pose.x < 2.02 - burger.radius for pose in poses)
 
