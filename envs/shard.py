@@ -225,7 +225,7 @@ def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Answer a vector environment's calls until it closes the pipe; what a worker process runs.
+    """Answer a vector environment's calls until it sends b"q" or closes the pipe; what a worker process runs.
 
     Each answer is one byte, "." for a step without extras, "+" for a pickled result, "!" for an error, and its bytes.
     """
@@ -235,6 +235,8 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
         try:
             request = pipe.recv_bytes()
         except (EOFError, ConnectionResetError):
+            break
+        if request == b"q":
             break
         try:
             shard = shard or make_shard()

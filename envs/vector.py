@@ -1,5 +1,6 @@
 """Many environments as one: shards of them in worker processes, with shared memory for what is large."""
 
+import contextlib
 import functools
 import itertools
 import multiprocessing
@@ -294,6 +295,9 @@ def _receive_all(workers: Sequence[_Worker], dtype: np.dtype | None) -> list[Any
 
 
 def _stop(pipe: Any, process: Any) -> None:
+    # Not only closed: workers that were forked later hold copies of this end.
+    with contextlib.suppress(OSError):
+        pipe.send_bytes(b"q")
     pipe.close()
     process.join(timeout=10.0)
     if process.is_alive():

@@ -1,4 +1,5 @@
 import multiprocessing
+import time
 
 import gymnasium
 import numpy as np
@@ -228,3 +229,11 @@ def test_processes_that_are_not_forked_share_the_arrays_as_well():
     np.testing.assert_array_equal(rewards, their_rewards)
     assert all((here[name] == there[name]).all() for name in here)
     assert here["scan"].any()
+
+
+def test_workers_end_at_once_when_closed():
+    env = ExploreVectorEnv(3, num_workers=3, **QUICK)
+    env.reset(seed=0)
+    began = time.monotonic()
+    env.close()
+    assert time.monotonic() - began < 5.0  # waiting for one worker alone would take ten
