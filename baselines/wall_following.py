@@ -9,14 +9,10 @@ import math
 
 import numpy as np
 
-from baselines.explorer import to_action
-from baselines.obstacles import ObstacleMemory
-from baselines.recovery import Maneuvers
-from baselines.senses import Senses
-from envs.navigation import free_distance
+from envs.estimation import ORIGIN, Belief
+from envs.navigation import Navigator, free_distance
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
-from envs.slam import Belief
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Curvatures that are tried, from right to left, for a robot of a tenth of a metre; larger ones curve less [1/m]."""
@@ -50,22 +46,24 @@ class WallFollower:
         self._period = control_period
         self._rng = rng
         self._curvatures = np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)
-        self._senses = Senses(robot, control_period)
-        self._memory = ObstacleMemory(robot, control_period)
-        self._maneuvers = Maneuvers(robot, control_period, rng)
-        self._is_following = False
+        self._navigator = Navigator(robot, control_period)
+        self._has_begun = self._is_following = False
         self._turned = 0.0
 
-    def act(self, reading: Reading, belief: Belief | None) -> Twist:
+    def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist from `reading` alone; see `Explorer`."""
-        robot, observation = self._robot, self._senses.observe(reading)
-        motion = observation["motion"]
-        obstacles = self._memory.update(observation["scan"], motion)
-        if motion[4] > 0.5 and not self._maneuvers:
-            self._maneuvers.back_off(obstacles, backwards=motion[2] >= 0.0)
-        self._turned += float(motion[1]) * robot.max_w * self._period
-        twist = self._maneuvers.next(obstacles) if self._maneuvers else self._command(obstacles)
-        return self._senses.twist(to_action(twist, robot))
+        navigator = self._navigator
+        if not self._has_begun:
+            self._has_begun = True
+            navigator.reset(reading)
+        else:
+            navigator.sense(reading)
+        if reading.bumper and not navigator.is_recovering:
+            navigator.recover(backwards=navigator.is_forward)
+        self._turned += navigator.w * self._period
+        twist = navigator.command(ORIGIN) if navigator.is_recovering else self._command(navigator.obstacles)
+        navigator.note_command(twist)
+        return twist
 
     def _command(self, obstacles: np.ndarray) -> Twist:
         """Return the twist along the wall, or straight on while there is none."""
@@ -73,8 +71,8 @@ class WallFollower:
         if self._is_following and abs(self._turned) > FULL_TURN:
             # A random angle: the same one would lead around the same wall again.
             self._is_following = False
-            self._maneuvers.spin(self._rng.uniform(0.4, 1.8))
-            return self._maneuvers.next(obstacles)
+            self._navigator.spin(self._rng.uniform(0.4, 1.8))
+            return Twist(0.0, min(TURN_RATE, self._robot.max_w))
         if not self._is_following:
             clearance = free_distance(obstacles, 0.0, self._robot.radius + MARGIN, reach)
             if clearance >= reach:

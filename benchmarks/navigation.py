@@ -22,7 +22,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from baselines.navigation.episode import Drive, drive
-from baselines.navigation.map_navigator import MapNavigatorParams
+from baselines.navigation.params import MapNavigatorParams
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigation import (

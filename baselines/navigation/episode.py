@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.episode import Decide, Info, Observation, Watch, run
-from baselines.navigation.map_navigator import DEFAULTS, MapNavigator, MapNavigatorParams
+from baselines.explorer import to_action
+from baselines.navigation.map_navigator import MapNavigator
+from baselines.navigation.params import DEFAULTS, MapNavigatorParams
 from envs.navigate import NavigateEnv
 
 
@@ -56,7 +58,7 @@ def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
     """
 
     def decide(observation: Observation) -> np.ndarray | str:
-        action = navigator.act(observation, env.belief)
+        action = to_action(navigator.act(env.reading, env.belief), env.robot)
         env.plan = navigator.plan
         return "elsewhere" if navigator.end_reason == "reached" else navigator.end_reason or action
 

@@ -1,95 +1,43 @@
-"""Drives to goals on a known map: a layered costmap, A*, smoothing, a local planner, and ways out when stuck."""
+"""Drives to goals on a known map: a layered costmap, A*, smoothing, a local planner, and recovery behaviors."""
 
-import enum
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from baselines.local_planners import make_local_planner
+from baselines.navigation.params import DEFAULTS, MapNavigatorParams, Progress
 from baselines.navigation.reactive_driving import ReactiveDriver
-from baselines.obstacles import ObstacleMemory
-from baselines.recovery import Dwell, Maneuvers
+from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.navigation import (
     Costmap,
     CostmapParams,
     LayeredCostmap,
+    Navigator,
+    NavigatorParams,
     check_goal,
     is_path_valid,
     make_costmap,
     plan_path,
     smooth_path,
 )
+from envs.navigation.records import FAILED
 from envs.robots import RobotParams
-from envs.simulation import Twist
-from envs.slam import Belief
+from envs.simulation import Reading, Twist
 
-
-@dataclass(frozen=True, slots=True)
-class MapNavigatorParams:
-    """How to drive to a goal."""
-
-    local_planner: str = "rpp"
-    """What follows paths; see `LOCAL_PLANNERS`."""
-    padding: float = 0.03
-    """Added to the robot's radius in plans [m]: half a map cell and the pose's jitter."""
-    tight_radii: tuple[float, ...] = (1.0, 0.75)
-    """Shares of the robot's radius that plans fall back on, in this order, where there is no way otherwise."""
-    inflation: float = 0.45
-    """How far beyond that nearness to obstacles costs [m]."""
-    cost_scaling_factor: float = 4.0
-    """Rate at which that cost decays with the distance [1/m]."""
-    allow_unknown: bool = False
-    """Whether paths may cross what neither map nor scans know."""
-    goal_tolerance: float = 0.15
-    """Distance at which a goal counts as reached [m]."""
-    heading_tolerance: float = 0.15
-    """Turn at which a goal's heading counts as reached [rad]."""
-    update_period: float = 0.3
-    """Time between two scans that are taken into the costmap [s]."""
-    check_period: float = 1.0
-    """Time between two looks at whether the path is still free [s]."""
-    stray_distance: float = 0.5
-    """Distance from the path at which another is planned [m]."""
-    stall_time: float = 4.0
-    """Time without moving or turning after which the robot tries to free itself [s]."""
-    stuck_distance: float = 0.5
-    """A robot that stays within this distance... [m]."""
-    stuck_time: float = 20.0
-    """...for this long tries to free itself too [s]."""
-    max_recoveries: int = 6
-    """Attempts to free itself after which the robot gives the goal up."""
-    lost_patience: float = 5.0
-    """Time that the robot drives on when the localiser says that it is lost, once it has been found [s]: along a bare
-    wall doubts grow that go by themselves."""
-    lost_time: float = 90.0
-    """Time that it drives about by the scan alone after that, or at the start [s]."""
-    blind_time: float = 5.0
-    """Time that it waits for a scan in which anything was measured [s]."""
-
-
-DEFAULTS = MapNavigatorParams()
-
-
-class Progress(enum.Enum):
-    """Where the robot stands with its goal."""
-
-    IDLE = enum.auto()
-    """There is none."""
-    DRIVING = enum.auto()
-    """It is on its way."""
-    REACHED = enum.auto()
-    """It believes to be there."""
-    FAILED = enum.auto()
-    """It has given up; `MapNavigator.end_reason` says why."""
+STOP = Twist(0.0, 0.0)
+"""Stands still."""
+CLEARED_RADIUS = 1.5
+"""Marks of scans this near to a robot that recovers are cleared [m]."""
 
 
 class MapNavigator:
-    """Drives a robot to one goal at a time, from what it observes and believes. Never sees the truth.
+    """Drives a robot to one goal at a time, from readings and beliefs; never from ground truth.
 
-    When stuck it clears what scans have marked around it and, in turns, backs up and spins. When the localiser says
-    that it is lost, it drives about by the scan alone until it is found. Where no beam measures anything, it waits.
+    Obstacles around the robot, progress and recovery behaviors are those of `envs.navigation.Navigator`. Each recovery
+    clears what scans have marked around the robot, and is followed by another plan. While the localizer reports that it
+    is lost, the robot drives by the scan alone. Where no beam measures anything, it waits.
     """
 
     def __init__(
@@ -106,7 +54,7 @@ class MapNavigator:
             robot: the robot.
             control_period: time between two calls of `act` [s].
             grid: the map; must not change afterwards.
-            rng: decides which way to turn when nothing else does.
+            rng: source of the heading bias of reactive driving.
             params: how to drive.
         """
         self._robot = robot
@@ -115,31 +63,36 @@ class MapNavigator:
         radius = robot.radius + params.padding
         self._costs = CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor)
         self.layers = LayeredCostmap(grid, self._costs)
-        """What is in the way: the map, and what scans have found since."""
-        self._memory = ObstacleMemory(robot, control_period)
+        """Obstacles: the map, and what scans have found since."""
+        limits = NavigatorParams(
+            goal_tolerance=0.0,  # judged here, with the heading
+            stall_time=params.stall_time,
+            stuck_distance=params.stuck_distance,
+            stuck_time=params.stuck_time,
+            max_recoveries=params.max_recoveries,
+        )
+        self._navigator = Navigator(robot, control_period, limits)
         self._planner = make_local_planner(params.local_planner, robot, control_period)
-        self._maneuvers = Maneuvers(robot, control_period, rng)
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
-        self._elapsed = 0.0
+        self._time = -math.inf
         self._steps = 0
         self._lost_steps = self._blind_steps = 0
-        self._was_found = False
+        self._was_localized = False
         self._forget_goal()
 
     def _forget_goal(self) -> None:
         self.goal: tuple[float, float] | None = None
-        """Where the robot is going (x, y), map frame [m]."""
+        """Where to drive (x, y), map frame [m]."""
         self._heading: float | None = None
         self.progress = Progress.IDLE
-        """Where it stands with that."""
+        """State of the drive there."""
         self.end_reason: str | None = None
-        """Why it has stopped: "reached", "no_path", "stuck", "lost" or "blind"; None while it has not."""
+        """Why it has ended: "reached", "no_path", "stuck", "lost" or "blind"; None while it has not."""
         self.num_recoveries = 0
-        """How often it had to free itself on the way to this goal."""
-        self._has_path = False
+        """Number of recovery behaviors on the way to this goal."""
+        self._has_path = self._has_planned = False
+        self._counted = 0 if math.isinf(self._time) else self._navigator.num_recoveries
         self._share: float | None = None
-        self._stall = Dwell(0.25 * self._robot.radius + 0.02, 0.3)
-        self._stuck = Dwell(self._params.stuck_distance)
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -147,7 +100,7 @@ class MapNavigator:
         return self._planner.remaining if self.progress is Progress.DRIVING and self._has_path else None
 
     def set_goal(self, goal: tuple[float, float], heading: float | None = None) -> None:
-        """Drive somewhere from now on.
+        """Drive to another goal from now on.
 
         Args:
             goal: where to (x, y), map frame [m].
@@ -166,72 +119,88 @@ class MapNavigator:
         self._forget_goal()
         self.goal, self._heading = goal, heading
         self.progress = Progress.DRIVING
-        self._elapsed = 0.0
 
-    def act(self, observation: dict[str, np.ndarray], belief: Belief) -> np.ndarray:
-        """Return the action, shape (2,), float32, that brings the robot nearer to its goal; updates `progress`.
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist for the next control period, and update `progress`.
 
         Args:
-            observation: of `NavigateEnv`.
-            belief: what the robot believes of its pose.
+            reading: of the sensors.
+            belief: pose estimate on the map.
 
         Raises:
-            ValueError: if the observation is older than the one before.
+            ValueError: if the reading is older than the one before.
         """
-        self._check_time(observation["motion"])
-        scan, motion, pose = observation["scan"], observation["motion"], belief.pose
-        obstacles = self._memory.update(scan, motion)
-        self._steps += 1
-        if self._is_blind(scan) or self.progress is not Progress.DRIVING:
-            return self._action(Twist(0.0, 0.0))
-        if motion[4] > 0.5 and not self._maneuvers:
-            self._note_bump(pose, obstacles, backwards=motion[2] >= 0.0)
-        if self._maneuvers:
-            return self._action(self._maneuvers.next(obstacles))
-        if self._is_lost(bool(observation["doubt"][2] > 0.5)):
-            return self._action(self._reactive_driver.command(obstacles))
-        if self.progress is not Progress.DRIVING:
-            return self._action(Twist(0.0, 0.0))
-        self._take_scan(pose, scan)
-        return self._action(self._drive(pose, motion, obstacles))
+        twist = self._decide(reading, belief)
+        self._navigator.note_command(twist)
+        return twist
 
-    def _drive(self, pose: Pose2D, motion: np.ndarray, obstacles: np.ndarray) -> Twist:
-        """Return the twist that follows the path, planning first where that is due."""
+    def _decide(self, reading: Reading, belief: Belief) -> Twist:
+        pose, navigator = belief.pose, self._navigator
+        is_failed = self._sense(reading, pose)
+        if self._is_blind(reading.ranges) or self.progress is not Progress.DRIVING:
+            return STOP
+        if reading.bumper and not self._has_path and not navigator.is_recovering:
+            navigator.recover(backwards=navigator.is_forward)
+        if is_failed or navigator.num_recoveries > self._counted:
+            self._count_recovery(reading, pose)
+        if self.progress is not Progress.DRIVING:
+            return STOP
+        if navigator.is_recovering:
+            return navigator.command(pose)
+        if self._is_lost(belief.is_lost):
+            return self._reactive_driver.command(navigator.obstacles)
+        if self.progress is not Progress.DRIVING:
+            return STOP
+        self._integrate(pose, reading.ranges)
+        return self._drive(pose)
+
+    def _sense(self, reading: Reading, pose: Pose2D) -> bool:
+        """Update the obstacles, and tell whether the robot has made no progress for too long."""
+        if reading.time < self._time:
+            raise ValueError(
+                f"time went backwards: the reading is of {reading.time:.2f} s, the one before was of {self._time:.2f} "
+                "s; make a new navigator for a new episode"
+            )
+        is_first = math.isinf(self._time)
+        self._time = reading.time
+        self._steps += 1
+        if is_first:
+            self._navigator.reset(reading)
+        elif self._has_path and self.progress is Progress.DRIVING:
+            return self._navigator.update(reading, pose) == FAILED
+        else:
+            self._navigator.sense(reading)
+        return False
+
+    def _drive(self, pose: Pose2D) -> Twist:
+        """Return the twist that follows the path; plans first where that is due."""
         params = self._params
-        if self._is_there(pose):
+        if self._is_at_goal(pose):
             self._end(Progress.REACHED, "reached")
-            return Twist(0.0, 0.0)
+            return STOP
         due = self._steps % max(1, round(params.check_period / self._period)) == 0
         if (not self._has_path or (due and not self._is_path_good(pose))) and not self._find_path(pose):
-            return Twist(0.0, 0.0)
-        stalled = self._stall.update(pose) * self._period > params.stall_time
-        stuck = self._stuck.update(pose) * self._period > params.stuck_time
-        if stalled or stuck:
-            self._recover(pose, obstacles)
-            return self._maneuvers.next(obstacles) if self._maneuvers else Twist(0.0, 0.0)
-        robot = self._robot
-        return self._planner.command(pose, Twist(motion[0] * robot.max_v, motion[1] * robot.max_w), obstacles)
+            return STOP
+        navigator = self._navigator
+        return self._planner.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)
 
-    def _is_there(self, pose: Pose2D) -> bool:
+    def _is_at_goal(self, pose: Pose2D) -> bool:
         assert self.goal is not None
         params = self._params
         if self._heading is not None and abs(wrap_angle(self._heading - pose.theta)) > params.heading_tolerance:
             return False
-        # A path may end beside a goal that nobody can stand on, and planners stop a little off its end.
+        # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
         return math.hypot(pose.x - self.goal[0], pose.y - self.goal[1]) <= params.goal_tolerance
 
     def _is_path_good(self, pose: Pose2D) -> bool:
-        path = self._planner.remaining
-        away = float(np.sqrt(((path - pose[:2]) ** 2).sum(axis=1).min()))
-        costmap = self._costmap
-        return away <= self._params.stray_distance and is_path_valid(
-            costmap, path, allow_unknown=self._params.allow_unknown
-        )
+        path, params = self._planner.remaining, self._params
+        away = float(np.hypot(*(path - pose[:2]).T).min())
+        return away <= params.stray_distance and is_path_valid(self._costmap, path, allow_unknown=params.allow_unknown)
 
     def _find_path(self, pose: Pose2D) -> bool:
-        """Plan; with the robot made smaller, and then with what scans have marked forgotten, where there is no way.
+        """Plan; with less footprint, and then without the marks of scans, where there is no path.
 
-        A goal that the map alone has no way to has failed; one that scans have closed the way to is tried again.
+        A goal that the map alone has no path to has failed; one that scans have closed the path to is tried again.
         """
         for forget in (False, True):
             if forget:
@@ -241,7 +210,10 @@ class MapNavigator:
                 path = self._plan(pose)
                 if path is not None:
                     self._planner.set_path(path, self._heading)
-                    self._has_path = True
+                    self._navigator.drive_to(path, keep_clocks=self._has_planned)
+                    if not self._has_planned:
+                        self._counted = 0
+                    self._has_path = self._has_planned = True
                     return True
         self._end(Progress.FAILED, "no_path")
         return False
@@ -252,8 +224,7 @@ class MapNavigator:
         costmap = self.layers.costmap
         if self._share is None:
             return costmap
-        radius = self._share * self._robot.radius
-        return make_costmap(costmap.grid, replace(self._costs, robot_radius=radius))
+        return make_costmap(costmap.grid, replace(self._costs, robot_radius=self._share * self._robot.radius))
 
     def _plan(self, pose: Pose2D) -> np.ndarray | None:
         assert self.goal is not None
@@ -262,78 +233,51 @@ class MapNavigator:
         path = plan_path(costmap, pose[:2], self.goal, tolerance=tolerance, allow_unknown=allow_unknown)
         return None if path is None else smooth_path(costmap, path, allow_unknown=allow_unknown)
 
-    def _recover(self, pose: Pose2D, obstacles: np.ndarray) -> None:
-        """Get free; after too many attempts the goal has failed."""
+    def _count_recovery(self, reading: Reading, pose: Pose2D) -> None:
+        """Clear the marks around a robot that recovers, and plan anew afterwards; too many times, and it is stuck."""
+        navigator = self._navigator
+        if navigator.num_recoveries == self._counted:
+            navigator.recover()
+        self._counted = navigator.num_recoveries
         self.num_recoveries += 1
         if self.num_recoveries > self._params.max_recoveries:
             self._end(Progress.FAILED, "stuck")
             return
-        self.layers.clear_around(pose.x, pose.y, 1.5)
-        if self.num_recoveries % 2:
-            self._maneuvers.back_off(obstacles, backwards=True)
-        else:
-            self._maneuvers.spin(math.pi)
-        self._start_over()
-
-    def _start_over(self) -> None:
-        """Plan anew, and count anew how long nothing happens."""
-        self._has_path = False
-        self._stall.restart()
-        self._stuck.restart()
-
-    def _note_bump(self, pose: Pose2D, obstacles: np.ndarray, *, backwards: bool) -> None:
-        """Mark what the bumper touched, and leave it."""
-        bearings = np.linspace(-0.5, 0.5, 5) + (0.0 if backwards else math.pi)
-        touched = (self._robot.radius + 0.05) * np.column_stack([np.cos(bearings), np.sin(bearings)])
-        self._recover(pose, obstacles)
-        self._maneuvers.clear()
-        if self.progress is Progress.DRIVING:
+        self.layers.clear_around(pose.x, pose.y, CLEARED_RADIUS)
+        if reading.bumper:
+            bearings = np.linspace(-0.5, 0.5, 5) + (0.0 if navigator.is_forward else math.pi)
+            touched = (self._robot.radius + 0.05) * np.column_stack([np.cos(bearings), np.sin(bearings)])
             self.layers.mark(pose.transform(touched))
-            self._maneuvers.back_off(obstacles, backwards=backwards)
+        self._has_path = False
 
     def _is_lost(self, is_lost: bool) -> bool:
-        """Tell whether to find out first where the robot is; gives up after a while."""
-        patience = self._params.lost_patience if self._was_found else 0.0
+        """Tell whether to drive reactively until the robot is localized; ends the drive after a while."""
+        patience = self._params.lost_patience if self._was_localized else 0.0
         lost_for = self._lost_steps * self._period - patience
         if not is_lost:
             if lost_for > 0.0:
                 self.layers.clear()
-                self._start_over()
-            self._lost_steps, self._was_found = 0, True
+                self._has_path = False
+            self._lost_steps, self._was_localized = 0, True
             return False
         self._lost_steps += 1
         if lost_for >= self._params.lost_time:
             self._end(Progress.FAILED, "lost")
-        return lost_for >= 0.0 and self.progress is Progress.DRIVING
+        is_driving_reactively = lost_for >= 0.0 and self.progress is Progress.DRIVING
+        self._has_path &= not is_driving_reactively
+        return is_driving_reactively
 
-    def _is_blind(self, scan: np.ndarray) -> bool:
-        """Tell whether no beam measured anything; gives up after a while."""
-        self._blind_steps = 0 if scan.any() else self._blind_steps + 1
+    def _is_blind(self, ranges: np.ndarray) -> bool:
+        """Tell whether no beam measured anything; ends the drive after a while."""
+        self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
         if self._blind_steps * self._period > self._params.blind_time and self.progress is Progress.DRIVING:
             self._end(Progress.FAILED, "blind")
         return self._blind_steps > 0
 
-    def _take_scan(self, pose: Pose2D, scan: np.ndarray) -> None:
-        """Take a scan into the costmap now and then."""
-        if self._steps % max(1, round(self._params.update_period / self._period)):
-            return
-        ranges = scan * self._robot.lidar.range_max
-        ranges[scan >= 1.0] = np.inf
-        ranges[scan <= 0.0] = np.nan
-        self.layers.update(pose, ranges, self._robot.lidar)
-
-    def _check_time(self, motion: np.ndarray) -> None:
-        elapsed = float(motion[5])
-        if elapsed < self._elapsed:
-            raise ValueError(
-                f"time went backwards: {elapsed:.4f} of the time limit has passed, and {self._elapsed:.4f} had before; "
-                "make a new navigator for a new episode"
-            )
-        self._elapsed = elapsed
+    def _integrate(self, pose: Pose2D, ranges: np.ndarray) -> None:
+        """Integrate a scan into the costmap now and then."""
+        if self._steps % max(1, round(self._params.update_period / self._period)) == 0:
+            self.layers.update(pose, ranges, self._robot.lidar)
 
     def _end(self, progress: Progress, reason: str) -> None:
         self.progress, self.end_reason = progress, reason
-
-    def _action(self, twist: Twist) -> np.ndarray:
-        action = np.array([twist.v / self._robot.max_v, twist.w / self._robot.max_w], dtype=np.float32)
-        return np.clip(action, -1.0, 1.0)

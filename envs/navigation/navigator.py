@@ -68,6 +68,8 @@ class Navigator:
         self._period = control_period
         self.v = 0.0
         """Forward speed by odometry [m/s]."""
+        self.w = 0.0
+        """Yaw rate by odometry [rad/s]."""
 
     def reset(self, reading: Reading) -> None:
         """Begin an episode with its first reading."""
@@ -105,6 +107,20 @@ class Navigator:
     def is_recovering(self) -> bool:
         """Whether the robot backs up or spins, and no goal can change that."""
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
+
+    @property
+    def num_recoveries(self) -> int:
+        """Recovery behaviors of this drive."""
+        return int(self.record["recoveries"])
+
+    @property
+    def is_forward(self) -> bool:
+        """Whether the last command was not backwards."""
+        return bool(self.record["forward"])
+
+    def note_command(self, twist: Twist) -> None:
+        """Take note of a twist that is commanded in place of what `command` returns."""
+        self.record["forward"] = int(twist.v >= 0.0)
 
     @property
     def still_steps(self) -> int:
@@ -150,9 +166,9 @@ class Navigator:
         self.record["num_points"] = len(path) if num_points is None else num_points
         self.record["index"] = 0
 
-    def spin(self) -> None:
-        """Turn once around on the spot, in place of a drive."""
-        start_spin(self.record, self.numbers)
+    def spin(self, angle: float = 2.0 * math.pi) -> None:
+        """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
+        start_spin(self.record, angle, self.numbers)
 
     def recover(self, *, backwards: bool = True) -> None:
         """Back up (or drive on, where there is more room) and spin a little."""
@@ -171,7 +187,7 @@ class Navigator:
             others: shape (m, 2), float64, base frame [m]: what else stands around now, as other robots do.
         """
         motion = self._odometry.update(reading)
-        self.v = motion.x / self._period
+        self.v, self.w = motion.x / self._period, motion.theta / self._period
         sensors = reading.ranges, self._directions, reading.bumper
         update_obstacles(self.record, self._obstacles, sensors, tuple(motion), others[:MAX_OTHERS], self.numbers)
 

@@ -71,14 +71,14 @@ def set_goal(record, num_points, goal, view, keep_clocks):
 
 
 @njit(cache=True, error_model="numpy")
-def start_spin(record, numbers):
-    """Begin a full turn on the spot in place of a drive."""
+def start_spin(record, angle, numbers):
+    """Begin a turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
     record.has_goal = 0
     record.steps = 0
     record.recoveries = 0
     record.back_steps = 0
     record.turn_w = numbers.spin_rate
-    record.turn_steps = math.ceil(2.0 * math.pi / numbers.spin_rate / numbers.period)
+    record.turn_steps = math.ceil(angle / numbers.spin_rate / numbers.period)
 
 
 @njit(cache=True, error_model="numpy")
@@ -147,7 +147,7 @@ def recover(record, around, backwards, numbers):
     record.back_v = sign * numbers.back_speed
     record.back_steps = max(1, round(reach / numbers.back_speed / numbers.period))
     # 0.6, 0.8, 1.0 rad: another direction each time.
-    angle = 0.4 + 0.2 * record.recoveries
+    angle = 0.4 + 0.2 * min(record.recoveries, 5)
     record.turn_w = numbers.spin_rate * record.side * (1.0 if record.recoveries % 2 else -1.0)
     record.turn_steps = max(1, round(angle / numbers.spin_rate / numbers.period))
     record.stall_steps = -1

@@ -5,15 +5,18 @@ import math
 import numpy as np
 import pytest
 
+from baselines.explorer import to_action
 from baselines.local_planners import LOCAL_PLANNERS, make_local_planner
 from baselines.navigation.episode import drive
-from baselines.navigation.map_navigator import MapNavigator, MapNavigatorParams, Progress
+from baselines.navigation.map_navigator import MapNavigator
+from baselines.navigation.params import MapNavigatorParams, Progress
 from baselines.navigation.reactive_driving import ReactiveDriver
-from baselines.obstacles import ObstacleMemory
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
+from envs.navigation import Navigator
 from envs.robots import load_robot
 from envs.slam import Belief
+from tests.baselines.places import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -33,16 +36,8 @@ def navigator_in(grid, **params):
     return MapNavigator(BURGER, 0.1, grid, np.random.default_rng(0), MapNavigatorParams(**params))
 
 
-def observation_of(*, scan=1.0, bump=False, action=(0.0, 0.0), elapsed=0.0, lost=False):
-    return {
-        "scan": np.full(BURGER.lidar.num_beams, scan, dtype=np.float32),
-        "motion": np.array([*action, *action, bump, elapsed], dtype=np.float32),
-        "doubt": np.array([0.0, 0.0, lost], dtype=np.float32),
-    }
-
-
-def belief_at(pose, grid):
-    return Belief(pose, grid, NO_CELLS)
+def belief_at(pose, grid, *, lost=False):
+    return Belief(pose, grid, is_lost=lost)
 
 
 @pytest.mark.parametrize("planner", LOCAL_PLANNERS)
@@ -74,13 +69,13 @@ def test_the_heading_asked_for_is_taken():
         goal_tolerance=0.05,
         heading_tolerance=0.01,
     )
-    observation, _ = env.reset(seed=0)
+    env.reset(seed=0)
     navigator = MapNavigator(env.robot, env.control_period, env.belief.grid, np.random.default_rng(0))
     navigator.set_goal(env.goal[:2], env.goal.theta)
     for _ in range(300):
         if navigator.end_reason:
             break
-        observation = env.step(navigator.act(observation, env.belief))[0]
+        env.step(to_action(navigator.act(env.reading, env.belief), env.robot))
     assert navigator.progress is Progress.REACHED
     assert abs(env.belief.pose.theta - 2.5) < 0.2
     assert math.hypot(env.belief.pose.x + 1.5, env.belief.pose.y + 0.5) < 0.2
@@ -103,10 +98,10 @@ def test_goals_where_nobody_can_stand_are_refused_and_the_old_one_stays(goal, pr
 def test_without_a_way_it_says_so():
     navigator = navigator_in(hall())
     navigator.set_goal((3.0, 0.0))
-    action = navigator.act(observation_of(), belief_at(HERE, hall()))
+    action = navigator.act(reading_of(), belief_at(HERE, hall()))
     assert navigator.progress is Progress.FAILED
     assert navigator.end_reason == "no_path"
-    assert not action.any()
+    assert action == (0.0, 0.0)
 
 
 def test_a_way_through_the_unknown_is_taken_where_that_is_allowed():
@@ -114,17 +109,17 @@ def test_a_way_through_the_unknown_is_taken_where_that_is_allowed():
     grid.data[1:-1, 145:155] = 0
     navigator = navigator_in(grid, allow_unknown=True)
     navigator.set_goal((4.5, 0.0))
-    assert navigator.act(observation_of(), belief_at(HERE, grid))[0] > 0.0
+    assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
 
 
 def test_what_scans_find_is_driven_around():
     grid = hall()
     navigator = navigator_in(grid)
     navigator.set_goal((2.0, 0.0))
-    observation = observation_of()
-    observation["scan"][np.abs(BURGER.lidar.angles) < 0.15] = 1.0 / BURGER.lidar.range_max
+    reading = reading_of()
+    reading.ranges[np.abs(BURGER.lidar.angles) < 0.15] = 1.0
     for _ in range(11):
-        navigator.act(observation, belief_at(HERE, grid))
+        navigator.act(reading, belief_at(HERE, grid))
     obstacle = np.array([1.0 + BURGER.lidar.mount.x, 0.0])
     assert navigator.layers.costmap.cost_at(*obstacle) == 254
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
@@ -134,7 +129,7 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
     navigator, grid, actions = navigator_in(hall()), hall(), []
     navigator.set_goal((2.0, 0.0))
     for _ in range(2000):
-        actions.append(navigator.act(observation_of(), belief_at(HERE, grid)))
+        actions.append(navigator.act(reading_of(), belief_at(HERE, grid)))
         if navigator.end_reason:
             break
     assert navigator.end_reason == "stuck"
@@ -148,19 +143,19 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
 def test_a_bump_is_marked_and_left():
     navigator, grid = navigator_in(hall()), hall()
     navigator.set_goal((2.0, 0.0))
-    assert navigator.act(observation_of(), belief_at(HERE, grid))[0] > 0.0
-    assert navigator.act(observation_of(bump=True, action=(1.0, 0.0)), belief_at(HERE, grid))[0] < 0.0
+    assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
+    assert navigator.act(reading_of(bumper=True), belief_at(HERE, grid))[0] < 0.0
     assert navigator.layers.num_marked > 0
 
 
 def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
     navigator, grid = navigator_in(hall()), hall()
     navigator.set_goal((-4.0, 0.0))
-    ahead = navigator.act(observation_of(lost=True), belief_at(HERE, grid))
+    ahead = navigator.act(reading_of(), belief_at(HERE, grid, lost=True))
     # The goal lies behind; the scan says that there is room ahead.
     assert ahead[0] > 0.0
     assert navigator.plan is None
-    found = navigator.act(observation_of(), belief_at(HERE, grid))
+    found = navigator.act(reading_of(), belief_at(HERE, grid))
     assert found[0] == 0.0
     assert found[1] != 0.0
 
@@ -169,7 +164,7 @@ def test_a_robot_that_stays_lost_says_so():
     navigator = navigator_in(hall(), lost_time=2.0)
     navigator.set_goal((2.0, 0.0))
     for _ in range(25):
-        navigator.act(observation_of(lost=True), belief_at(HERE, hall()))
+        navigator.act(reading_of(), belief_at(HERE, hall(), lost=True))
     assert navigator.end_reason == "lost"
 
 
@@ -191,19 +186,19 @@ def test_blind_it_waits_and_then_gives_up():
     navigator, grid = navigator_in(hall(), blind_time=1.0), hall()
     navigator.set_goal((2.0, 0.0))
     for _ in range(9):
-        assert not navigator.act(observation_of(scan=0.0), belief_at(HERE, grid)).any()
-    assert navigator.act(observation_of(), belief_at(HERE, grid))[0] > 0.0
+        assert navigator.act(reading_of(ranges=np.nan), belief_at(HERE, grid)) == (0.0, 0.0)
+    assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
     for _ in range(12):
-        navigator.act(observation_of(scan=0.0), belief_at(HERE, grid))
+        navigator.act(reading_of(ranges=np.nan), belief_at(HERE, grid))
     assert navigator.end_reason == "blind"
 
 
 def test_time_that_goes_backwards_is_refused():
     navigator, grid = navigator_in(hall()), hall()
     navigator.set_goal((2.0, 0.0))
-    navigator.act(observation_of(elapsed=0.5), belief_at(HERE, grid))
+    navigator.act(reading_of(time=0.5), belief_at(HERE, grid))
     with pytest.raises(ValueError, match="time went backwards"):
-        navigator.act(observation_of(elapsed=0.4), belief_at(HERE, grid))
+        navigator.act(reading_of(time=0.4), belief_at(HERE, grid))
 
 
 def test_unknown_local_planners_are_named():
@@ -214,13 +209,13 @@ def test_unknown_local_planners_are_named():
 def test_reactive_driving_covers_ground_without_contact():
     env = NavigateEnv(world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
     for seed in range(2):
-        observation, _ = env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
-        memory, driver = ObstacleMemory(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
+        env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
+        navigator, driver = Navigator(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
+        navigator.reset(env.reading)
         positions = []
         for _ in range(300):
-            twist = driver.command(memory.update(observation["scan"], observation["motion"]))
-            action = np.array([twist.v / env.robot.max_v, twist.w / env.robot.max_w], dtype=np.float32)
-            observation, _, _, _, info = env.step(action)
+            _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot))
+            navigator.sense(env.reading)
             positions.append(env.belief.pose[:2])
         assert info["collisions"] == 0
         assert info["path_length"] > 2.0
