@@ -94,15 +94,15 @@ def _best(work: Any, repeats: int = REPEATS) -> float:
 def planning_costs(world: str) -> dict[str, Any]:
     """Measure what planning costs on the whole map of a world, on one core."""
     env = NavigateEnv(world=world, physics="kinematic")
-    place, robot = env._sample_world(np.random.default_rng(0)), env.robot
-    area = explorable_area(place, robot, env.resolution)
+    drawn, robot = env.task.draw_world(None, np.random.default_rng(0)), env.robot
+    area = explorable_area(drawn, robot, env.resolution)
     grid = known_map(area)
     params = CostmapParams(robot.radius + 0.03, robot.radius + 0.48, 4.0)
     costmap = make_costmap(grid, params)
     layers = LayeredCostmap(grid, params)
     rng = np.random.default_rng(0)
-    # The two places of this map that are farthest from each other: far from anywhere, then farthest from there.
-    ends = [place.spawns[0][:2]]
+    # The two cells of this map that are farthest from each other: farthest from anywhere, then farthest from there.
+    ends = [drawn.spawns[0][:2]]
     for _ in range(2):
         field = travel_field(costmap, ends[-1])
         assert field is not None
