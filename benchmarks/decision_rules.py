@@ -13,8 +13,8 @@ from baselines import make_explorer
 from baselines.episode import run_episode
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.frontier_choice import FEATURES
-from envs.frontier_choice.features import HALF_COST
+from envs.navigation import FEATURES
+from envs.navigation.candidate_features import HALF_COST
 
 GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
 PLACES = {

@@ -1,66 +1,23 @@
 """Exploration at the level of decisions: choose a frontier, and the robot drives there."""
 
-from collections.abc import Mapping
 from typing import Any
 
-import gymnasium
-import numpy as np
-from gymnasium import spaces
-
-from envs.arguments import check_positive
-from envs.compilation import announce_compilation
 from envs.explore import ExploreEnv
-from envs.frontier_choice import DRIVING, FEATURES, OUTCOMES, OVER, RESET, FrontierChoice, act, judge
-from envs.frontier_choice.candidates import find_candidates
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.observations import FAR_PIXEL, MapCrop, make_parts
-from envs.simulation import Twist
+from envs.wrappers.frontier_actions import FrontierActions
 
 
-def make_choice(explore: ExploreEnv, max_candidates: int, max_decision_time: float) -> FrontierChoice:
-    """Return the choice between frontiers for the robot of an environment.
-
-    Raises:
-        ValueError: if `max_candidates` or `max_decision_time` is not positive.
-    """
-    if max_candidates < 1:
-        raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
-    check_positive(max_decision_time=max_decision_time)
-    announce_compilation(find_candidates)
-    return FrontierChoice(
-        explore.robot,
-        explore.control_period,
-        explore.resolution,
-        explore.robot.lidar.directions,
-        max_candidates=max_candidates,
-        max_time=max_decision_time,
-    )
-
-
-def candidates_space(max_candidates: int) -> spaces.Dict:
-    """Return the observation space of `ExploreFrontiersEnv`."""
-    return spaces.Dict(
-        {
-            "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
-            "action_mask": spaces.MultiBinary(max_candidates),
-            "map": spaces.Box(0, 255, (3, 40, 40), np.uint8),
-            "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
-        }
-    )
-
-
-class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
-    """Explore an unknown place by choosing, again and again, the frontier to drive to.
+class ExploreFrontiersEnv(FrontierActions):
+    """Explore an unknown world by choosing, again and again, the frontier to drive to.
 
     ## Description
-    The place, the robot, its sensors and its SLAM are those of `ExploreEnv`. The policy does not steer: each step it
-    picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A pilot plans the
-    way with each decision (and every four seconds of a longer one), follows it, keeps clear of what the lidar sees, and
-    backs off when it is caught.
+    The world, the robot, its sensors and its SLAM are those of `ExploreEnv`. The policy does not steer: each step it
+    picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A navigator plans
+    the path with each decision (and every four seconds of a longer one), follows it, keeps clear of what the lidar
+    sees, and backs up when the robot gets nowhere.
     A step ends as soon as a new decision is due, after some control steps.
 
     ## Action Space
-    `Discrete(max_candidates)`: the candidate to go to. Candidates come by increasing cost of the way, so 0 is the
+    `Discrete(max_candidates)`: the candidate to go to. Candidates come by increasing cost of the path, so 0 is the
     nearest one. `action_masks()` and `info["action_mask"]` tell which actions have a candidate. An action without one
     is no error: the last candidate is taken instead, and `info["action"]` says which.
 
@@ -71,7 +28,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     |---|---|---|
     | `candidates` | `Box(-1, 1, (max_candidates, 10), float32)` | a row per candidate; rows without one are 0 |
     | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
-    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | believed map around the robot, as `map_far` of `ExploreEnv` |
+    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `ExploreEnv` |
     | `motion` | `Box(-1, 1, (6,), float32)` | as `ExploreEnv`'s |
 
     Features of a candidate, with x / (x + h) for lengths, costs and times without an end:
@@ -79,10 +36,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | column | meaning |
     |---|---|
     | 0 `gain` | share of the area within 1 m of the frontier that is unknown |
-    | 1 `cost` | length of the way, weighted by nearness to obstacles; h = 5 m |
-    | 2 `turn` | from the robot's heading to the beginning of the way, counter-clockwise, over pi |
+    | 1 `cost` | length of the path, weighted by nearness to obstacles; h = 5 m |
+    | 2 `turn` | from the robot's heading to the beginning of the path, counter-clockwise, over pi |
     | 3 `size` | length of the frontier; h = 2 m |
-    | 4 `clearance` | distance from obstacles at the end of the way, over that from which they cost nothing |
+    | 4 `clearance` | distance from obstacles at the viewpoint, over that from which they cost nothing |
     | 5 `age` | time for which there has been a candidate within 0.5 m, also while it moved on; h = 60 s |
     | 6 `ahead`, 7 `left` | where the frontier lies, in the robot's frame, over 16 m |
     | 8 `failures` | attempts to get here that failed, over the three after which it is no longer offered |
@@ -104,8 +61,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
-    has not come half a metre far for ten seconds or there is no way any more, or when the drive has taken
-    `max_decision_time`. A manoeuvre to get free is finished first, and looking around, where no frontier is left, comes
+    has not come half a metre far for ten seconds or there is no path any more, or when the drive has taken
+    `max_decision_time`. A recovery is finished first, and looking around, where no frontier is left, comes
     on top: `decision_time` counts both. To go on to the same frontier, choose it again: `chosen` marks it.
 
     ## Information
@@ -121,7 +78,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | argument | default | meaning |
     |---|---|---|
     | `max_candidates` | `24` | frontiers that are offered at most |
-    | `max_decision_time` | `4.0` | longest drive, but for manoeuvres to get free and looking around [s] |
+    | `max_decision_time` | `4.0` | longest drive, but for recoveries and looking around [s] |
     | `control_hz` | `5.0` | control steps per second |
 
     ## Version History
@@ -143,140 +100,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        self.explore = ExploreEnv(control_hz=control_hz, **arguments)
-        """The environment that is driven."""
-        self.choice = make_choice(self.explore, max_candidates, max_decision_time)
-        """What there is to choose from, and the pilot."""
-        self.render_mode = self.explore.render_mode
-        self.metadata = self.explore.metadata
-        self.action_space = spaces.Discrete(max_candidates)
-        self.observation_space: spaces.Space[Any] = candidates_space(max_candidates)
-        self._command = np.zeros(2, dtype=np.float32)
-        self._parts = make_parts({"map": {"resolution": FAR_PIXEL}, "motion": None}, {"map": MapCrop})
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode and return the first observation and info; see `LidarEnv.reset`."""
-        super().reset(seed=seed)
-        _, info = self.explore.reset(seed=seed, options=options)
-        reading = self.explore.reading
-        self.choice.reset()
-        self.choice.sense(reading.ranges, 0.0, 0.0, reading.bumper)
-        self.choice.survey(self)
-        self._steps, self._quantities = 0, dict.fromkeys(info["rewards"], 0.0)
-        self._path_length, self._taken, self._result = 0.0, -1, RESET
-        return self.observe(), self._info()
-
-    def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive until the next decision is due.
-
-        Raises:
-            ValueError: if the action is not an integer from 0 to `max_candidates` - 1.
-        """
-        self.apply(action)
-        return self.observe(), *self.outcome()
-
-    def apply(self, action: Any) -> None:
-        """Drive until the next decision is due, without looking at what came of it; raises as `step`."""
-        if not self.action_space.contains(action):
-            raise ValueError(f"action must be an integer from 0 to {len(self.choice.features) - 1}, got {action!r}")
-        self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
-        self._path_length = self.explore.truths[0].path_length
-        self._taken = self.choice.valid(int(action))
-        self._result = self.choice.decide(self._taken, self)
-
-    def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last decision; see `LidarEnv.outcome`."""
-        explore, info = self.explore, self._info()
-        terminated, truncated = explore.is_over
-        reason = explore.task.end_reason
-        if not (terminated or truncated or len(self.choice.places)):
-            terminated, reason = True, self.choice.end_reason
-        truncated = truncated or (is_last and not terminated)
-        if terminated or truncated:
-            info |= explore.task.final_metrics()
-            info["end_reason"] = reason or "time_limit"
-        return sum(info["rewards"].values()), terminated, truncated, info
-
-    def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in fresh arrays, or write it to the arrays of `out`."""
-        if out is None:
-            spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
-            out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
-        out["candidates"][...], out["action_mask"][...] = self.choice.features, self.choice.mask
-        for name, part in self._parts.items():
-            part.write(self.explore.robots[0], out[name])
-        return dict(out)
-
-    def prepare(self) -> None:
-        """Draw the world of the next episode ahead of time; see `LidarEnv.prepare`."""
-        self.explore.prepare()
-
-    def action_masks(self) -> np.ndarray:
-        """Return which actions have a candidate, shape (max_candidates,), bool, as sb3-contrib's MaskablePPO asks."""
-        return self.choice.mask.astype(np.bool_)
-
-    def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
-        return self.explore.render()
-
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.explore.close()
-
-    @property
-    def grid(self) -> OccupancyGrid:
-        """The map that the robot believes in."""
-        return self.explore.belief.grid
-
-    @property
-    def pose(self) -> Pose2D:
-        """Where the robot believes to be, map frame."""
-        return self.explore.belief.pose
-
-    @property
-    def time(self) -> float:
-        """Time since the reset [s]."""
-        return self.explore.reading.time
-
-    def drive(self) -> int:
-        """Drive until the pilot has something to say; see `envs.frontier_choice`."""
-        choice, explore = self.choice, self.explore
-        pilot, params, robot = choice.pilot[0], explore.robot, explore.robots[0]
-        limits, command = (params.max_v, params.max_w), self._command
-        while True:
-            if explore.render_mode == "human":
-                explore.plan = choice.plan
-                explore.render()
-            act(pilot, choice.path, choice.obstacles, *self.pose, robot.twist.v, choice.numbers, command)
-            v, w = command.tolist()
-            robot.action = v, w
-            explore.advance([Twist(v * limits[0], w * limits[1])])
-            self._steps += 1
-            for name, quantity in explore.task.quantities().items():
-                self._quantities[name] += quantity
-            reading = robot.reading
-            choice.sense(reading.ranges, *robot.twist, reading.bumper)
-            if any(explore.is_over):
-                return OVER
-            grid = self.grid
-            map_frame = (grid.data, grid.resolution, *grid.origin, choice.block, choice.given_up)
-            code = judge(pilot, choice.obstacles, *self.pose, reading.bumper, *map_frame, choice.numbers)
-            if code != DRIVING:
-                explore.plan = choice.plan
-                return code
-
-    def _info(self) -> dict[str, Any]:
-        """Return the info of `ExploreEnv` after a decision, with what there is to say of the decision."""
-        explore = self.explore
-        info = explore.info(explore.task.weights.terms(self._quantities))
-        return info | {
-            "action_mask": self.choice.mask,
-            "action": self._taken,
-            "outcome": OUTCOMES[self._result],
-            "decision_time": self._steps * explore.control_period,
-            "decision_length": info["path_length"] - self._path_length,
-            "decision_steps": self._steps,
-            "area_left": explore.coverage.area.area - info["explored_area"],
-        }
+        super().__init__(
+            ExploreEnv(control_hz=control_hz, **arguments),
+            max_candidates=max_candidates,
+            max_decision_time=max_decision_time,
+        )

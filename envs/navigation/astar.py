@@ -37,6 +37,8 @@ NUM_BUCKETS = 1 << 15
 BUCKET_SHIFT = 8
 """Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve
 each other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
+NUM_COARSE_BUCKETS = 1 << 7
+"""Buckets that are used without a goal: more than a step is long, and few enough to stay in the nearest cache."""
 MAX_COST_WEIGHT = 9.0
 """Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
@@ -140,22 +142,23 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         limit: travel cost up to which cells become final.
 
     Returns:
-        `entries`, or a larger array in its place; and the next `counters`.
+        The next `counters`. Where `entries` is full, the search has stopped early.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
     has_goal = goal_row >= 0
     around = np.zeros(8, dtype=np.int32)
     jumps = np.array([d_row * np.int64(stride) + d_col for d_row, d_col in STEPS])
-    shift = 0 if has_goal else BUCKET_SHIFT
+    shift, mask = (0, NUM_BUCKETS - 1) if has_goal else (BUCKET_SHIFT, NUM_COARSE_BUCKETS - 1)
     level, num_entries, num_waiting = counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING]
     starts_inside = counters[STARTS_INSIDE] == 1
-    while num_waiting > 0:
-        while heads[np.uint32(level & (NUM_BUCKETS - 1))] < 0:
+    # Room for eight more is left before a cell is expanded: an array that may change in the loop would slow it down.
+    while num_waiting > 0 and num_entries + 8 <= entries.shape[0]:
+        while heads[np.uint32(level & mask)] < 0:
             level += 1
         if level > limit >> shift:
             break
-        bucket = np.uint32(level & (NUM_BUCKETS - 1))
+        bucket = np.uint32(level & mask)
         entry = heads[bucket]
         heads[bucket] = entries[entry, 1]
         num_waiting -= 1
@@ -186,24 +189,25 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
             if has_goal:
                 d_row, d_col = STEPS[k]
                 there += octile(row + d_row - goal_row, col + d_col - goal_col)
-            if num_entries == entries.shape[0]:
-                entries = np.concatenate((entries, np.empty_like(entries)))
-            bucket = np.uint32((there >> shift) & (NUM_BUCKETS - 1))
+            bucket = np.uint32((there >> shift) & mask)
             entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
             num_entries += 1
             num_waiting += 1
-    return entries, level, num_entries, num_waiting
+    return level, num_entries, num_waiting
 
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, entries, open_weights, stride, touching, goal, limit):
     """Go on with a search; see `_expand`. Returns `entries`, or a larger array in its place."""
-    # Written here, and not there: LLVM drops these stores behind the loop of `_expand`.
-    entries, level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
     counters = expansion.counters
-    counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
-    return entries
+    while True:
+        # Written here, and not there: LLVM drops stores behind the loop of `_expand`.
+        level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
+        counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
+        if num_entries + 8 <= entries.shape[0]:
+            return entries
+        entries = np.concatenate((entries, np.empty_like(entries)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -174,6 +174,13 @@ class FrontierNavigator:
             outcome, self._outcome = self._outcome, None
         return outcome
 
+    def look(self, reading: Reading, belief: Belief) -> None:
+        """Take in a reading, and find the candidates whatever has become of the drive."""
+        self.integrate(belief)
+        self.navigator.sense(reading)
+        self._now = reading.time
+        self._find(belief.pose)
+
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
         """Process a reading without looking for candidates; returns what `Navigator.update` does."""
         self.integrate(belief)
@@ -222,7 +229,8 @@ class FrontierNavigator:
             self._fail()
         elif progress == REACHED:
             self._ignore_in_sight(pose)
-        self._last_failed = progress == FAILED
+        if progress != SPUN:
+            self._last_failed = progress == FAILED
         return OUTCOMES[progress]
 
     def _is_frontier_left(self) -> bool:

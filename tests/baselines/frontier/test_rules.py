@@ -20,6 +20,7 @@ from baselines import (
 )
 from baselines.explorer import to_action
 from baselines.frontier.visible_gain import visible_gains
+from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import OccupancyGrid
 from tests.baselines.places import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
@@ -71,6 +72,22 @@ def test_an_explorer_says_when_nothing_is_left():
 def test_same_seed_same_episode(name):
     runs = [explore(name, seed=3, max_time=8.0, world="rooms", physics="kinematic")[2] for _ in range(2)]
     np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rules_choose_at_decision_level_too(name):
+    env, explorer = (
+        ExploreFrontiersEnv(world="turtlebot3_world", physics="kinematic", start="spawn"),
+        make_explorer(name),
+    )
+    env.reset(seed=0)
+    if hasattr(explorer.rule, "reset"):
+        explorer.rule.reset(env.robot, np.random.default_rng(0))
+    for _ in range(3):
+        choice = explorer.rule(env.candidates, env.belief)
+        *_, info = env.step(np.int64(choice))
+        assert info["action"] == choice
+    assert info["explored_area"] > 5.0
 
 
 @pytest.mark.parametrize("name", NAMES)

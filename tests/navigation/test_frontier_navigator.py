@@ -1,0 +1,300 @@
+"""Frontiers on offer, drives to them, and no choice that traps a robot."""
+
+import math
+
+import numpy as np
+import pytest
+
+from envs.estimation import Belief
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import (
+    FEATURES,
+    CostmapParams,
+    FrontierNavigator,
+    NavigatorParams,
+    PlanningParams,
+    frontier_mask,
+    make_costmap,
+    travel_field,
+)
+from envs.robots import load_robot
+from envs.simulation import Reading
+
+BURGER = load_robot("turtlebot3_burger")
+PERIOD = 0.2
+
+
+def room(width=4.0, height=2.0, *, doors=()):
+    """A room with its corner at the origin, known and free inside walls; beyond the doors (x0, x1) above, free cells
+    of a strip that borders on the unknown."""
+    data = np.full((round(height / 0.05) + 20, round(width / 0.05)), -1, dtype=np.int8)
+    rows = round(height / 0.05)
+    data[:rows] = 0
+    data[:2] = data[rows - 2 : rows] = 100
+    data[:rows, :2] = data[:rows, -2:] = 100
+    for x0, x1 in doors:
+        data[rows - 2 : rows + 4, round(x0 / 0.05) : round(x1 / 0.05)] = 0
+    return data
+
+
+def reading_at(time, *, bumper=False):
+    blind = np.full(BURGER.lidar.num_beams, np.inf, dtype=np.float32)
+    return Reading(time=time, ranges=blind, ticks=(0, 0), yaw_rate=0.0, heading=np.nan, bumper=bumper)
+
+
+def offered(data, x, y, *, max_candidates=24, theta=0.0, **planning):
+    navigator = FrontierNavigator(BURGER, PERIOD, max_candidates=max_candidates, planning=PlanningParams(**planning))
+    navigator.begin(reading_at(0.0), Belief(Pose2D(x, y, theta), OccupancyGrid(data, 0.05, (0.0, 0.0))))
+    return navigator
+
+
+class Robot:
+    """A robot in a room of 4 m x 2 m with one door; it stands as if held, or drives exactly as commanded."""
+
+    def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None):
+        data = room(doors=((2.8, 3.6),)) if data is None else data
+        self.belief = Belief(Pose2D(1.0, 1.0, 0.0), OccupancyGrid(data, 0.05, (0.0, 0.0)))
+        self.navigator = FrontierNavigator(BURGER, PERIOD, max_candidates=5, max_time=max_time)
+        self.navigator.begin(reading_at(0.0), self.belief)
+        self.time, self.commands = 0.0, []
+        self._held, self._bumping, self._seconds = held, bumping, seconds
+
+    def change(self, rows, cols, value):
+        """Change the map as a scan would."""
+        self.belief.grid.data[rows, cols] = value
+        height, width = self.belief.grid.data.shape
+        self.navigator.map.update(self.belief.grid, (0, 0, width - 1, height - 1))
+
+    def decide(self, action=0):
+        navigator = self.navigator
+        if len(navigator.candidates):
+            navigator.choose(action)
+        else:
+            navigator.look_around()
+        outcome = None
+        while outcome is None and self.time < self._seconds:
+            twist = navigator.command(self.belief)
+            self.commands.append(twist)
+            v, w = (0.0, 0.0) if self._held else twist
+            half = 0.5 * w * PERIOD
+            turn = Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), w * PERIOD)
+            self.belief.pose = self.belief.pose.compose(turn)
+            self.time += PERIOD
+            outcome = navigator.update(reading_at(self.time, bumper=self._bumping), self.belief)
+        return outcome
+
+    @property
+    def num_candidates(self):
+        return len(self.navigator.candidates)
+
+    @property
+    def num_ignored(self):
+        return len(self.navigator.map.ignored_points)
+
+
+def test_candidates_are_the_frontiers_by_the_cost_of_their_paths():
+    data = room(doors=((0.5, 1.3), (2.8, 3.6)))
+    navigator = offered(data, 2.7, 1.0)
+    found = navigator.candidates
+    assert len(found) == 2
+    assert found.frontiers[0, 0] > found.frontiers[1, 0]
+    params = CostmapParams(BURGER.radius + 0.03, BURGER.radius + 0.48, 4.0)
+    field = travel_field(make_costmap(navigator.map.grid, params), (2.7, 1.0))
+    np.testing.assert_allclose(found.costs, field.cost(navigator.map.grid.cells(found.viewpoints)))
+    cells = navigator.map.grid.cells(found.frontiers)
+    assert frontier_mask(navigator.map.grid)[cells[:, 0], cells[:, 1]].all()
+    assert (found.gains > 0.0).all()
+    assert len(offered(data, 2.7, 1.0, max_candidates=1).candidates) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_search_that_stops_early_finds_the_cheapest_of_all(seed):
+    rng = np.random.default_rng(seed)
+    data = np.zeros((400, 400), dtype=np.int8)
+    for row, col in rng.integers(10, 390, (60, 2)):
+        data[row : row + 3, col : col + int(rng.integers(5, 40))] = 100
+    for row, col in rng.integers(10, 380, (40, 2)):
+        data[row : row + 8, col : col + 8] = -1
+    data[:2] = data[-2:] = data[:, :2] = data[:, -2:] = 100
+    everything = offered(data, 10.0, 10.0, max_candidates=None).candidates
+    few = offered(data, 10.0, 10.0, max_candidates=5).candidates
+    assert len(everything) > 20
+    np.testing.assert_array_equal(few.costs, everything.costs[:5])
+    np.testing.assert_array_equal(few.viewpoints, everything.viewpoints[:5])
+
+
+def test_long_frontiers_are_split_and_short_ones_wait():
+    data = np.full((80, 200), -1, dtype=np.int8)
+    data[:40] = 0
+    data[:2] = 100
+    data[:, :2] = data[:, -2:] = 100
+    found = offered(data, 5.0, 1.0).candidates
+    assert 4 <= len(found) <= 8
+    assert len(set(found.groups.tolist())) == 1
+    assert found.sizes.sum() == pytest.approx(found.group_sizes[0])
+    x = np.sort(found.frontiers[:, 0])
+    # Each part is represented by its cell nearest to the robot, in the middle.
+    assert np.diff(x).max() <= 2.0 + 1e-9
+    assert np.ptp(x) >= 6.0
+    small = room(doors=((0.5, 0.9),))
+    assert len(offered(small, 2.0, 1.0, min_lengths=(10.0,)).candidates) == 0
+    assert len(offered(small, 2.0, 1.0, min_lengths=(10.0, 0.2)).candidates) == 1
+
+
+def test_gaps_that_only_a_smaller_robot_would_pass_come_last():
+    # A wall before the robot leaves a gap of 0.2 m; the frontier is too far behind it to be looked at from here.
+    data = room(height=4.0, doors=((1.5, 2.5),))
+    data[30:32] = 100
+    data[30:32, 38:42] = 0
+    assert len(offered(data, 2.0, 0.5, tight_radii=()).candidates) == 0
+    assert len(offered(data, 2.0, 0.5).candidates) == 1
+
+
+def test_features_say_where_and_since_when():
+    robot = Robot(held=True, max_time=4.0)
+    features = np.ones((5, len(FEATURES)), dtype=np.float32)
+    for _ in range(2):
+        assert robot.decide() == "time_up"
+    robot.navigator.write_features(robot.belief.pose, features)
+    named = dict(zip(FEATURES, features[0].tolist(), strict=True))
+    x, y = robot.navigator.candidates.frontiers[0]
+    assert named["ahead"] == pytest.approx((x - 1.0) / 16.0)
+    assert named["left"] == pytest.approx((y - 1.0) / 16.0)
+    assert named["age"] == pytest.approx(robot.time / (robot.time + 60.0))
+    assert named["chosen"] == 1.0
+    # The path to a door ahead on the left turns counter-clockwise.
+    assert 0.0 < named["turn"] < 0.5
+    assert (features[1:] == 0.0).all()
+
+
+def test_only_the_candidate_nearest_to_the_last_choice_is_marked():
+    robot = Robot(held=True, max_time=2.0, data=room(doors=((1.0, 1.4), (1.6, 2.0), (3.0, 3.6))))
+    robot.decide(1)
+    chosen = robot.navigator._chosen
+    gaps = np.hypot(*(robot.navigator.candidates.frontiers - chosen).T)
+    assert robot.navigator.candidates.chosen == gaps.argmin()
+    assert gaps.min() <= NavigatorParams().retry_radius
+
+
+def test_paths_lead_to_the_goal_in_small_steps():
+    robot = Robot(data=room(doors=((0.5, 1.3),)))
+    robot.navigator.choose(0)
+    path = robot.navigator.plan
+    assert np.hypot(*(path[0] - robot.belief.pose[:2])) < 0.11
+    np.testing.assert_allclose(path[-1], robot.navigator.candidates.viewpoints[0])
+    assert np.hypot(*np.diff(path, axis=0).T).max() <= 0.05 + 1e-9
+
+
+def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
+    robot = Robot()
+    assert robot.num_candidates == 1
+    viewpoint = robot.navigator.candidates.viewpoints[0]
+    assert robot.decide() == "arrived"
+    assert math.dist(viewpoint, robot.belief.pose[:2]) <= 0.2
+    # The map has not changed: looking at this frontier is of no use, and there is no other.
+    assert robot.num_ignored
+    assert robot.num_candidates == 0
+    assert robot.navigator.end_reason == "no_reachable_frontier"
+
+
+def test_what_lies_behind_a_wall_is_not_ignored():
+    data = room(doors=((2.8, 3.6),))
+    # Right of where the robot looks out of the door, a wall, and a nook with a frontier of its own.
+    data[38:46, 66:74] = 100
+    data[40:46, 68:74] = 0
+    robot = Robot(data=data)
+    assert robot.decide() == "arrived"
+    assert robot.num_ignored
+    assert robot.navigator.map.ignored_points[:, 0].max() < 3.4
+
+
+def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reach():
+    robot = Robot(held=True)
+    for failures in range(8):
+        if robot.num_candidates == 0:
+            break
+        if failures < 3:
+            assert robot.navigator.candidates.failures[0] == failures
+            assert robot.num_ignored == 0
+        before = robot.time
+        assert robot.decide() == "failed"
+        assert robot.navigator.candidates.last_failed
+        # Stuck for ten seconds, besides the recoveries in between.
+        assert 9.0 < robot.time - before < 30.0
+    assert min(twist.v for twist in robot.commands) < 0.0
+    # The frontier is longer than what is ignored at once, but not by much.
+    assert 3 <= failures < 8
+    assert robot.num_candidates == 0
+    assert robot.navigator.end_reason == "stuck"
+
+
+def test_a_robot_that_can_stand_nowhere_on_its_map_is_stuck():
+    data = room(doors=((2.8, 3.6),))
+    data[10:30, 10:30] = 100
+    robot = Robot(data=data)
+    assert robot.num_candidates == 0
+    assert robot.decide() == "looked_around"
+    assert robot.navigator.end_reason == "stuck"
+
+
+def test_a_frontier_that_is_chosen_late_does_not_fail_at_once():
+    robot = Robot(held=True, max_time=4.0)
+    outcomes, times = [], []
+    for _ in range(4):
+        before = robot.time
+        outcomes.append(robot.decide())
+        times.append(robot.time - before)
+    # Stuck after ten seconds, in the midst of the third drive or the recovery before.
+    assert outcomes[:2] == ["time_up", "time_up"]
+    assert "failed" in outcomes
+    assert min(times) > 4.0 - PERIOD
+
+
+def test_bumping_again_and_again_fails():
+    robot = Robot(held=True, bumping=True)
+    assert robot.decide() == "failed"
+    assert robot.time < 20.0
+
+
+def test_a_look_around_ends_though_the_robot_is_bumped_again_and_again():
+    data = room(doors=((2.8, 3.6),))
+    data[data < 0] = 100
+    robot = Robot(held=True, bumping=True, seconds=200.0, data=data)
+    assert robot.decide() == "looked_around"
+    assert robot.time < 20.0
+
+
+def test_a_drive_ends_when_its_time_is_up():
+    robot = Robot(max_time=2.0)
+    assert robot.decide() == "time_up"
+    assert robot.time == pytest.approx(2.0)
+    assert robot.navigator.candidates.chosen == 0
+
+
+def test_a_frontier_that_is_gone_ends_the_drive_after_a_second():
+    robot = Robot()
+    data = robot.belief.grid.data
+    robot.change(slice(None), slice(None), np.where(data < 0, 100, data))
+    assert robot.decide() == "frontier_gone"
+    # A second, and the turn on the spot in search of others.
+    assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / NavigatorParams().spin_rate, abs=2 * PERIOD)
+
+
+def test_a_path_that_is_closed_fails_when_it_is_planned_anew():
+    robot = Robot()
+    robot.change(slice(36, 38), slice(2, 78), 100)
+    assert robot.decide() == "failed"
+    assert robot.time < 5.0 + 8.0
+
+
+def test_obstacles_that_the_map_misses_are_planned_around():
+    data, ranges = room(8.0, 4.0), np.full(BURGER.lidar.num_beams, np.inf, dtype=np.float32)
+    ranges[np.abs(BURGER.lidar.angles) < 0.1] = 1.0
+    data[40:60, 140:150] = -1
+    belief = Belief(Pose2D(2.0, 2.5, 0.0), OccupancyGrid(data, 0.05, (0.0, 0.0)))
+    navigator = FrontierNavigator(BURGER, PERIOD)
+    navigator.begin(reading_at(0.0)._replace(ranges=ranges), belief)
+    obstacle = 3.0 + BURGER.lidar.mount.x, 2.5
+    assert navigator.candidates.costmap.costs[navigator.map.cell(*obstacle)] == 254
+    navigator.choose(0)
+    assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius

@@ -1,0 +1,158 @@
+"""What is kept up to date in windows equals what is computed anew from the whole map, cell by cell."""
+
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import CostmapParams, PlanningMap, frontier_mask, make_costmap, mark_missing
+from envs.navigation.planning_kernels import TILE, frontier_groups, frontier_in_sight, frontier_near
+from envs.navigation.viewpoints import is_visible
+from envs.robots import load_robot
+
+BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")
+
+
+def joined_slowly(data, block):
+    """The greatest occupancy in each block of map cells."""
+    height, width = (-(-size // block) for size in data.shape)
+    padded = np.full((height * block, width * block), -1, dtype=np.int8)
+    padded[: data.shape[0], : data.shape[1]] = data
+    return padded.reshape(height, block, width, block).max(axis=(1, 3))
+
+
+def expected(grid, planning, level, pose, obstacles, ignored):
+    """Joined cells, frontier and costs of a whole map."""
+    joined = OccupancyGrid(joined_slowly(grid.data, planning.block), planning.side, grid.origin)
+    frontier = frontier_mask(joined)
+    for row, col in joined.cells(ignored):
+        frontier[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = False
+    near = obstacles[np.hypot(*obstacles.T) <= planning.params.marking_range]
+    tables = planning.tables[level]
+    marked = mark_missing(joined.data, joined.cells(pose.transform(near)), tables.same_obstacle, 50)
+    params = CostmapParams(tables.robot_radius, tables.robot_radius + 0.45, 4.0)
+    costs = make_costmap(OccupancyGrid(marked, joined.resolution, joined.origin), params).costs
+    return joined.data, frontier, costs
+
+
+def scan_into(grid, rng, size=30):
+    """Draw random cells into a window of a map, and return it: first column and row, last column and row."""
+    height, width = grid.data.shape
+    row, col = int(rng.integers(height - 2)), int(rng.integers(width - 2))
+    last_row, last_col = (
+        min(row + int(rng.integers(1, size)), height - 1),
+        min(col + int(rng.integers(1, size)), width - 1),
+    )
+    shape = last_row - row + 1, last_col - col + 1
+    grid.data[row : last_row + 1, col : last_col + 1] = rng.choice(
+        np.array([-1, 0, 0, 0, 100], dtype=np.int8), shape, p=[0.1, 0.3, 0.3, 0.27, 0.03]
+    )
+    return col, row, last_col, last_row
+
+
+def grow(grid, rng):
+    """Let a map grow by as many cells on each side as come, as SLAMs do."""
+    margins = rng.integers(0, 40, (2, 2))
+    data = np.pad(grid.data, margins, constant_values=-1)
+    x, y = grid.origin
+    low, left = margins[:, 0].tolist()
+    return data, (x - left * grid.resolution, y - low * grid.resolution)
+
+
+@pytest.mark.parametrize("robot", [BURGER, MOUSE])
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_give_what_the_whole_map_gives(robot, seed):
+    rng = np.random.default_rng(seed)
+    grid = OccupancyGrid(np.full((101, 130), -1, dtype=np.int8), 0.05, (-3.0, -2.0))
+    planning, ignored = PlanningMap(robot, 0.05), np.empty((0, 2))
+    planning.update(grid, None)
+    for step in range(40):
+        kind = rng.random()
+        if kind < 0.08:
+            grid.data, grid.origin = grow(grid, rng)
+            planning.update(grid, scan_into(grid, rng))
+        elif kind < 0.16:
+            grid.data[:] = np.roll(grid.data, int(rng.integers(1, 9)), axis=int(rng.integers(2)))
+            planning.update(grid, scan_into(grid, rng), redrawn=True)
+        else:
+            planning.update(grid, scan_into(grid, rng) if kind < 0.85 else None)
+        if kind > 0.7:
+            points = planning.grid.centers(rng.integers(0, min(grid.data.shape) // planning.block, (3, 2)))
+            planning.ignore(points)
+            ignored = np.concatenate([ignored, points])
+        if step % 3:
+            continue
+        level = int(rng.integers(planning.max_level + 1)) if step % 2 else 0
+        pose = Pose2D(*(grid.origin + rng.uniform(0.0, 5.0, 2)).tolist(), float(rng.uniform(-3.0, 3.0)))
+        obstacles = rng.uniform(-3.0, 3.0, (20, 2))
+        layer = planning.layer(level, pose, obstacles)
+        joined, frontier, costs = expected(grid, planning, level, pose, obstacles, ignored)
+        np.testing.assert_array_equal(planning.joined, joined)
+        np.testing.assert_array_equal(planning.frontier, frontier)
+        np.testing.assert_array_equal(layer.costs, costs)
+        weights = layer.tables.weights[costs]
+        np.testing.assert_array_equal(layer.open_weights.reshape(np.add(costs.shape, 2)), np.pad(weights, 1))
+        for (i, j), count in np.ndenumerate(planning.tile_counts):
+            tile = frontier[i * TILE : (i + 1) * TILE, j * TILE : (j + 1) * TILE]
+            assert count == np.count_nonzero(tile)
+
+
+def test_bodies_are_marked_though_the_map_accounts_for_them():
+    grid = OccupancyGrid(np.zeros((100, 100), dtype=np.int8), 0.05, (0.0, 0.0))
+    grid.data[50, 60] = 100
+    planning, pose = PlanningMap(BURGER, 0.05), Pose2D(2.0, 2.5, 0.0)
+    planning.update(grid, None)
+    beside = np.array([[1.15, 0.05]])
+    cell = planning.cell(3.15, 2.55)
+    assert planning.layer(0, pose, beside).costs[cell] < 254
+    assert planning.layer(0, pose, bodies=beside).costs[cell] == 254
+    # It is forgotten with the next look.
+    assert planning.layer(0, pose).costs[cell] < 254
+
+
+def test_groups_are_those_of_touching_cells_and_leave_the_frontier_as_it_was():
+    rng = np.random.default_rng(0)
+    frontier = rng.random((90, 70)) < 0.15
+    counts = np.zeros((3, 3), dtype=np.int32)
+    for row, col in np.argwhere(frontier):
+        counts[row // TILE, col // TILE] += 1
+    before = frontier.copy()
+    cells, starts = frontier_groups(frontier, counts)
+    np.testing.assert_array_equal(frontier, before)
+    assert sorted(map(tuple, cells.tolist())) == sorted(map(tuple, np.argwhere(before).tolist()))
+    group_of = {}
+    for k in range(len(starts) - 1):
+        group_of |= {tuple(cell): k for cell in cells[starts[k] : starts[k + 1]].tolist()}
+    neighbours = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1)]
+    for (row, col), group in group_of.items():
+        assert {group_of.get((row + r, col + c), group) for r, c in neighbours} == {group}
+    # No group falls apart.
+    for k in range(len(starts) - 1):
+        members = {tuple(cell) for cell in cells[starts[k] : starts[k + 1]].tolist()}
+        seen, queue = set(), [min(members)]
+        while queue:
+            row, col = queue.pop()
+            if (row, col) in members and (row, col) not in seen:
+                seen.add((row, col))
+                queue += [(row + r, col + c) for r, c in neighbours]
+        assert seen == members
+
+
+def test_in_sight_is_what_lies_in_view_and_before_any_wall():
+    rng = np.random.default_rng(1)
+    joined = rng.choice(np.array([-1, 0, 100], dtype=np.int8), (60, 60), p=[0.2, 0.75, 0.05])
+    frontier = frontier_mask(OccupancyGrid(joined, 0.1, (0.0, 0.0)))
+    near = frontier_near(frontier, 30, 25, 12)
+    assert {tuple(cell) for cell in near.tolist()} == {
+        (r, c) for r, c in np.argwhere(frontier).tolist() if (r - 30) ** 2 + (c - 25) ** 2 <= 144
+    }
+    found = frontier_in_sight(joined, frontier, (30.4, 25.6), (0.3, 0.8), 12)
+    slow = [
+        (r, c)
+        for r, c in near.tolist()
+        if abs(math.remainder(math.atan2(r + 0.5 - 30.4, c + 0.5 - 25.6) - 0.3, 2.0 * math.pi)) <= 0.8
+        and is_visible(joined, 30, 25, r, c)
+    ]
+    assert 0 < len(slow) < len(near)
+    assert [tuple(cell) for cell in found.tolist()] == slow
