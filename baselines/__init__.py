@@ -7,7 +7,7 @@ from .frontier.nearest import NearestExplorer, NearestParams
 from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
-from .oracle import OracleExplorer
+from .oracle.explorer import OracleExplorer
 from .random import RandomExplorer
 from .rrt.explorer import RrtExplorer
 from .rrt.params import RrtParams

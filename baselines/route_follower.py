@@ -3,8 +3,8 @@
 import numpy as np
 
 from baselines.obstacles import ObstacleMemory
-from baselines.path_follower import FollowerParams, PathFollower
 from envs.geometry import Pose2D
+from envs.navigation.path_follower import FollowerParams, PathFollower
 from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.tasks.route import Route

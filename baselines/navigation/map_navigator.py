@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from baselines.local_planners import make_local_planner
 from baselines.navigation.params import DEFAULTS, MapNavigatorParams, Progress
 from baselines.navigation.reactive_driving import ReactiveDriver
 from envs.estimation import Belief
@@ -22,6 +21,7 @@ from envs.navigation import (
     plan_path,
     smooth_path,
 )
+from envs.navigation.local_planners import make_local_planner
 from envs.navigation.records import FAILED
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist

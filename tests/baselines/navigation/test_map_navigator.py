@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from baselines.explorer import to_action
-from baselines.local_planners import LOCAL_PLANNERS, make_local_planner
 from baselines.navigation.episode import drive
 from baselines.navigation.map_navigator import MapNavigator
 from baselines.navigation.params import MapNavigatorParams, Progress
@@ -14,6 +13,7 @@ from baselines.navigation.reactive_driving import ReactiveDriver
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
 from envs.navigation import Navigator
+from envs.navigation.local_planners import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
 from envs.slam import Belief
 from tests.baselines.places import reading_of

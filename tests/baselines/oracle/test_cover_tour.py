@@ -5,8 +5,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from baselines.cover import Cover, count_bits, length_of, seen_on
-from baselines.cover_tour import complete, improve, search_tour
+from baselines.oracle.cover import Cover, count_bits, length_of, seen_on
+from baselines.oracle.cover_tour import complete, improve, search_tour
 
 NOTHING = np.zeros(1, dtype=np.uint64)
 

@@ -8,7 +8,7 @@ putting others in (Schrimpf et al., "Record Breaking Optimization Results Using 
 import numpy as np
 from numba import njit
 
-from baselines.cover import count_bits, length_of, look, ones, seen_on
+from baselines.oracle.cover import count_bits, length_of, look, ones, seen_on
 
 LEAST_SAVING = 1e-6
 """A change that saves less than this is none: it would be rounding."""

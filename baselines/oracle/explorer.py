@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
-from baselines.cover_places import find_places
-from baselines.cover_planner import CoverPlanner
 from baselines.frontier.nearest import NearestExplorer
-from baselines.true_map import TrueMap
+from baselines.oracle.cover_places import find_places
+from baselines.oracle.cover_planner import CoverPlanner
+from baselines.oracle.true_map import TrueMap
 from envs.estimation import Belief
 from envs.geometry import Pose2D
 from envs.geometry.polyline import resample

@@ -8,10 +8,10 @@ import envs  # noqa: F401
 from baselines import EXPLORERS, NearestExplorer, Omniscient, OracleExplorer, make_explorer
 from baselines.episode import begin_episode, run_episode
 from baselines.explorer import to_action
-from baselines.true_map import TrueMap
+from baselines.oracle.true_map import TrueMap
 from envs.geometry import OccupancyGrid, Pose2D
+from tests.baselines.oracle.test_cover_planner import world_of
 from tests.baselines.places import BURGER, belief_at, reading_of
-from tests.baselines.test_cover_planner import world_of
 
 CORRIDOR = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
 

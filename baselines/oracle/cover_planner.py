@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from baselines.cover import Cover
-from baselines.cover_places import Places
-from baselines.cover_tour import search_tour
-from baselines.cover_views import pack_bits, unpack_bits, views_from
+from baselines.oracle.cover import Cover
+from baselines.oracle.cover_places import Places
+from baselines.oracle.cover_tour import search_tour
+from baselines.oracle.cover_views import pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from baselines.path_follower import PathFollower
 from envs.geometry import Pose2D
 from envs.geometry.polyline import resample
 from envs.navigation import DwbPlanner
+from envs.navigation.path_follower import PathFollower
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist
 

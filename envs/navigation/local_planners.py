@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
-from baselines.path_follower import PathFollower
 from envs.files import resolve
-from envs.navigation import DwbPlanner, LocalPlanner
+from envs.navigation.dwb import DwbPlanner
+from envs.navigation.local_planner import LocalPlanner
+from envs.navigation.path_follower import PathFollower
 from envs.robots import RobotParams
 
 LOCAL_PLANNERS: dict[str, Callable[[RobotParams, float], LocalPlanner]] = {"rpp": PathFollower, "dwb": DwbPlanner}

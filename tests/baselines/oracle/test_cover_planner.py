@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from baselines.cover_places import find_places
-from baselines.cover_planner import CoverPlanner
-from baselines.cover_views import pack_bits, views_from
+from baselines.oracle.cover_places import find_places
+from baselines.oracle.cover_planner import CoverPlanner
+from baselines.oracle.cover_views import pack_bits, views_from
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap
 from envs.worlds import World, explorable_area

@@ -1,0 +1,1 @@
+"""The bound: an explorer that uses ground truth."""
