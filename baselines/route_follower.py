@@ -1,12 +1,10 @@
 """Route following by the fused pose: the classic policy of `TrackEnv`."""
 
-import numpy as np
-
-from baselines.obstacles import ObstacleMemory
 from envs.geometry import Pose2D
-from envs.navigation.path_follower import FollowerParams, PathFollower
+from envs.navigation import FollowerParams, Navigator
+from envs.navigation.path_follower import PathFollower
 from envs.robots import RobotParams
-from envs.simulation import Twist
+from envs.simulation import Reading, Twist
 from envs.tasks.route import Route
 
 LOOKAHEAD_TIME = 0.75
@@ -18,7 +16,7 @@ ROTATE_FROM = 1.6
 
 
 class RouteFollower:
-    """Drives a route with the path follower, from the scan, the filter's velocities and the fused pose."""
+    """Drives a route with the path follower, from the robot's readings and the fused pose."""
 
     def reset(self, robot: RobotParams, control_period: float, route: Route) -> None:
         """Prepare for a route.
@@ -28,22 +26,23 @@ class RouteFollower:
             control_period: time between two calls of `act` [s].
             route: what to follow, map frame.
         """
-        self._robot = robot
-        self._obstacles = ObstacleMemory(robot, control_period)
+        self._navigator = Navigator(robot, control_period)
+        self._has_begun = False
         params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
         self._follower = PathFollower(robot, control_period, params)
         self._follower.set_path(route.points)
 
-    def act(self, observation: dict[str, np.ndarray], pose: Pose2D) -> np.ndarray:
-        """Return the action, shape (2,), float32: forward speed and yaw rate as fractions of the robot's limits.
+    def act(self, reading: Reading, pose: Pose2D) -> Twist:
+        """Return the twist for the next control period.
 
         Args:
-            observation: of `TrackEnv`.
+            reading: of the robot's sensors.
             pose: fused pose of the base, map frame.
         """
-        robot, motion = self._robot, observation["motion"]
-        obstacles = self._obstacles.update(observation["scan"], motion)
-        twist = Twist(float(motion[0]) * robot.max_v, float(motion[1]) * robot.max_w)
-        command = self._follower.command(pose, twist, obstacles)
-        v, w = command.v / robot.max_v, command.w / robot.max_w
-        return np.clip([v, w], -1.0, 1.0).astype(np.float32)
+        navigator = self._navigator
+        if self._has_begun:
+            navigator.sense(reading)
+        else:
+            self._has_begun = True
+            navigator.reset(reading)
+        return self._follower.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)

@@ -11,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
+from baselines.explorer import to_action
 from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
@@ -42,7 +43,7 @@ def follow(env, seed=0, max_steps=2000):
     tracker = RouteFollower()
     tracker.reset(env.robot, env.control_period, env.route)
     for _ in range(max_steps):
-        out.append(env.step(tracker.act(out[-1][0], env.estimate.pose)))
+        out.append(env.step(to_action(tracker.act(env.reading, env.estimate.pose), env.robot)))
         if out[-1][2] or out[-1][3]:
             break
     return out

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from baselines.explorer import to_action
 from baselines.route_follower import RouteFollower
 from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf, Estimate
@@ -70,13 +71,14 @@ def make_started_filter(env: TrackEnv) -> Ekf:
 
 def follow_route(env: TrackEnv, seed: int) -> Iterator[dict[str, Any]]:
     """Drive a route to its end by the fused pose; yield `info` after each control period. Closes the environment."""
-    observation, _ = env.reset(seed=seed)
+    env.reset(seed=seed)
     follower = RouteFollower()
     follower.reset(env.robot, env.control_period, env.route)
     ended = False
     try:
         while not ended:
-            observation, _, terminated, truncated, info = env.step(follower.act(observation, env.estimate.pose))
+            twist = follower.act(env.reading, env.estimate.pose)
+            _, _, terminated, truncated, info = env.step(to_action(twist, env.robot))
             ended = terminated or truncated
             yield info
     finally:

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.obstacles import ObstacleMemory
 from envs.geometry import Pose2D
-from envs.navigation import free_distance
+from envs.navigation import Navigator, free_distance
 from envs.robots import Mount, load_robot
+from envs.simulation import Twist
+from tests.baselines.places import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
 
@@ -24,36 +25,54 @@ def scan_of(robot, pose, points):
     """The beams that would hit lone points in the world, seen from a pose; each point fills the beam nearest to it."""
     lidar = robot.lidar
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-    scan = np.ones(lidar.num_beams, dtype=np.float32)
+    ranges = np.full(lidar.num_beams, np.inf, dtype=np.float32)
     for x, y, _ in (sensor.between(Pose2D(*point, 0.0)) for point in points):
         distance, bearing = math.hypot(x, y), math.atan2(y, x)
         beam = round((bearing - lidar.angle_min) / lidar.angle_increment) % lidar.num_beams
         if abs(bearing) <= lidar.fov / 2 and distance < lidar.range_max:
-            scan[beam] = distance / lidar.range_max if distance >= lidar.range_min else 0.0
-    return scan
+            ranges[beam] = distance if distance >= lidar.range_min else np.nan
+    return ranges
+
+
+class Wheels:
+    """Readings of a robot that drives at a speed [m/s] and a yaw rate [rad/s] for a tenth of a second each time."""
+
+    def __init__(self, robot):
+        self.robot, self.pose, self.angles = robot, Pose2D(0.0, 0.0, 0.0), np.zeros(2)
+
+    def drive(self, v, w, points, *, bumper=False):
+        robot, dtheta = self.robot, 0.1 * w
+        length = 0.1 * v
+        self.pose = self.pose.compose(Pose2D(length * math.cos(dtheta / 2), length * math.sin(dtheta / 2), dtheta))
+        odometry = robot.odometry
+        self.angles += (length + 0.5 * odometry.track * dtheta * np.array([-1.0, 1.0])) / odometry.metres_per_tick
+        left, right = np.round(self.angles).astype(int).tolist()
+        ranges = scan_of(robot, self.pose, points)
+        return reading_of(ranges=ranges, ticks=(left, right), yaw_rate=w, bumper=bumper, robot=robot)
+
+
+def begin(robot, points):
+    """Return a navigator after its first reading, and what drives the robot."""
+    navigator, wheels = Navigator(robot, 0.1), Wheels(robot)
+    navigator.reset(wheels.drive(0.0, 0.0, points))
+    return navigator, wheels
 
 
 def test_scan_ends_lie_where_the_lidar_saw_them():
     robot = robot_with(mount=Mount(x=0.2, y=-0.1, yaw=math.pi / 2), range_min=0.0)
     points = [(1.2, -0.1), (0.2, 0.9), (-0.8, -0.1), (0.2, -1.1)]
-    scan = scan_of(robot, Pose2D(0.0, 0.0, 0.0), points)
-    found = ObstacleMemory(robot, 0.1).update(scan, np.zeros(6, dtype=np.float32))
+    found = begin(robot, points)[0].obstacles
     assert sorted(map(tuple, found.round(6))) == sorted(points)
 
 
 def test_what_comes_too_near_is_remembered_until_it_is_seen_again():
     robot = robot_with(range_min=0.6, num_beams=3600, mount=Mount())
-    memory = ObstacleMemory(robot, 0.1)
     wall = [(1.0, y) for y in np.linspace(-0.2, 0.2, 9)]
-    pose = Pose2D(0.0, 0.0, 0.0)
-    motion = np.zeros(6, dtype=np.float32)
-    for command in [0.0] + 30 * [1.0] + 5 * [0.0] + 50 * [-1.0]:
-        motion[:3] = command, 0.3 * command, command
-        dtheta = motion[1] * robot.max_w * 0.1
-        step = motion[0] * robot.max_v * 0.1
-        pose = pose.compose(Pose2D(step * math.cos(dtheta / 2), step * math.sin(dtheta / 2), dtheta))
-        found = memory.update(scan_of(robot, pose, wall), motion)
-        inside = np.array([pose.between(Pose2D(*point, 0.0))[:2] for point in wall])
+    navigator, wheels = begin(robot, wall)
+    for share in 30 * [1.0] + 5 * [0.0] + 50 * [-1.0]:
+        navigator.sense(wheels.drive(share * robot.max_v, 0.3 * share * robot.max_w, wall))
+        found = navigator.obstacles
+        inside = np.array([wheels.pose.between(Pose2D(*point, 0.0))[:2] for point in wall])
         gaps = np.hypot(found[:, None, 0] - inside[:, 0], found[:, None, 1] - inside[:, 1])
         # Each point of the wall is known all the time, and nothing else is.
         assert gaps.min(axis=0).max() < 0.03
@@ -62,27 +81,22 @@ def test_what_comes_too_near_is_remembered_until_it_is_seen_again():
 
 def test_what_leaves_the_view_is_remembered():
     robot = robot_with(fov=math.pi)
-    memory = ObstacleMemory(robot, 0.1)
     pole = [(0.0, 0.4)]
-    motion = np.zeros(6, dtype=np.float32)
-    memory.update(scan_of(robot, Pose2D(0.0, 0.0, 0.0), pole), motion)
-    motion[1] = -1.0
-    for k in range(1, 8):
-        pose = Pose2D(0.0, 0.0, -k * robot.max_w * 0.1)
-        found = memory.update(scan_of(robot, pose, pole), motion)
-        assert len(found) == 1
-        np.testing.assert_allclose(pose.transform(found)[0], pole[0], atol=0.02)
+    navigator, wheels = begin(robot, pole)
+    for _ in range(7):
+        navigator.sense(wheels.drive(0.0, -robot.max_w, pole))
+        assert len(navigator.obstacles) == 1
+        np.testing.assert_allclose(wheels.pose.transform(navigator.obstacles)[0], pole[0], atol=0.02)
 
 
 def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
     robot = robot_with(range_min=0.3)
-    scan, motion = np.ones(360, dtype=np.float32), np.zeros(6, dtype=np.float32)
-    motion[4] = 1.0
-    for command, sign in ((1.0, 1.0), (-1.0, -1.0)):
-        motion[2] = command
-        found = ObstacleMemory(robot, 0.1).update(scan, motion)
-        assert len(found) > 0
-        assert (sign * found[:, 0] > 0.8 * robot.radius).all()
+    for sign in (1.0, -1.0):
+        navigator, wheels = begin(robot, [])
+        navigator.note_command(Twist(sign * robot.max_v, 0.0))
+        navigator.sense(wheels.drive(0.0, 0.0, [], bumper=True))
+        assert len(navigator.obstacles) > 0
+        assert (sign * navigator.obstacles[:, 0] > 0.8 * robot.radius).all()
 
 
 def reference_free_distance(points, curvature, radius, distance):
