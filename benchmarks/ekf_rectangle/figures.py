@@ -43,7 +43,7 @@ def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
     """Figures 5 and 6: the map made beforehand, the true and the estimated paths."""
     env = make_env(drive.physics, map_seed=drive.seed)
     env.reset(seed=drive.seed)
-    grid = env.map.grid
+    grid = env.belief.grid
     env.close()
     known = np.argwhere(grid.data >= 0)
     (bottom, left), (top, right) = known.min(axis=0), known.max(axis=0) + 1
