@@ -59,7 +59,7 @@ def make_hall(num_bodies: int) -> Hall:
         num_bodies: crates and pillars; the more, the smaller.
 
     Raises:
-        RuntimeError: so many find no place.
+        RuntimeError: so many do not fit.
     """
     rng = np.random.default_rng(num_bodies)
     largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
