@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from baselines.explorer import Explorer, ObservationPolicy
+from baselines.frontier.explorer import RuleExplorer
 from envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
@@ -19,6 +20,7 @@ PROTOCOL = ("reset", "act", "end_reason", "plan")
 def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
     """Return what drives, made from an explorer, a policy, or a class or function that makes one.
 
+    - A frontier rule: a callable of two arguments, `rule(candidates, belief)`, which returns the index of a candidate.
     - An `Explorer`: has `reset`, `act(reading, belief)`, `end_reason` and `plan`.
     - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in
       stable-baselines3. It is asked for `deterministic=True`, and given `action_masks` and `state`, if it takes them.
@@ -40,9 +42,13 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
         return value
     if hasattr(value, "predict"):
         return CalledPolicy(value, _Predictor(value.predict), space)
+    if callable(value) and len(_required(value)) == 2:
+        return RuleExplorer(value)
     if callable(value):
         return CalledPolicy(value, value, space)
-    raise ValueError(f"{value!r} is no explorer, no callable of an observation, and has no predict(observation)")
+    raise ValueError(
+        f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)"
+    )
 
 
 def level_of(value: Any) -> Level:

@@ -47,8 +47,8 @@ def step_on(env, steps=20):
     return info
 
 
-def test_explorers_and_policies_enter_the_arena(own_package):
-    names = ["explorers:Circling", "policies:ahead", "policies:Chooser"]
+def test_rules_explorers_and_policies_enter_the_arena(own_package):
+    names = ["rules:largest", "explorers:Circling", "policies:ahead", "policies:Chooser"]
     policies = [f"my_package.{name}" for name in names]
     options = ["--worlds", "pimouse_arena", "--episodes", "1", "--physics", "kinematic", "--time-limit", "6"]
     assert main(["--policies", *policies, *options, "--out", str(own_package / "out"), "--no-world-sections"]) == 0
@@ -66,7 +66,7 @@ def test_a_slam_and_a_reward_of_ones_own_are_taken(own_package):
     for _ in range(20):
         info = env.step(np.array([0.0, 1.0], dtype=np.float32))[4]
     assert "careful" in info["rewards"]
-    assert info["pose_error"][1] == pytest.approx(0.02 * 2.0 * env.unwrapped.robot.max_w, rel=0.2)
+    assert info["pose_error"][1] == pytest.approx(0.02 * 2.0 * env.unwrapped.robot.max_w, rel=0.4)
     env.close()
 
 

@@ -6,6 +6,7 @@ from gymnasium import spaces
 
 from agents.policies import level_of, make_policy
 from baselines import RandomExplorer
+from baselines.frontier.explorer import RuleExplorer
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
@@ -34,6 +35,17 @@ def test_explorers_stay_what_they_are_and_classes_and_factories_make_them():
     assert make_policy(explorer) is explorer
     for source in (RandomExplorer, lambda: RandomExplorer()):
         assert isinstance(make_policy(source), RandomExplorer)
+
+
+def test_rules_over_candidates_are_driven():
+    class Memory:
+        def __call__(self, candidates, belief):
+            return 0
+
+    for rule in (lambda candidates, belief: 0, Memory, Memory()):
+        explorer = make_policy(rule)
+        assert isinstance(explorer, RuleExplorer)
+        assert explorer.rule(None, None) == 0
 
 
 def test_callables_get_the_observation_and_their_actions_are_cut_to_the_bounds():
@@ -85,7 +97,9 @@ def test_levels_are_declared():
 
 
 def test_what_cannot_explore_is_refused():
-    with pytest.raises(ValueError, match=r"7 is no explorer, no callable of an observation, and has no predict"):
+    with pytest.raises(
+        ValueError, match=r"7 is no explorer, rule or callable of an observation, and has no predict"
+    ):
         make_policy(7)
     with pytest.raises(ValueError, match="lacks reset, end_reason, plan"):
         make_policy(SimpleNamespace(act=lambda reading, belief: None))
