@@ -37,7 +37,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
     if isinstance(value, type) or (_is_plain_callable(value) and not _required(value)):
         value = value()
     if hasattr(value, "act"):
-        if missing := [name for name in PROTOCOL if not hasattr(value, name)]:
+        if missing := [name for name in PROTOCOL if name not in dir(value)]:  # properties may need a reset
             raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
         return value
     if hasattr(value, "predict"):

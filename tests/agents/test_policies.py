@@ -5,7 +5,7 @@ import pytest
 from gymnasium import spaces
 
 from agents.policies import level_of, make_policy
-from baselines import RandomExplorer
+from baselines import EXPLORERS, RandomExplorer
 from baselines.frontier.explorer import RuleExplorer
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -35,6 +35,8 @@ def test_explorers_stay_what_they_are_and_classes_and_factories_make_them():
     assert make_policy(explorer) is explorer
     for source in (RandomExplorer, lambda: RandomExplorer()):
         assert isinstance(make_policy(source), RandomExplorer)
+    for name, source in EXPLORERS.items():
+        assert isinstance(make_policy(source), source), name
 
 
 def test_rules_over_candidates_are_driven():
