@@ -169,7 +169,7 @@ def test_a_robot_that_stays_lost_says_so():
 
 
 def test_scans_that_do_not_belong_to_the_map_end_lost():
-    """On the map of another place AMCL says that it is lost, and the navigator gives up instead of going somewhere."""
+    """On the map of another world AMCL reports that it is lost, and the navigator fails instead of driving anywhere."""
     other = NavigateEnv(world="turtlebot3_stage_4", physics="kinematic")
     other.reset(seed=0)
     env = NavigateEnv(
