@@ -105,4 +105,13 @@ def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] 
     found = resolve(preset, PRESETS, "preset", files=True)
     values = read_mapping(found) if isinstance(found, Path) else asdict(found)
     source = str(found) if isinstance(found, Path) else "params"
-    return parse_record({**values, **(changes or {})}, source, TinySlamParams)
+    return parse_record(_renamed({**values, **(changes or {})}), source, TinySlamParams)
+
+
+def _renamed(values: dict[str, Any]) -> dict[str, Any]:
+    """Return values with the keys of today for those of before."""
+    for old, new in (("draw_distance", "min_travel_distance"), ("draw_angle", "min_travel_angle")):
+        if old in values:
+            warnings.warn(f"TinySLAM's {old!r} is now called {new!r}", DeprecationWarning, stacklevel=3)
+            values[new] = values.pop(old)
+    return values

@@ -29,7 +29,7 @@ class ExplorableArea:
     explorable: np.ndarray
     """Shape of `walls`, bool: free cells visible from a traversable one."""
     traversable: np.ndarray
-    """Shape of `walls`, bool: cells in which the robot's base is collision-free, connected to the world's first spawn."""
+    """Shape of `walls`, bool: cells where the robot's base is collision-free, connected to the world's first spawn."""
     start_cells: np.ndarray
     """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
     near_movers: np.ndarray

@@ -214,3 +214,11 @@ def test_bad_params(tmp_path):
     file.write_text("sigma_xy: 3e-4\nmax_tries: 50")
     assert load_params(file, {"max_tries": "60"}).sigma_xy == 3e-4
     assert load_params(file, {"max_tries": "60"}).max_tries == 60
+
+
+def test_former_names_of_parameters_work_with_a_warning(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("draw_distance: 0.3\ndraw_angle: 0.4\n")
+    with pytest.warns(DeprecationWarning, match="min_travel"):
+        params = load_params(path)
+    assert (params.min_travel_distance, params.min_travel_angle) == (0.3, 0.4)
