@@ -45,7 +45,9 @@ class GridMap:
         """Shape (height, width), int32: the cells."""
         self.grid = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), params.resolution, self._origin)
         """The same as an occupancy grid, always up to date."""
-        self._most_cells = lidar.num_beams * (math.ceil(lidar.range_max / params.resolution) + 2)
+        # Room for all cells that a scan may touch; only what is written takes memory.
+        most_cells = lidar.num_beams * (math.ceil(lidar.range_max / params.resolution) + 2)
+        self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 2))
 
     @property
@@ -69,8 +71,7 @@ class GridMap:
         if self.grow_to_hold(*extent):
             x, y = self.to_cells(*sensor)
             extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
-        # Allocated anew for each scan: only what is written takes memory, and the result stays as it is.
-        new_cells = np.empty((self._most_cells, 2), dtype=np.int32)
+        new_cells = self._new_cells
         count = draw_scan(
             self.words,
             self.grid.data,

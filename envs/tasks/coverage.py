@@ -62,7 +62,12 @@ def sees(scan, x, y, tolerance):
         return True
     num_beams = scan.ranges.shape[0]
     bearing = (math.atan2(dy, dx) - scan.theta) % (2.0 * math.pi)
-    spread = math.asin(tolerance / distance)
+    nearest = math.floor(bearing / scan.increment)
+    if nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
+        return True
+    ratio = tolerance / distance
+    # An upper bound of the arc sine where that is nearly straight.
+    spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
     first = math.floor((bearing - spread) / scan.increment)
     last = math.ceil((bearing + spread) / scan.increment)
     turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
