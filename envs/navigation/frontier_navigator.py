@@ -40,7 +40,7 @@ from envs.navigation.navigator import NO_POINTS, Navigator
 from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import SHORTCUT, nearest_cell
 from envs.navigation.planned_paths import search_goal, write_path
-from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near, is_frontier_near
+from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near
 from envs.navigation.planning_map import CostLayer, PlanningMap
 from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from envs.navigation.tables import costmap_params
@@ -107,6 +107,8 @@ class FrontierNavigator:
         self._failures = NO_POINTS
         self._chosen: tuple[float, float] | None = None
         self._last_failed = False
+        # Whether the map may have changed since the last look for the frontier of the drive.
+        self._has_changed = True
         self._can_stand = True
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
@@ -131,6 +133,7 @@ class FrontierNavigator:
 
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
+        self._has_changed = True
         planning, tables = self.map, self.map.tables[self._level]
         cell = int(self._found[index, 0]), int(self._found[index, 1])
         frame = (*planning.origin, planning.side)
@@ -213,14 +216,17 @@ class FrontierNavigator:
     def integrate(self, belief: Belief) -> None:
         """Take note of what the last scan has changed in the map; also that of another robot with the same map."""
         self.map.update(belief.grid, belief.update.window, redrawn=belief.update.redrawn)
+        self._has_changed |= belief.update.window is not None or belief.update.redrawn
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
         """Return how the drive has ended, and draw the conclusions; None while it goes on."""
         navigator = self.navigator
         is_driving = navigator.has_goal and not navigator.is_recovering
-        if is_driving and navigator.steps >= self._min_steps and not self._is_frontier_left():
-            self._last_failed = False
-            return FRONTIER_GONE
+        if is_driving and self._has_changed and navigator.steps >= self._min_steps:
+            self._has_changed = False
+            if not self._is_frontier_left():
+                self._last_failed = False
+                return FRONTIER_GONE
         if progress == REPLAN:
             progress = DRIVING if self._replan(pose) else FAILED
         if progress == DRIVING:
@@ -236,10 +242,7 @@ class FrontierNavigator:
     def _is_frontier_left(self) -> bool:
         """Tell whether there is a frontier near to the one that was chosen."""
         assert self._chosen is not None
-        planning = self.map
-        planning.refresh()
-        reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
-        return bool(is_frontier_near(planning.frontier, *planning.cell(*self._chosen), reach))
+        return self.map.is_frontier_near(self._chosen, self.params.frontier_radius)
 
     def _stand(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
         """Return the cell where the robot stands, or the nearest one where it could; (-1, -1) for none."""
@@ -299,7 +302,8 @@ class FrontierNavigator:
             chosen = int(nearest_within(table[:, THERE_X : THERE_Y + 1], *self._chosen, radius))
         corner = np.array(planning.origin)
         own = parts[found[:, PART].astype(np.int64)]
-        cells = tuple((groups[first:last, ::-1] + 0.5) * planning.side + corner for first, last, _, _ in own)
+        centers = (groups[:, ::-1] + 0.5) * planning.side + corner
+        cells = tuple(centers[first:last] for first, last, _, _ in own.tolist())
         costs = planning._layers[self._level].costs
         self.candidates = Candidates(
             viewpoints=table[:, VIEW_X : VIEW_Y + 1],
@@ -352,6 +356,7 @@ class FrontierNavigator:
             return
         assert self._chosen is not None
         planning, numbers = self.map, self.navigator.numbers
+        planning.refresh()
         reach = math.ceil((math.dist(self._chosen, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
         view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov

@@ -210,13 +210,40 @@ def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window)
 
 
 @njit(cache=True, error_model="numpy")
-def is_frontier_near(frontier, row, col, reach):
-    """Tell whether there is a frontier cell within `reach` cells of (row, column)."""
-    height, width = frontier.shape
+def is_frontier_near(data, block, ignored, row, col, reach):
+    """Tell whether there is a frontier cell within `reach` cells of (row, column), on the map as it is now.
+
+    Args:
+        data: shape (rows, cols), int8, occupancy of the map.
+        block: side of a planning cell [map cells].
+        ignored: shape (height, width), bool, by planning cell.
+        row: row of the planning cell in the middle.
+        col: its column.
+        reach: how far is looked [planning cells].
+    """
+    height, width = ignored.shape
+    top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
+    bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
+    if top >= bottom or left >= right:
+        return False
+    around = np.empty((bottom - top, right - left), dtype=np.int8)
+    for r in range(top, bottom):
+        for c in range(left, right):
+            highest = np.int8(-1)
+            for i in range(r * block, min((r + 1) * block, data.shape[0])):
+                for j in range(c * block, min((c + 1) * block, data.shape[1])):
+                    highest = max(highest, data[i, j])
+            around[r - top, c - left] = highest
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
         for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if frontier[r, c] and (r - row) ** 2 + (c - col) ** 2 <= reach * reach:
-                return True
+            if ignored[r, c] or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
+                continue
+            if not 0 <= around[r - top, c - left] < FREE_BELOW:
+                continue
+            for i in range(max(r - 1, top), min(r + 2, bottom)):
+                for j in range(max(c - 1, left), min(c + 2, right)):
+                    if around[i - top, j - left] < 0:
+                        return True
     return False
 
 

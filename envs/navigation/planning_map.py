@@ -16,6 +16,7 @@ from envs.navigation.planning_kernels import (
     TILE,
     cells_of,
     ignore_around,
+    is_frontier_near,
     join_cells,
     obstacle_cells,
     update_costs,
@@ -157,6 +158,12 @@ class PlanningMap:
         """Ignore frontier cells (shape (n, 2), float64, map frame [m]) and their neighbours from now on."""
         self.ignored_points = np.concatenate([self.ignored_points, points])
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
+
+    def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
+        """Tell whether there is a frontier cell within `radius` [m] of a point (x, y), map frame [m]."""
+        assert self._data is not None
+        reach = math.ceil(radius / self.side - 1e-9)
+        return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
