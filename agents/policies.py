@@ -46,9 +46,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
         return RuleExplorer(value)
     if callable(value):
         return CalledPolicy(value, value, space)
-    raise ValueError(
-        f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)"
-    )
+    raise ValueError(f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)")
 
 
 def level_of(value: Any) -> Level:

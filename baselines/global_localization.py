@@ -18,8 +18,8 @@ from rich.console import Console
 
 from baselines import make_explorer
 from baselines.episode import Episode, Info, run, run_episode
+from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import decide_with_navigator, make_navigator
-from baselines.navigation.params import MapNavigatorParams
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.localization import load_preset

@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import Drive, drive
-from baselines.navigation.params import MapNavigatorParams
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigation import (

@@ -1,1 +1,6 @@
-"""Navigation on a known map: the classic policy of `lidarnaut/Navigate-v0`, and driving while the pose is unknown."""
+"""Navigation on a known map: the classic policy of `lidarnaut/Navigate-v0`, and reactive driving while it is lost."""
+
+from .map_navigator import MapNavigator
+from .params import MapNavigatorParams, Progress
+
+__all__ = ["MapNavigator", "MapNavigatorParams", "Progress"]

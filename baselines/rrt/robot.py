@@ -137,14 +137,14 @@ class RrtRobot:
 
     def choose(self, index: int) -> None:
         """Drive to a candidate of the navigator."""
-        self._has_looked_around = False
+        self._has_looked_around, self.end_reason = False, None
         self.navigator.choose(index)
 
     def wait(self) -> None:
         """Stand still for a while, since others have all the points."""
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
-        self._has_looked_around = False
+        self._has_looked_around, self.end_reason = False, None
 
     def look_around_or_end(self, patience: int) -> None:
         """Turn once around where no point is left; then end, if there has been none for `patience` steps."""

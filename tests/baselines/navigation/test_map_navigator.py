@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 
 from baselines.explorer import to_action
+from baselines.navigation import MapNavigator, MapNavigatorParams, Progress
 from baselines.navigation.episode import drive
-from baselines.navigation.map_navigator import MapNavigator
-from baselines.navigation.params import MapNavigatorParams, Progress
 from baselines.navigation.reactive_driving import ReactiveDriver
+from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
 from envs.navigation import Navigator
 from envs.navigation.local_planners import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
-from envs.slam import Belief
 from tests.baselines.places import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
-NO_CELLS = np.empty((0, 2), dtype=np.int32)
 HERE = Pose2D(0.0, 0.0, 0.0)
 
 
