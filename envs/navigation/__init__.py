@@ -15,7 +15,7 @@ from .costmap import (
 )
 from .dwb import DwbParams, DwbPlanner
 from .frontier_navigator import FrontierNavigator
-from .frontiers import clear_around, count_unknown, dbscan, frontier_clusters, frontier_mask
+from .frontiers import count_unknown, frontier_mask
 from .layers import LayeredCostmap, ObstacleParams
 from .local_planner import LocalPlanner
 from .navigator import NO_POINTS, Navigator
@@ -25,7 +25,6 @@ from .paths import TravelField, plan_path, travel_field
 from .planning_map import PlanningMap
 from .pursuit import FollowerParams
 from .smoothing import smooth_path
-from .viewpoints import cheapest_view
 
 __all__ = [
     "COST_FREE",
@@ -50,14 +49,10 @@ __all__ = [
     "PlanningMap",
     "PlanningParams",
     "TravelField",
-    "cheapest_view",
     "check_goal",
-    "clear_around",
     "count_unknown",
     "crop_to_known",
-    "dbscan",
     "free_distance",
-    "frontier_clusters",
     "frontier_mask",
     "is_path_valid",
     "make_costmap",

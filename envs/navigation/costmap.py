@@ -66,13 +66,6 @@ class Costmap:
     params: CostmapParams
     """How they were made."""
 
-    def cost_at(self, x: float, y: float) -> int:
-        """Return the cost at a position in the grid's frame [m]; unknown outside."""
-        (x0, y0), resolution = self.grid.origin, self.grid.resolution
-        row, col = math.floor((y - y0) / resolution), math.floor((x - x0) / resolution)
-        height, width = self.costs.shape
-        return int(self.costs[row, col]) if 0 <= row < height and 0 <= col < width else COST_UNKNOWN
-
 
 @njit(cache=True, error_model="numpy")
 def inflate(data, occupied_from, reach, cost_of_squared):

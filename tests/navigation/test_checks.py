@@ -6,6 +6,7 @@ import pytest
 from envs.geometry import OccupancyGrid
 from envs.geometry.polyline import resample
 from envs.navigation import CostmapParams, check_goal, is_path_valid, make_costmap, plan_path, smooth_path
+from tests.navigation.costs import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
 
@@ -64,7 +65,7 @@ def test_a_path_through_the_unknown_or_off_the_map_is_not_valid():
 
 def test_a_path_may_begin_where_the_robot_touches_something_but_not_return_there():
     out = resample(np.array([[1.85, 1.0], [1.0, 1.0]]), 0.05)
-    assert COSTMAP.cost_at(*out[0]) == 253
+    assert cost_at(COSTMAP, *out[0]) == 253
     assert is_path_valid(COSTMAP, out)
     assert not is_path_valid(COSTMAP, out[::-1])
     assert not is_path_valid(COSTMAP, out[:1])

@@ -9,6 +9,7 @@ from scipy import ndimage
 from envs.geometry import OccupancyGrid
 from envs.geometry.distance_transform import squared_distances
 from envs.navigation import Costmap, CostmapParams, crop_to_known, make_costmap
+from tests.navigation.costs import cost_at
 
 
 def grid_of(data, origin=(0.0, 0.0)):
@@ -59,8 +60,8 @@ def test_a_map_without_obstacles_costs_nothing():
     costmap = make_costmap(grid_of(np.zeros((50, 60)), (-1.0, 2.0)), CostmapParams())
     assert not costmap.costs.any()
     assert isinstance(costmap, Costmap)
-    assert costmap.cost_at(0.0, 3.0) == 0
-    assert costmap.cost_at(-1.01, 3.0) == 255
+    assert cost_at(costmap, 0.0, 3.0) == 0
+    assert cost_at(costmap, -1.01, 3.0) == 255
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams, LayeredCostmap, ObstacleParams, make_costmap
 from envs.robots import LidarParams
+from tests.navigation.costs import cost_at
 
 LIDAR = LidarParams(num_beams=360, range_max=3.5)
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.5)
@@ -40,13 +41,13 @@ def test_hits_mark_and_inflate_and_later_beams_clear():
     before = layers.costmap.costs.copy()
     layers.update(MIDDLE, scan_of(beam_at(90), 1.02), LIDAR)
     assert layers.num_marked == 1
-    assert layers.costmap.cost_at(0.01, 1.02) == 254
-    assert layers.costmap.cost_at(0.01, 1.17) == 253
-    assert 0 < layers.costmap.cost_at(0.01, 1.4) < 253
+    assert cost_at(layers.costmap, 0.01, 1.02) == 254
+    assert cost_at(layers.costmap, 0.01, 1.17) == 253
+    assert 0 < cost_at(layers.costmap, 0.01, 1.4) < 253
     # The same obstacle has gone: the beam passes through.
     layers.update(MIDDLE, scan_of(beam_at(90), 2.0), LIDAR)
-    assert layers.costmap.cost_at(0.01, 1.02) < 253
-    assert layers.costmap.cost_at(0.01, 2.0) == 254
+    assert cost_at(layers.costmap, 0.01, 1.02) < 253
+    assert cost_at(layers.costmap, 0.01, 2.0) == 254
     layers.update(MIDDLE, scan_of(beam_at(90), np.inf), LIDAR)
     np.testing.assert_array_equal(layers.costmap.costs, before)
 
@@ -84,18 +85,18 @@ def test_beams_never_clear_the_map():
 
 def test_unknown_space_becomes_known_where_beams_pass():
     layers = LayeredCostmap(room(known=False), PARAMS)
-    assert layers.costmap.cost_at(1.0, 0.01) == 255
+    assert cost_at(layers.costmap, 1.0, 0.01) == 255
     layers.update(MIDDLE, scan_of(beam_at(0), 2.0, elsewhere=np.nan), LIDAR)
-    assert layers.costmap.cost_at(1.0, 0.01) == 0
-    assert layers.costmap.cost_at(1.99, 0.01) == 254
-    assert layers.costmap.cost_at(0.0, 1.0) == 255
+    assert cost_at(layers.costmap, 1.0, 0.01) == 0
+    assert cost_at(layers.costmap, 1.99, 0.01) == 254
+    assert cost_at(layers.costmap, 0.0, 1.0) == 255
 
 
 def test_the_mount_of_the_lidar_counts():
     mounted = dataclasses.replace(LIDAR, mount=dataclasses.replace(LIDAR.mount, x=0.5, yaw=np.pi / 2))
     layers = LayeredCostmap(room(), PARAMS)
     layers.update(Pose2D(0.0, 0.0, np.pi), scan_of(beam_at(0), 1.02), mounted)
-    assert layers.costmap.cost_at(-0.5, -1.02) == 254
+    assert cost_at(layers.costmap, -0.5, -1.02) == 254
 
 
 @settings(max_examples=30, deadline=None)
@@ -124,7 +125,7 @@ def test_clearing_forgets_what_scans_found():
     layers.update(MIDDLE, scan_of([beam_at(0), beam_at(180)], 1.0), LIDAR)
     layers.clear_around(1.0, 0.0, 0.2)
     assert layers.num_marked == 1
-    assert layers.costmap.cost_at(-0.99, 0.01) == 254
+    assert cost_at(layers.costmap, -0.99, 0.01) == 254
     layers.clear()
     np.testing.assert_array_equal(layers.costmap.costs, before)
 

@@ -16,6 +16,7 @@ from envs.navigation import Navigator
 from envs.navigation.local_planners import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
 from tests.baselines.places import reading_of
+from tests.navigation.costs import cost_at
 
 BURGER = load_robot("turtlebot3_burger")
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -119,7 +120,7 @@ def test_what_scans_find_is_driven_around():
     for _ in range(11):
         navigator.act(reading, belief_at(HERE, grid))
     obstacle = np.array([1.0 + BURGER.lidar.mount.x, 0.0])
-    assert navigator.layers.costmap.cost_at(*obstacle) == 254
+    assert cost_at(navigator.layers.costmap, *obstacle) == 254
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
 
 
