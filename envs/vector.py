@@ -271,7 +271,8 @@ class _Worker:
         self.close = weakref.finalize(self, _stop, self._pipe, self._process)
 
     def send(self, request: bytes) -> None:
-        self._pipe.send_bytes(request)
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # `receive` tells that the worker has died
+            self._pipe.send_bytes(request)
 
     def receive(self, dtype: np.dtype | None) -> Any:
         """Return the result of the last request, or its error."""
