@@ -17,11 +17,11 @@ from envs.navigation import FEATURES
 from envs.navigation.candidate_features import HALF_COST
 
 GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
-PLACES = {
+WORLDS = {
     "rooms 10 m x 10 m": ({"world": "rooms", "world_size": (10.0, 10.0), "split": "test"}, 8),
     "turtlebot3_house": ({"world": "turtlebot3_house"}, 6),
 }
-"""Arguments and number of starts of each place."""
+"""Arguments and number of starts of each world."""
 SETTINGS = ((5.0, 4.0), (10.0, 4.0), (4.0, 4.0), (5.0, 15.0))
 """Control steps per second, and the longest decision [s]."""
 MARK = 0.95
@@ -46,9 +46,9 @@ RULES = {"nearest": nearest, "gain over cost": gain_over_cost}
 """Rules by name."""
 
 
-def time_rule(rule: str, place: str, control_hz: float, max_decision_time: float, seed: int) -> float:
+def time_rule(rule: str, world: str, control_hz: float, max_decision_time: float, seed: int) -> float:
     """Return the time to `MARK` [s]; the time limit if it was not reached."""
-    arguments = {**PLACES[place][0], "physics": "kinematic", "target_coverage": MARK}
+    arguments = {**WORLDS[world][0], "physics": "kinematic", "target_coverage": MARK}
     env = ExploreFrontiersEnv(control_hz=control_hz, max_decision_time=max_decision_time, **arguments)
     observation, info = env.reset(seed=seed)
     done = info["is_success"]
@@ -58,24 +58,24 @@ def time_rule(rule: str, place: str, control_hz: float, max_decision_time: float
     return float(info["time"] if info["is_success"] else env.explore.time_limit)
 
 
-def time_explorer(place: str, seed: int) -> float:
+def time_explorer(world: str, seed: int) -> float:
     """Return the same for the `nearest` explorer."""
-    env = ExploreEnv(physics="kinematic", target_coverage=MARK, **PLACES[place][0])
+    env = ExploreEnv(physics="kinematic", target_coverage=MARK, **WORLDS[world][0])
     episode = run_episode(env, make_explorer("nearest"), seed)
     return min(episode.time_to_95, episode.time_limit)
 
 
 def main() -> None:
     """Print mean times to 95 %."""
-    columns = [(rule, place) for rule in RULES for place in PLACES]
-    table = Table("mean time to 95 %, s", *(f"{rule}, {place}" for rule, place in columns))
+    columns = [(rule, world) for rule in RULES for world in WORLDS]
+    table = Table("mean time to 95 %, s", *(f"{rule}, {world}" for rule, world in columns))
     for setting in track(SETTINGS, "settings"):
         means = [
-            np.mean([time_rule(rule, place, *setting, seed) for seed in range(PLACES[place][1])])
-            for rule, place in columns
+            np.mean([time_rule(rule, world, *setting, seed) for seed in range(WORLDS[world][1])])
+            for rule, world in columns
         ]
         table.add_row("{:g} Hz, {:g} s".format(*setting), *(f"{mean:.0f}" for mean in means))
-    own = [np.mean([time_explorer(place, seed) for seed in range(PLACES[place][1])]) for place in PLACES]
+    own = [np.mean([time_explorer(world, seed) for seed in range(WORLDS[world][1])]) for world in WORLDS]
     table.add_row("nearest explorer, 10 Hz", *(f"{mean:.0f}" for mean in own))
     Console().print(table)
 

@@ -3,7 +3,7 @@
 Rooms of 20 m x 20 m, TurtleBot3 Burger (360 beams of 3.5 m), TinySLAM, kinematic physics, always the nearest frontier.
 Each design explores for as many decisions in each of its environments, so that maps small and large are in all figures;
 they take turns in short slices, all in one process pinned to one core. What counts is processor time: the wall clock of
-a shared machine tells of its neighbours. Places that are drawn ahead in the background count as well.
+a shared machine tells of its neighbours. Worlds that are drawn ahead in the background count as well.
 """
 
 import os
@@ -20,9 +20,9 @@ from rich.table import Table
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.vector import ExploreFrontiersVectorEnv
 
-PLACE = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
+WORLD = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 WARM_UP = 3
-"""Decisions before the clock starts: they compile, and draw the first places."""
+"""Decisions before the clock starts: they compile, and draw the first worlds."""
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Tally:
     """What a design has done."""
 
     decisions: int = 0
-    """Decisions of all lanes."""
+    """Decisions of all sub-environments."""
     steps: int = 0
     """Control steps in them."""
     simulated: float = 0.0
@@ -43,7 +43,7 @@ class Tally:
 
 def single() -> Callable[[], tuple[int, int, float]]:
     """Return what takes a decision in a single environment, and returns decisions, control steps and simulated time."""
-    env = ExploreFrontiersEnv(**PLACE)
+    env = ExploreFrontiersEnv(**WORLD)
     env.reset(seed=0)
 
     def decide() -> tuple[int, int, float]:
@@ -57,7 +57,7 @@ def single() -> Callable[[], tuple[int, int, float]]:
 
 def vector(count: int) -> Callable[[], tuple[int, int, float]]:
     """Return the same for a number of sub-environments."""
-    env = ExploreFrontiersVectorEnv(count, num_workers=0, autoreset_mode=AutoresetMode.NEXT_STEP, **PLACE)
+    env = ExploreFrontiersVectorEnv(count, num_workers=0, autoreset_mode=AutoresetMode.NEXT_STEP, **WORLD)
     env.reset(seed=0)
     nearest = np.zeros(count, dtype=np.int64)
 
