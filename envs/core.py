@@ -114,14 +114,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = is_team
-        self._parts = make_parts(observations, task.observation_parts())
+        self.parts = make_parts(observations, task.observation_parts())
         self.observation_space: spaces.Space[Any] = self._make_observation_space()
         self._action_shape = (len(self.robots), 2) if is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         space: Any = self.observation_space
-        self._layout: list[tuple[str, Any, Any]] = [
-            (name, space[name].shape, space[name].dtype) for name in self._parts
-        ]
+        self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._renderer: Any = None
         for k, robot in enumerate(self.robots):
@@ -230,7 +228,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Return the observation in fresh arrays, or write it to the arrays of `out`."""
         if out is None:
             out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
-        for name, part in self._parts.items():
+        for name, part in self.parts.items():
             if self._is_team:
                 for robot, row in zip(self.robots, out[name], strict=True):
                     part.write(robot, row)
@@ -328,7 +326,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return {**self.__dict__, "_renderer": None}
 
     def _make_observation_space(self) -> spaces.Dict:
-        space = spaces.Dict({name: part.space(self.robot) for name, part in self._parts.items()})
+        space = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
         return batch_space(space, len(self.robots)) if self._is_team else space  # type: ignore[return-value]
 
     def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -37,7 +37,7 @@ class Robot:
         self.params = params
         self.estimator = estimator
         self.odometry = odometry
-        self._ground_truth = ground_truth
+        self.ground_truth = ground_truth
         self._period = control_period
         self.peers: list[Robot] = []
         """The other robots of a team, which tell this one their poses."""
@@ -64,8 +64,8 @@ class Robot:
         self.predicted_pose = self.belief.pose
         """Pose estimate before the last scan was processed, and with it once it is."""
         self.odometry.reset(reading)
-        if self._ground_truth is not None:
-            self._ground_truth.reset(reading)
+        if self.ground_truth is not None:
+            self.ground_truth.reset(reading)
         self.trail = Trail()
         """Estimated positions so far, map frame."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
@@ -77,7 +77,7 @@ class Robot:
         self.reading = reading
         motion = self.odometry.update(reading)
         self.twist = Twist(motion.x / self._period, motion.theta / self._period)
-        self.motion = motion if self._ground_truth is None else self._ground_truth.update(reading)
+        self.motion = motion if self.ground_truth is None else self.ground_truth.update(reading)
         if self.peers:
             self.predicted_pose = self.belief.pose.compose(self.motion)
 

@@ -87,27 +87,23 @@ class Shard:
 
     def __init__(
         self,
-        make_env: Callable[[], Any],
-        memory: Memory,
-        first: int,
-        last: int,
+        envs: Sequence[Any],
+        arrays: Arrays,
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Make the sub-environments.
+        """Take the sub-environments.
 
         Args:
-            make_env: makes one; see `envs.core.LidarEnv` for what a shard calls.
-            memory: of all sub-environments' arrays.
-            first: row of its first sub-environment.
-            last: row after that of its last one.
+            envs: at least one; see `envs.core.LidarEnv` for what a shard calls.
+            arrays: their rows.
             autoreset_mode: when a sub-environment whose episode has ended starts the next one.
             max_episode_steps: truncates episodes after so many steps.
         """
-        self._arrays = arrays = memory.arrays().rows(first, last)
+        self._arrays = arrays
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
-        self.envs = [make_env() for _ in range(len(arrays.rewards))]
+        self.envs = envs
         for env in self.envs:  # each would hold bounds of its own for every pixel
             env.observation_space = self.envs[0].observation_space
         self._rows = [{name: array[i] for name, array in arrays.observations.items()} for i in range(len(self.envs))]
@@ -153,13 +149,9 @@ class Shard:
             reward, terminated, truncated, info = env.outcome(self._steps[i] == self._max_steps)
             arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
             if terminated or truncated:
-                if self._mode == AutoresetMode.SAME_STEP:
-                    final = {name: row.copy() for name, row in self._rows[i].items()}
-                    extras[i] = {"final_obs": final, "final_info": info}
-                    info = self._reset(i, None, None)
-                else:
-                    self._has_ended[i] = True
-            self._note(i, info, extras)
+                self._close_episode(i, info, extras)
+            else:
+                self._note(i, info, extras)
         return self._records, extras
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
@@ -189,6 +181,16 @@ class Shard:
         self._steps[i], self._has_ended[i] = 0, False
         self._preparations[i] = self._preparer.submit(env.prepare)
         return info
+
+    def _close_episode(self, i: int, info: dict[str, Any], extras: Extras) -> None:
+        """Take note of an episode's last info, and start the next one where that is due at once."""
+        if self._mode == AutoresetMode.SAME_STEP:
+            final = {name: row.copy() for name, row in self._rows[i].items()}
+            extras[i] = {"final_obs": final, "final_info": info}
+            info = self._reset(i, None, None)
+        else:
+            self._has_ended[i] = True
+        self._note(i, info, extras)
 
     def _note(self, i: int, info: dict[str, Any], extras: Extras) -> None:
         """Write to the records what `info` holds at every step, and to the extras what else it holds."""

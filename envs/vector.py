@@ -16,6 +16,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.fused import make_shard
 from envs.shard import Extras, Memory, Shard, serve
 
 
@@ -81,7 +82,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         bounds = np.linspace(0, num_envs, max(num_workers, 1) + 1).round().astype(int).tolist()
         makers = [
             functools.partial(
-                Shard,
+                make_shard,
                 functools.partial(make_env, **arguments),
                 memory,
                 first,

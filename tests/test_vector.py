@@ -23,7 +23,7 @@ CASES = {
     "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 15.0}),
     "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2}),
     "navigate": ("lidarnaut/Navigate-v0", QUICK),
-    "track": ("lidarnaut/Track-v0", {"time_limit": 1.5, "map_resolution": 0.1, "path": [[0.0, 0.0], [4.0, 0.0]]}),
+    "track": ("lidarnaut/Track-v0", {"time_limit": 1.5, "map_resolution": 0.1}),
 }
 
 

@@ -219,16 +219,18 @@ class MapPyramid:
             pixel: side of a pixel [m].
             out: shape (3, size, size), uint8, written; see `crop_level`.
         """
-        level = self._level_of_pixel.get(pixel) or self._choose_level(pixel)
+        level = self.level(pixel)
         side = level.block * self._grid.resolution
         left, low = self._grid.origin
         x, y = (x - left) / side, (y - low) / side
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
-    def _choose_level(self, pixel: float) -> Level:
-        """Return the level whose blocks are nearest to a pixel of a side [m] in size, by powers of two."""
-        block = 2 ** max(round(math.log2(pixel / self._grid.resolution)), 0)
-        level = self._level_of_pixel[pixel] = self._level(block)
+    def level(self, pixel: float) -> Level:
+        """Return the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
+        level = self._level_of_pixel.get(pixel)
+        if level is None:
+            block = 2 ** max(round(math.log2(pixel / self._grid.resolution)), 0)
+            level = self._level_of_pixel[pixel] = self._level(block)
         return level
 
     def _level(self, block: int) -> Level:

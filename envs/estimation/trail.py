@@ -16,23 +16,24 @@ class Trail:
     def __init__(self) -> None:
         self._buffer = np.empty((256, 2))
         self._length = 0
-        self._last = (math.inf, math.inf)
+        self.last = (math.inf, math.inf)
+        """The last position remembered (x, y) [m]; infinite before the first."""
 
     def append(self, pose: Pose2D) -> bool:
         """Remember the position if it is far enough from the last one remembered; return whether it was."""
-        dx, dy = pose.x - self._last[0], pose.y - self._last[1]
+        dx, dy = pose.x - self.last[0], pose.y - self.last[1]
         if dx * dx + dy * dy < TRAIL_SPACING * TRAIL_SPACING:
             return False
         if self._length == len(self._buffer):
             self._buffer = np.concatenate([self._buffer, np.empty_like(self._buffer)])
-        self._buffer[self._length] = self._last = pose.x, pose.y
+        self._buffer[self._length] = self.last = pose.x, pose.y
         self._length += 1
         return True
 
     def replace(self, positions: np.ndarray) -> None:
         """Remember other positions instead, shape (n, 2), float64 [m]: the path was corrected."""
         self._length = 0
-        self._last = (math.inf, math.inf)
+        self.last = (math.inf, math.inf)
         for x, y in positions.tolist():
             self.append(Pose2D(x, y, 0.0))
 

@@ -25,7 +25,8 @@ class MapCrop:
         """
         if not resolution > 0 or size < 1:
             raise ValueError(f"a map crop needs a positive resolution and size, got {resolution!r} and {size!r}")
-        self._resolution = resolution
+        self.resolution = resolution
+        """Side of a pixel [m]."""
         self._size = size
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -34,4 +35,4 @@ class MapCrop:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the crop to `out`."""
-        robot.pyramid.crop(*robot.belief.pose, self._resolution, out)
+        robot.pyramid.crop(*robot.belief.pose, self.resolution, out)

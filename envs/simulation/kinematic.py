@@ -147,18 +147,18 @@ class KinematicSimulator:
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
         record = robot_record(robot)
-        self._radius, self._numbers = record.drive.radius, pack_robot(record)
+        self._radius, self.numbers = record.drive.radius, pack_robot(record)
         self.timing = make_timing(record.drive, control_period)
         """How a control period is cut into physics steps."""
         self.rows = np.zeros((num_robots, STATE_SIZE))
         """Shape (num_robots, 11), float64: the robots' states; see `state`."""
-        self._commands = np.zeros((num_robots, 2))
-        self._sensors = Sensors(robot, num_robots)
-        self._steps = 0
+        self.commands = np.zeros((num_robots, 2))
+        self.sensors = Sensors(robot, num_robots)
+        self.steps = 0
         self._states: list[RobotState] | None = None
         self._world: World | None = None
-        self._rngs: Sequence[np.random.Generator] = ()
-        self._circles = np.empty((0, 3))
+        self.rngs: Sequence[np.random.Generator] = ()
+        self.circles = np.empty((0, 3))
 
     @property
     def states(self) -> list[RobotState]:
@@ -171,46 +171,50 @@ class KinematicSimulator:
         """Place the robots at rest and return their first readings; see `Simulator`."""
         check_number(len(self.rows), poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
-        self._world, self._rngs, self._steps, self._circles = world, rngs, 0, world.circles_at(0.0)
+        self._world, self.rngs, self.steps, self.circles = world, rngs, 0, world.circles_at(0.0)
         self._states = None
         self.rows[:] = 0.0
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
-        self._sensors.draw(rngs)
-        self._sensors.draw_biases(self.rows)
-        self._sensors.others[:, TOUCHED] = 0.0
-        self._sensors.sense(self.rows, world.segments, self._circles)
-        return self._sensors.readings(0.0)
+        self.sensors.draw(rngs)
+        self.sensors.draw_biases(self.rows)
+        self.sensors.others[:, TOUCHED] = 0.0
+        self.sensors.sense(self.rows, world.segments, self.circles)
+        return self.sensors.readings(0.0)
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
         """Drive for one control period; see `Simulator`."""
-        world, sensors = self._world, self._sensors
+        world, sensors = self._world, self.sensors
         if world is None:
             raise RuntimeError("call reset before step")
         check_number(len(self.rows), commands=commands)
-        self._commands[:] = check_commands(commands)
-        sensors.draw(self._rngs)
-        self._steps += 1
+        self.commands[:] = check_commands(commands)
+        sensors.draw(self.rngs)
+        self.steps += 1
         self._states = None
         period, substeps = self.timing
-        time, before = self._steps * period, self._circles
+        time, before = self.steps * period, self.circles
         if world.movers:
-            self._circles = world.circles_at(time)
+            self.circles = world.circles_at(time)
         step_robots(
             self.rows,
-            self._commands,
+            self.commands,
             sensors.normals,
             sensors.uniforms,
             period,
             substeps,
-            self._numbers,
+            self.numbers,
             world.segments,
             before,
-            self._circles,
+            self.circles,
             sensors.ranges,
             sensors.others,
         )
         return sensors.readings(time)
+
+    def go_to(self, steps: int) -> None:
+        """Take note that somebody else has stepped `rows` and `sensors` to so many steps after the reset."""
+        self.steps, self._states = steps, None
 
     def close(self) -> None:
         """Release what the simulator holds: nothing."""

@@ -31,7 +31,7 @@ class KnownPoses:
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
         """Start with an unknown map, or with a shared one; see `TinySlam`. Draws nothing from `rng`."""
         self.map = GridMap(self.params, self._lidar) if map is None else map
-        self._last_integrated_pose: Pose2D | None = None
+        self.last_integrated_pose: Pose2D | None = None
         self._belief = Belief(pose, self.map.grid)
         return self._belief
 
@@ -46,10 +46,10 @@ class KnownPoses:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
         ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
-        last = self._last_integrated_pose
+        last = self.last_integrated_pose
         belief.pose = belief.pose.compose(motion)
         belief.update = NO_UPDATE
         if last is None or has_moved(*last, *belief.pose, params.min_travel_distance, params.min_travel_angle):
             belief.update = self.map.integrate(ranges, belief.pose, params.quality)
-            self._last_integrated_pose = belief.pose
+            self.last_integrated_pose = belief.pose
         return belief

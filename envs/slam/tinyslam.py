@@ -52,7 +52,7 @@ class TinySlam:
         """
         self.rng = rng
         self.map = GridMap(self.params, self._lidar) if map is None else map
-        self._last_integrated_pose: Pose2D | None = None
+        self.last_integrated_pose: Pose2D | None = None
         self._odometry = pose
         self._belief = Belief(pose, self.map.grid)
         return self._belief
@@ -68,13 +68,13 @@ class TinySlam:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
         ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
-        predicted, last = self._predict(motion), self._last_integrated_pose
+        predicted, last = self._predict(motion), self.last_integrated_pose
         belief.pose = predicted if last is None else self._match(ranges, predicted)
         belief.update = NO_UPDATE
         if last is None or has_moved(*last, *belief.pose, params.min_travel_distance, params.min_travel_angle):
             quality = params.raw_quality if belief.pose is predicted else params.quality
             belief.update = self.map.integrate(ranges, belief.pose, quality)
-            self._last_integrated_pose = belief.pose
+            self.last_integrated_pose = belief.pose
         return belief
 
     def _predict(self, motion: Pose2D) -> Pose2D:

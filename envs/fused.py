@@ -1,0 +1,559 @@
+"""A shard whose robots are stepped by one kernel call: kinematic physics and a SLAM that matches scans to a grid map.
+
+The kernel calls the functions that `KinematicSimulator`, the motion sources, `TinySlam` and `KnownPoses` call, for one
+sub-environment after the other, and tells which of them have more to do: a scan to integrate, a position to remember.
+Their own objects do that, and are brought up to date before. So everything stays equal to the last bit, which a test
+holds. Python alone would take as long again as the kernels: the objects of many environments do not fit the caches.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numba import njit
+
+from envs.estimation import NO_UPDATE
+from envs.estimation.map_pyramid import crop_level
+from envs.estimation.motion import GyroMotion, WheelMotion, gyro_motion, wheel_motion
+from envs.estimation.trail import TRAIL_SPACING
+from envs.explore import ExploreEnv
+from envs.geometry import Pose2D
+from envs.geometry.pose import between, compose, distance, wrap_angle
+from envs.observations import MapCrop, Motion, Scan
+from envs.observations.scan import scale_scan
+from envs.robot import Robot
+from envs.shard import Extras, Memory, Shard
+from envs.simulation import KinematicSimulator, Reading, Twist
+from envs.simulation.kinematic import step_robots
+from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
+from envs.simulation.state import THETA, X, Y
+from envs.slam import KnownPoses, TinySlam
+from envs.slam.grid_map import has_moved
+from envs.slam.matcher import match, project_hits
+from envs.tasks.rewards import RewardWeights
+
+INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
+"""What is left to do for a sub-environment: integrate its scan; one whose pose the matcher did not improve; remember
+its estimated position; remember its true position."""
+
+
+class Rows(NamedTuple):
+    """The numbers of all robots, a row each; units as in the objects that they stand for."""
+
+    states: np.ndarray
+    commands: np.ndarray
+    normals: np.ndarray
+    uniforms: np.ndarray
+    ranges: np.ndarray
+    others: np.ndarray
+    noise: np.ndarray
+    pose: np.ndarray
+    integrated: np.ndarray
+    map_pose: np.ndarray
+    corner: np.ndarray
+    ticks: np.ndarray
+    twist: np.ndarray
+    trail: np.ndarray
+    true_trail: np.ndarray
+    path_length: np.ndarray
+    collisions: np.ndarray
+    error: np.ndarray
+    flags: np.ndarray
+    active: np.ndarray
+
+
+class Shapes(NamedTuple):
+    """Arrays whose sizes differ from robot to robot."""
+
+    segments: Any
+    before: Any
+    after: Any
+    words: Any
+
+
+class Setup(NamedTuple):
+    """What all robots share."""
+
+    robot: np.ndarray
+    directions: np.ndarray
+    period: float
+    substeps: int
+    range_max: float
+    mount_x: float
+    mount_y: float
+    metres_per_tick: float
+    track: float
+    uses_gyro: bool
+    uses_truth: bool
+    matches: bool
+    resolution: float
+    unvisited: int
+    sigma_xy: float
+    sigma_theta: float
+    max_failed: int
+    max_tries: int
+    min_travel_distance: float
+    min_travel_angle: float
+
+
+@njit(cache=True, error_model="numpy")
+def _move(i, rows, shapes, setup):
+    """Drive and sense for one control period; return the motion that the estimator learns of."""
+    state, others = rows.states[i, 0], rows.others[i, 0]
+    x, y, theta = state[X], state[Y], state[THETA]
+    touched = others[TOUCHED]
+    step_robots(
+        rows.states[i],
+        rows.commands[i],
+        rows.normals[i],
+        rows.uniforms[i],
+        setup.period,
+        setup.substeps,
+        setup.robot,
+        shapes.segments[i],
+        shapes.before[i],
+        shapes.after[i],
+        rows.ranges[i],
+        rows.others[i],
+    )
+    rows.collisions[i] += others[TOUCHED] > 0.0 and not touched > 0.0
+    rows.path_length[i] += distance(state[X] - x, state[Y] - y)
+    left, right = int(others[LEFT_TICKS] - rows.ticks[i, 0]), int(others[RIGHT_TICKS] - rows.ticks[i, 1])
+    rows.ticks[i, 0], rows.ticks[i, 1] = others[LEFT_TICKS], others[RIGHT_TICKS]
+    if setup.uses_gyro:
+        motion = gyro_motion(left, right, setup.metres_per_tick, others[YAW_RATE] * setup.period)
+    else:
+        motion = wheel_motion(left, right, setup.metres_per_tick, setup.track)
+    rows.twist[i, 0], rows.twist[i, 1] = motion[0] / setup.period, motion[2] / setup.period
+    if setup.uses_truth:
+        return between(x, y, theta, state[X], state[Y], state[THETA])
+    return motion
+
+
+@njit(cache=True, error_model="numpy")
+def _match(i, x, y, theta, rows, shapes, setup, points):
+    """Return the pose at which the scan fits the map best, and whether that is another than (x, y, theta)."""
+    resolution = setup.resolution
+    count = project_hits(
+        rows.ranges[i, 0], setup.range_max, setup.directions, setup.mount_x, setup.mount_y, resolution, points
+    )
+    col, row = rows.corner[i, 0], rows.corner[i, 1]
+    new_x, new_y, new_theta, _, accepted, _ = match(
+        shapes.words[i],
+        points,
+        count,
+        setup.unvisited,
+        x / resolution - col,
+        y / resolution - row,
+        theta,
+        setup.sigma_xy,
+        setup.sigma_theta,
+        setup.max_failed,
+        setup.max_tries,
+        rows.noise[i],
+        np.empty((0, 5)),
+    )
+    if accepted:
+        return (new_x + col) * resolution, (new_y + row) * resolution, wrap_angle(new_theta), True
+    return x, y, theta, False
+
+
+@njit(cache=True, error_model="numpy")
+def _is_apart(last, x, y):
+    dx, dy = x - last[0], y - last[1]
+    return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
+
+
+@njit(cache=True, error_model="numpy")
+def step_rows(rows, shapes, setup, points):
+    """Step the active robots for one control period, up to what `rows.flags` then asks for."""
+    for i in range(rows.active.shape[0]):
+        rows.flags[i] = 0
+        if not rows.active[i]:
+            continue
+        motion = _move(i, rows, shapes, setup)
+        pose = rows.pose[i]
+        x, y, theta = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
+        flags, improved = 0, True
+        if setup.matches:
+            x, y, theta, improved = _match(i, x, y, theta, rows, shapes, setup, points)
+        pose[0], pose[1], pose[2] = x, y, theta
+        last = rows.integrated[i]
+        if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
+            flags |= INTEGRATE if improved else INTEGRATE | RAW
+        state, start = rows.states[i, 0], rows.map_pose[i]
+        if _is_apart(rows.trail[i], x, y):
+            flags |= REMEMBER
+        if _is_apart(rows.true_trail[i], state[X], state[Y]):
+            flags |= REMEMBER_TRUE
+        world = compose(start[0], start[1], start[2], x, y, theta)
+        dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
+        rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)
+        rows.flags[i] = flags
+
+
+@njit(cache=True, error_model="numpy")
+def scale_scans(ranges, range_max, active, out):
+    """Write the scans of active robots over the greatest range; shapes (n, 1, num_beams) and (n, num_beams)."""
+    for i in range(active.shape[0]):
+        if active[i]:
+            scale_scan(ranges[i, 0], range_max, out[i])
+
+
+@njit(cache=True, error_model="numpy")
+def crop_levels(levels, sizes, pose, origin, side, pixel, active, out):
+    """Crop the maps around active robots; see `crop_level`. `sizes`: shape (n, 2), rows and columns of the levels."""
+    for i in range(active.shape[0]):
+        if active[i]:
+            x, y = (pose[i, 0] - origin[i, 0]) / side, (pose[i, 1] - origin[i, 1]) / side
+            crop_level(levels[i], sizes[i, 0], sizes[i, 1], x, y, pose[i, 2], pixel / side, out[i])
+
+
+def is_fusible(env: Any) -> bool:
+    """Tell whether a sub-environment can be stepped by `FusedShard`: nothing in it is the user's own."""
+    if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator:
+        return False
+    robot = env.robots[0]
+    slam = robot.estimator
+    return (
+        type(robot) is Robot
+        and type(robot.odometry) in (WheelMotion, GyroMotion)
+        and (type(slam) is KnownPoses or (type(slam) is TinySlam and not slam.observers))
+        and slam.params.odometry == "robot_frame"
+        and type(env.task.weights) is RewardWeights
+        and all(type(part) in (Scan, Motion, MapCrop) for part in env.parts.values())
+    )
+
+
+class FusedShard(Shard):
+    """A `Shard` of fusible sub-environments; see the module."""
+
+    def __init__(self, envs: list[Any], *arguments: Any) -> None:
+        """Take the sub-environments, all of them fusible and alike; the other arguments are those of `Shard`."""
+        super().__init__(envs, *arguments)
+        env, num_envs = envs[0], len(envs)
+        robot, simulator = env.robots[0], env.simulator
+        slam = robot.estimator
+        params, lidar, odometry = slam.params, env.robot.lidar, env.robot.odometry
+        matches = isinstance(slam, TinySlam)
+        self._setup = Setup(
+            robot=simulator.numbers,
+            directions=slam.map.directions,
+            period=env.control_period,
+            substeps=simulator.timing.substeps,
+            range_max=float(lidar.range_max),
+            mount_x=float(lidar.mount.x),
+            mount_y=float(lidar.mount.y),
+            metres_per_tick=odometry.metres_per_tick,
+            track=float(odometry.track),
+            uses_gyro=isinstance(robot.odometry, GyroMotion),
+            uses_truth=robot.ground_truth is not None,
+            matches=matches,
+            resolution=float(params.resolution),
+            unvisited=slam.map.unvisited,
+            sigma_xy=params.sigma_xy / params.resolution,
+            sigma_theta=float(params.sigma_theta),
+            max_failed=params.max_failed,
+            max_tries=params.max_tries,
+            min_travel_distance=float(params.min_travel_distance),
+            min_travel_angle=float(params.min_travel_angle),
+        )
+        sensors, tries = simulator.sensors, params.max_tries if matches else 0
+        sizes = {
+            "pose": 3,
+            "integrated": 3,
+            "map_pose": 3,
+            "ticks": 2,
+            "twist": 2,
+            "trail": 2,
+            "true_trail": 2,
+            "error": 2,
+        }
+        parts: dict[str, np.ndarray] = {name: np.zeros((num_envs, size)) for name, size in sizes.items()}
+        for name in ("rows", "commands"):
+            parts["states" if name == "rows" else name] = np.zeros((num_envs, *getattr(simulator, name).shape))
+        for name in ("normals", "uniforms", "others"):
+            parts[name] = np.zeros((num_envs, *getattr(sensors, name).shape))
+        self._robot_rows = rows = Rows(
+            **parts,
+            ranges=np.zeros((num_envs, 1, lidar.num_beams), dtype=np.float32),
+            noise=np.zeros((num_envs, tries, 3)),
+            corner=np.zeros((num_envs, 2), dtype=np.int64),
+            path_length=np.zeros(num_envs),
+            collisions=np.zeros(num_envs, dtype=np.int64),
+            flags=np.zeros(num_envs, dtype=np.uint8),
+            active=np.zeros(num_envs, dtype=np.bool_),
+        )
+        for i, each in enumerate(envs):
+            simulator = each.simulator
+            simulator.rows, simulator.commands = rows.states[i], rows.commands[i]
+            sensors = simulator.sensors
+            sensors.normals, sensors.uniforms, sensors.others = rows.normals[i], rows.uniforms[i], rows.others[i]
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
+        self._limits = np.array([env.robot.max_v, env.robot.max_w])
+        self._actions = np.zeros((num_envs, 2))
+        self._step_counts = np.zeros(num_envs, dtype=np.int64)
+        self._time_limits, self._origins = np.zeros(num_envs), np.zeros((num_envs, 2))
+        self._fractions, self._areas, self._gained = (np.zeros(num_envs) for _ in range(3))
+        self._crops = {name: part for name, part in env.parts.items() if isinstance(part, MapCrop)}
+        self._sizes = {name: np.zeros((num_envs, 2), dtype=np.int64) for name in self._crops}
+        self._shapes: Shapes
+        self._words: list[Any] = [None] * num_envs
+        self._levels: dict[str, Any] = {}
+
+    def reset(self, seeds: Any, mask: Any, options: Any) -> tuple[np.ndarray, Extras]:
+        """Start episodes; see `Shard`."""
+        result = super().reset(seeds, mask, options)
+        self._load_all()
+        return result
+
+    def call(self, name: str, args: Any, kwargs: Any) -> list[Any]:
+        """Call a method of every sub-environment, or return an attribute that is none."""
+        self._sync_all()
+        found = super().call(name, args, kwargs)
+        if self._records is not None:
+            self._load_all()
+        return found
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every sub-environment."""
+        self._sync_all()
+        super().set_attr(name, values)
+        if self._records is not None:
+            self._load_all()
+
+    def step(self) -> tuple[np.ndarray, Extras]:
+        """Step every sub-environment with its row of the actions; see `Shard`."""
+        rows, arrays, extras = self._robot_rows, self._arrays, Extras()
+        ended = np.array(self._has_ended)
+        rows.active[:] = ~ended
+        self._actions[:] = np.clip(arrays.actions, -1.0, 1.0)
+        np.multiply(self._actions, self._limits, out=rows.commands[:, 0])
+        self._step_counts += rows.active
+        self._draw()
+        step_rows(rows, self._shapes, self._setup, self._points)
+        self._gained[:] = 0.0
+        for i in np.flatnonzero(rows.flags).tolist():
+            self._finish(i, int(rows.flags[i]))
+        self._observe()
+        self._judge(extras)
+        for i in np.flatnonzero(ended).tolist():
+            info = self._reset(i, None, None)
+            arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
+            self._note(i, info, extras)
+            self._load(i)
+        assert self._records is not None
+        return self._records, extras
+
+    def _draw(self) -> None:
+        """Draw the noise of active robots and the candidates of their matchers, in the order of their own objects."""
+        rows = self._robot_rows
+        for i in np.flatnonzero(rows.active).tolist():
+            env = self.envs[i]
+            rng = env.simulator.rngs[0]
+            rng.standard_normal(out=rows.normals[i, 0])
+            if rows.uniforms.size:
+                rng.random(out=rows.uniforms[i, 0])
+            if self._setup.matches:
+                env.robots[0].estimator.rng.standard_normal(out=rows.noise[i])
+            if env.world.movers:
+                time = int(self._step_counts[i]) * self._setup.period
+                self._shapes.before[i] = self._shapes.after[i]
+                self._shapes.after[i] = env.simulator.circles = env.world.circles_at(time)
+
+    def _finish(self, i: int, flags: int) -> None:
+        """Do for a robot what the kernel left."""
+        rows, env = self._robot_rows, self.envs[i]
+        robot, truth = env.robots[0], env.truths[0]
+        if flags & INTEGRATE:
+            slam, ranges, pose = robot.estimator, rows.ranges[i, 0], Pose2D(*rows.pose[i].tolist())
+            quality = slam.params.raw_quality if flags & RAW else slam.params.quality
+            update = slam.map.integrate(ranges, pose, quality)
+            slam.last_integrated_pose, rows.integrated[i] = pose, pose
+            robot.pyramid.update(update)
+            true_pose = Pose2D(*rows.states[i, 0, : THETA + 1].tolist())
+            coverage = env.task.coverage
+            self._gained[i] = coverage.update(update, self._setup.resolution, ranges, true_pose)
+            self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
+            if slam.map.words is not self._words[i]:
+                self._load_map(i)
+        if flags & REMEMBER:
+            x, y, theta = rows.pose[i].tolist()
+            robot.trail.append(Pose2D(x, y, theta))
+            robot.pyramid.mark(x, y)
+            rows.trail[i] = x, y
+        if flags & REMEMBER_TRUE:
+            x, y, theta = rows.states[i, 0, : THETA + 1].tolist()
+            truth.trail.append(Pose2D(x, y, theta))
+            rows.true_trail[i] = x, y
+
+    def _observe(self) -> None:
+        """Write the observations of active robots."""
+        rows, out, active = self._robot_rows, self._arrays.observations, self._robot_rows.active
+        for name, part in self.envs[0].parts.items():
+            if isinstance(part, Scan):
+                scale_scans(rows.ranges, self._setup.range_max, active, out[name])
+            elif isinstance(part, Motion):
+                motion = np.empty((len(active), 6))
+                motion[:, :2] = np.clip(rows.twist / self._limits, -1.0, 1.0)
+                motion[:, 2:4] = self._actions
+                motion[:, 4] = rows.others[:, 0, TOUCHED] > 0.0
+                motion[:, 5] = np.minimum(self._times / self._time_limits, 1.0)
+                out[name][active] = motion[active]
+            else:
+                level = self.envs[0].robots[0].pyramid.level(part.resolution)
+                side = level.block * self._setup.resolution
+                crop_levels(
+                    self._levels[name],
+                    self._sizes[name],
+                    rows.pose,
+                    self._origins,
+                    side,
+                    part.resolution,
+                    active,
+                    out[name],
+                )
+
+    def _judge(self, extras: Extras) -> None:
+        """Write rewards, ends and records of active robots, and start the next episodes where that is due at once."""
+        rows, arrays, records = self._robot_rows, self._arrays, self._records
+        assert records is not None
+        active, env, period = rows.active, self.envs[0], self._setup.period
+        touching, times = rows.others[:, 0, TOUCHED] > 0.0, self._times
+        covered = self._fractions >= env.task.target_coverage
+        terminated = active & covered
+        late = (times >= self._time_limits - 1e-6) | (self._step_counts == self._max_steps)
+        truncated = active & late & ~terminated
+        quantities: dict[str, Any] = {
+            "explored": self._gained,
+            "time": period,
+            "collision": period * touching,
+            "completed": covered.astype(np.float64),
+        }
+        rewards = env.task.weights.terms(quantities)
+        total = np.asarray(sum(rewards.values()))
+        arrays.rewards[active], arrays.terminated[:], arrays.truncated[:] = total[active], terminated, truncated
+        columns = {
+            "explored_fraction": self._fractions,
+            "explored_area": self._areas,
+            "is_success": covered,
+            "time": times,
+            "pose_error": rows.error,
+            "path_length": rows.path_length,
+            "collisions": rows.collisions,
+        }
+        for name, column in columns.items():
+            records[name][active] = column[active]
+        for name, term in rewards.items():
+            records["rewards"][name][active] = np.broadcast_to(term, active.shape)[active]
+        for i in np.flatnonzero(terminated | truncated).tolist():
+            self._end(i, "covered" if terminated[i] else "time_limit", extras)
+
+    def _end(self, i: int, reason: str, extras: Extras) -> None:
+        """Complete the info of an episode that has ended."""
+        assert self._records is not None
+        self._sync(i)
+        env, names = self.envs[i], self._records.dtype["rewards"].names or ()
+        info = env.info({name: float(self._records["rewards"][name][i]) for name in names})
+        info |= env.task.final_metrics() | {"end_reason": reason}
+        self._close_episode(i, info, extras)
+        if not self._has_ended[i]:
+            self._load(i)
+
+    @property
+    def _times(self) -> np.ndarray:
+        """Time since the resets, shape (num_envs,) [s]."""
+        return self._step_counts * self._setup.period
+
+    def _sync_all(self) -> None:
+        if self._records is not None:
+            for i in range(len(self.envs)):
+                self._sync(i)
+
+    def _sync(self, i: int) -> None:
+        """Bring the objects of a sub-environment up to date."""
+        rows, env = self._robot_rows, self.envs[i]
+        simulator, robot, truth = env.simulator, env.robots[0], env.truths[0]
+        others = rows.others[i, 0].tolist()
+        ticks = int(others[LEFT_TICKS]), int(others[RIGHT_TICKS])
+        simulator.go_to(int(self._step_counts[i]))
+        ranges, is_touched = rows.ranges[i, 0].copy(), others[TOUCHED] > 0.0
+        reading = Reading(float(self._times[i]), ranges, ticks, others[YAW_RATE], others[HEADING], is_touched)
+        robot.reading, robot.twist = reading, Twist(*rows.twist[i].tolist())
+        robot.action, robot.collisions = tuple(self._actions[i].tolist()), int(rows.collisions[i])
+        robot.odometry.reset(reading)
+        belief = robot.belief
+        belief.pose = robot.predicted_pose = Pose2D(*rows.pose[i].tolist())
+        belief.update = NO_UPDATE
+        truth.state, truth.path_length = simulator.states[0], float(rows.path_length[i])
+        if robot.ground_truth is not None:
+            robot.ground_truth.reset(reading)
+
+    def _load_all(self) -> None:
+        envs = self.envs
+        circles = [np.array(env.simulator.circles) for env in envs]
+        self._shapes = Shapes(
+            numba.typed.List([np.array(env.world.segments) for env in envs]),
+            numba.typed.List(circles),
+            numba.typed.List(circles),
+            numba.typed.List([env.robots[0].estimator.map.words for env in envs]),
+        )
+        for name, part in self._crops.items():
+            levels = [env.robots[0].pyramid.level(part.resolution).words for env in envs]
+            self._levels[name] = numba.typed.List(levels)
+        for i in range(len(envs)):
+            self._load(i)
+
+    def _load(self, i: int) -> None:
+        """Take the numbers of a sub-environment from its objects."""
+        rows, env = self._robot_rows, self.envs[i]
+        robot, truth, simulator = env.robots[0], env.truths[0], env.simulator
+        reading, slam = robot.reading, robot.estimator
+        rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
+        rows.integrated[i] = slam.last_integrated_pose
+        rows.ticks[i], rows.twist[i], self._actions[i] = reading.ticks, robot.twist, robot.action
+        rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
+        rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions
+        self._step_counts[i], self._time_limits[i] = simulator.steps, env.time_limit
+        shapes = self._shapes
+        shapes.segments[i] = np.array(env.world.segments)
+        shapes.before[i] = shapes.after[i] = np.array(simulator.circles)
+        self._load_map(i)
+
+    def _load_map(self, i: int) -> None:
+        """Take map, crops and coverage of a sub-environment from its objects."""
+        env = self.envs[i]
+        robot, coverage = env.robots[0], env.task.coverage
+        grid_map = robot.estimator.map
+        self._robot_rows.corner[i], self._origins[i] = grid_map.corner, grid_map.grid.origin
+        self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
+        self._shapes.words[i] = self._words[i] = grid_map.words
+        for name, part in self._crops.items():
+            level = robot.pyramid.level(part.resolution)
+            self._levels[name][i] = level.words
+            self._sizes[name][i] = level.height, level.width
+
+
+def make_shard(
+    make_env: Callable[[], Any],
+    memory: Memory,
+    first: int,
+    last: int,
+    autoreset_mode: AutoresetMode,
+    max_episode_steps: int | None,
+) -> Shard:
+    """Make a shard of sub-environments: fused where nothing in them forbids it.
+
+    Args:
+        make_env: makes a sub-environment.
+        memory: of all sub-environments' arrays.
+        first: row of the shard's first sub-environment.
+        last: row after that of its last one.
+        autoreset_mode: when a sub-environment whose episode has ended starts the next one.
+        max_episode_steps: truncates episodes after so many steps.
+    """
+    envs = [make_env() for _ in range(last - first)]
+    kind: type[Shard] = FusedShard if all(map(is_fusible, envs)) else Shard
+    return kind(envs, memory.arrays().rows(first, last), autoreset_mode, max_episode_steps)
