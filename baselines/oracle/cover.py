@@ -1,4 +1,4 @@
-"""What can be seen of a place from which of its places, and on the ways between them."""
+"""What can be seen from which viewpoint of a known map, and along the paths between viewpoints."""
 
 from typing import NamedTuple
 
@@ -7,16 +7,16 @@ from numba import njit
 
 
 class Cover(NamedTuple):
-    """What there is to plan over: n places, s samples of the area to see in words of 64 bits."""
+    """What there is to plan over: n viewpoints, s samples of the area to see in words of 64 bits."""
 
     lengths: np.ndarray
-    """Shape (n, n), float64, finite, symmetric: ways between places [m]."""
-    before: np.ndarray
-    """Shape (n, n), int32: `before[i, j]` is the last place before j on the way from i, or i itself."""
+    """Shape (n, n), float64, finite, symmetric: path lengths between viewpoints [m]."""
+    predecessors: np.ndarray
+    """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
     near: np.ndarray
-    """Shape (n, k), int32: the places nearest to each, itself left out."""
+    """Shape (n, k), int32: the viewpoints nearest to each, itself left out."""
     sees: np.ndarray
-    """Shape (n, words), uint64: a bit per sample that is seen from a place."""
+    """Shape (n, words), uint64: a bit per sample that is seen from a viewpoint."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -38,13 +38,13 @@ def count_bits(words):
 
 
 @njit(cache=True, error_model="numpy")
-def look(cover, first, last, seen):
-    """Add to `seen` what is seen on the way from one place, itself left out, to another, itself included."""
-    place = last
-    while place != first:
+def add_views(cover, first, last, seen):
+    """Add to `seen` what is seen on the path from one viewpoint (excluded) to another (included)."""
+    viewpoint = last
+    while viewpoint != first:
         for w in range(seen.size):
-            seen[w] |= cover.sees[place, w]
-        place = cover.before[first, place]
+            seen[w] |= cover.sees[viewpoint, w]
+        viewpoint = cover.predecessors[first, viewpoint]
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,5 +61,5 @@ def seen_on(cover, known, tour):
     """Return what is known after a tour: `known` (shape (words,), uint64) and all that is seen on it."""
     seen = known.copy()
     for k in range(tour.size - 1):
-        look(cover, tour[k], tour[k + 1], seen)
+        add_views(cover, tour[k], tour[k + 1], seen)
     return seen

@@ -1,81 +1,86 @@
-"""Plans what is left of a place to see for a robot that knows the place: where to look from, in which order."""
+"""Plans how a robot with the true map sees the rest of it: from which viewpoints, in which order."""
 
 import math
 
 import numpy as np
 
 from baselines.oracle.cover import Cover
-from baselines.oracle.cover_places import Places
 from baselines.oracle.cover_tour import search_tour
+from baselines.oracle.cover_viewpoints import Viewpoints
 from baselines.oracle.cover_views import pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 """Most cells that stand for the area to see."""
 STOP_COST = 0.1
-"""What a stop costs beside the way to it [m]: of two tours of one length, that with fewer turns is driven faster."""
+"""What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
 
 NEAR = 0.5
-"""Cells within this share of the lidar's range are surely in sight of who passes a place closely."""
+"""Cells within this share of the lidar's range are surely in sight of a robot that passes a viewpoint closely."""
 MAX_MISSES = 2
-"""Stops, or places passed near to it, from which a cell should have been seen and was not, after which it had its
-chance."""
+"""Number of stops, or viewpoints passed near to it, from which a cell should have been seen and was not, after which
+the tour ignores it."""
 
 
 class CoverPlanner:
     """Keeps a tour and what it is for; plans anew from wherever the robot is.
 
-    A cell that was not seen from where it should have been had its chance: the tour does not go back for it, but makes
-    up for it elsewhere. Where a map has drifted, cells lie behind its walls and never count as known. When so many were
-    missed that the target cannot be reached without them, they are left to whoever comes after the tour.
+    A cell that was not seen from where it should have been is ignored from then on: the tour does not go back for it,
+    but makes up for it elsewhere. Where a map has drifted, cells lie behind its walls and never count as known. When so
+    many were missed that the target cannot be reached without them, the explorer ends the tour without them.
     """
 
     def __init__(
-        self, area: ExplorableArea, places: Places, reach: float, target_coverage: float, rng: np.random.Generator
+        self,
+        area: ExplorableArea,
+        viewpoints: Viewpoints,
+        reach: float,
+        target_coverage: float,
+        rng: np.random.Generator,
     ) -> None:
         """Begin without a tour.
 
         Args:
             area: what there is to see.
-            places: where to look from.
+            viewpoints: candidates for stops.
             reach: range of the lidar [m].
             target_coverage: share of the area to see.
             rng: source of chance.
         """
         self.area = area
         """What there is to see."""
-        self.places = places
+        self.viewpoints = viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
         num_explorable = np.count_nonzero(area.explorable)
         self._num_allowed = num_explorable - math.ceil(target_coverage * num_explorable)
         self._misses = np.zeros(area.explorable.shape, dtype=np.int32)
-        self._used = np.zeros(len(places.cells), dtype=bool)
+        self._used = np.zeros(len(viewpoints.cells), dtype=bool)
         self._has_drifted = False
         self._samples = np.empty((0, 2), dtype=np.int64)
-        self._sees = np.empty((len(places.cells), 0), dtype=np.uint64)
+        self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the places to go to, in their order."""
+        """Indices of the viewpoints to go to, in their order."""
 
-    def leave_out(self, place: int) -> None:
-        """Take note that no way leads to a place."""
-        self._used[place] = True
-        self._sees[place] = 0
-        self.stops = [stop for stop in self.stops if stop != place]
+    def leave_out(self, viewpoint: int) -> None:
+        """Take note that no path leads to a viewpoint."""
+        self._used[viewpoint] = True
+        self._sees[viewpoint] = 0
+        self.stops = [stop for stop in self.stops if stop != viewpoint]
 
-    def use_up(self, place: int, seen: np.ndarray) -> None:
-        """Take note that the robot has been at a place, and will see no more from there.
+    def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
+        """Take note that the robot has been at a viewpoint, and will see no more from there.
 
         Args:
-            place: where it is: the next stop, or one that it passes by.
+            viewpoint: the next stop, or one that it passes by.
             seen: shape of the explorable area, bool: what is known now.
         """
-        missed = self._samples[unpack_bits(self._sees[place], len(self._samples))]
+        missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
-        if place not in self.stops[:1]:
-            missed = missed[np.hypot(*(missed - self.places.cells[place]).T) <= NEAR * self._reach]
+        if viewpoint not in self.stops[:1]:
+            missed = missed[np.hypot(*(missed - self.viewpoints.cells[viewpoint]).T) <= NEAR * self._reach]
         self._misses[tuple(missed.T)] += 1
-        self.leave_out(place)
+        self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
         """Update the tour.
@@ -89,11 +94,11 @@ class CoverPlanner:
         Returns:
             Whether what there is to see suffices for the target coverage.
         """
-        ways = self.places.ways_from(x, y)
-        if ways is None:
+        paths = self.viewpoints.paths_from(x, y)
+        if paths is None:
             self.stops = []
             return False
-        self._before = ways[1]
+        self._predecessors = paths[1]
         unseen = self.area.explorable & ~seen
         wanted = unseen & (self._misses < MAX_MISSES)
         num_wanted, num_allowed = int(np.count_nonzero(wanted)), self._num_allowed
@@ -105,9 +110,9 @@ class CoverPlanner:
         known = self._sample(wanted)
         # Samples stand for all that is wanted, and as large a share of them may be left out.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
-        tour = np.array([len(self.places.cells), *self.stops], dtype=np.int64)
+        tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         tour, enough = search_tour(
-            self._cover(*ways), pack_bits(known), len(known) - num_left, tour, num_rounds, self._rng
+            self._cover(*paths), pack_bits(known), len(known) - num_left, tour, num_rounds, self._rng
         )
         self.stops = tour[1:].tolist()
         if enough and num_allowed >= 0:
@@ -117,32 +122,32 @@ class CoverPlanner:
         self._has_drifted = True
         return self.plan(x, y, seen, num_rounds)
 
-    def next_places(self, x: float, y: float, distance: float) -> list[int]:
-        """Return where to drive next: the stops within a distance along the tour, and the place on the way there.
+    def next_viewpoints(self, x: float, y: float, distance: float) -> list[int]:
+        """Return where to drive next: the stops within a distance along the tour, or the viewpoint that ends it.
 
-        The ways between the stops that the tour counts on may not be the shortest by a hair; whoever heads for a place
-        that is near enough takes them nevertheless.
+        The paths between stops lead through other viewpoints, and may be slightly longer than the shortest ones; a goal
+        that is near enough keeps the robot on them.
 
         Args:
             x: position of the robot, world frame [m].
             y: position of the robot, world frame [m].
             distance: how far to look ahead [m].
         """
-        places: list[int] = []
-        here, points, travelled = np.array([x, y]), self.places.points, 0.0
-        origin, before = len(points), self._before
+        viewpoints: list[int] = []
+        here, points, travelled = np.array([x, y]), self.viewpoints.points, 0.0
+        origin, predecessors = len(points), self._predecessors
         for stop in self.stops:
-            way = [stop]
-            while before[way[-1]] != origin:
-                way.append(int(before[way[-1]]))
-            for place in reversed(way):
-                travelled += math.hypot(*(points[place] - here))
-                here = points[place]
+            path = [stop]
+            while predecessors[path[-1]] != origin:
+                path.append(int(predecessors[path[-1]]))
+            for viewpoint in reversed(path):
+                travelled += math.hypot(*(points[viewpoint] - here))
+                here = points[viewpoint]
                 if travelled >= distance:
-                    return [*places, place]
-            places.append(stop)
-            origin, before = stop, self.places.before[stop]
-        return places
+                    return [*viewpoints, viewpoint]
+            viewpoints.append(stop)
+            origin, predecessors = stop, self.viewpoints.predecessors[stop]
+        return viewpoints
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
         """Return which samples need not be seen, shape (s,), bool; draws new ones when few of them are left.
@@ -157,23 +162,23 @@ class CoverPlanner:
         cells = np.argwhere(wanted)
         num_samples = min(len(cells), MAX_SAMPLES)
         self._samples = cells[np.sort(self._rng.choice(len(cells), num_samples, replace=False))]
-        self._sees = views_from(self.area.walls.data == 0, self.places.cells, self._reach, self._samples)
+        self._sees = views_from(self.area.walls.data == 0, self.viewpoints.cells, self._reach, self._samples)
         self._sees[self._used] = 0
         return np.zeros(num_samples, dtype=bool)
 
-    def _cover(self, ways: np.ndarray, before: np.ndarray) -> Cover:
-        """Return the places with the robot as the last one of them."""
-        size = len(self.places.cells)
+    def _cover(self, from_robot: np.ndarray, predecessors: np.ndarray) -> Cover:
+        """Return the viewpoints with the robot as the last one of them."""
+        size = len(self.viewpoints.cells)
         lengths = np.zeros((size + 1, size + 1))
-        lengths[:size, :size] = self.places.lengths
-        lengths[size, :size] = lengths[:size, size] = ways
+        lengths[:size, :size] = self.viewpoints.lengths
+        lengths[size, :size] = lengths[:size, size] = from_robot
         lengths += STOP_COST
         # Nothing leads back to the robot.
         chain = np.full((size + 1, size + 1), size, dtype=np.int32)
-        chain[:size, :size] = self.places.before
-        chain[size, :size] = before
-        # A place that is used up is nobody's neighbour, so that no stop is moved there.
-        near = np.zeros((size + 1, self.places.near.shape[1]), dtype=np.int32)
-        near[:size] = np.where(self._used[self.places.near], np.arange(size)[:, None], self.places.near)
+        chain[:size, :size] = self.viewpoints.predecessors
+        chain[size, :size] = predecessors
+        # A viewpoint that is used up is no other's neighbour, so that no stop is moved there.
+        near = np.zeros((size + 1, self.viewpoints.near.shape[1]), dtype=np.int32)
+        near[:size] = np.where(self._used[self.viewpoints.near], np.arange(size)[:, None], self.viewpoints.near)
         sees = np.concatenate([self._sees, np.zeros((1, self._sees.shape[1]), dtype=np.uint64)])
         return Cover(lengths, chain, near, sees)

@@ -1,14 +1,14 @@
-"""Short tours from which enough is seen: which places to go to, and in which order.
+"""Short tours from which enough is seen: which viewpoints to go to, and in which order.
 
-A tour begins at a start and may end anywhere. It need not pass all places: what counts is that what is seen from its
-stops and from the places on the way between them is enough. Improved by local search, and by taking some stops out and
-putting others in (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
+A tour begins at a start and may end anywhere. It need not pass all viewpoints: what counts is that what is seen from
+its stops and from the viewpoints on the paths between them is enough. Improved by local search, and by replacing some
+of the stops (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
 """
 
 import numpy as np
 from numba import njit
 
-from baselines.oracle.cover import count_bits, length_of, look, ones, seen_on
+from baselines.oracle.cover import add_views, count_bits, length_of, ones, seen_on
 
 LEAST_SAVING = 1e-6
 """A change that saves less than this is none: it would be rounding."""
@@ -17,22 +17,22 @@ MAX_REMOVED = 8
 DEVIATION = 0.01
 """How much longer than the best tour one may be to go on from, as a share; goes down to 0 during the search."""
 NOISE = 0.4
-"""By how much chance makes a place look better than it is, as a share."""
+"""By how much noise raises the value of a viewpoint, as a share."""
 SHORT_DETOUR = 0.2
-"""Added to detours before gains are divided by them, so that a place on the way is no better than any other [m]."""
+"""Added to detours before gains are divided by them, so that one on the path is no better than any other [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def _step(cover, tour, k, other):
-    """Return the length from a place to the `k`-th stop; nothing follows the last one."""
+    """Return the length from a viewpoint to the `k`-th stop; nothing follows the last one."""
     return cover.lengths[other, tour[k]] if k < tour.size else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _reorder(cover, known, target, tour):
-    """Reverse stretches (2-opt) and let neighbouring ones of up to three stops change places (or-opt) where that helps.
+    """Reverse stretches (2-opt) and let neighbouring ones of up to three stops swap (or-opt) where that helps.
 
-    Changes `tour`; returns whether it did. What is seen on the way changes with the order, and must remain enough.
+    Changes `tour`; returns whether it did. What is seen on the paths changes with the order, and must remain enough.
     """
     changed = False
     size = tour.size
@@ -65,10 +65,10 @@ def _reorder(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def _best_change(cover, target, last, stop, following, prefix, rest):
-    """Find what saves most at a stop: leaving it out, or a place near to it instead.
+    """Find what saves most at a stop: leaving it out, or a viewpoint near to it instead.
 
     Args:
-        cover: the places.
+        cover: the viewpoints.
         target: number of samples to see.
         last: the stop before.
         stop: the stop.
@@ -77,27 +77,27 @@ def _best_change(cover, target, last, stop, following, prefix, rest):
         rest: shape (words,), uint64, what is seen after the next stop.
 
     Returns:
-        The place to go to instead, -1 to leave the stop out, the stop itself where nothing is better.
+        The viewpoint to go to instead, -1 to leave the stop out, the stop itself where nothing is better.
     """
     best, least = stop, cover.lengths[last, stop] - LEAST_SAVING
     if following >= 0:
         least += cover.lengths[stop, following]
     seen = np.empty_like(prefix)
     for choice in range(-1, cover.near.shape[1]):
-        place = -1 if choice < 0 else cover.near[stop, choice]
-        if place == last or (place == following and place >= 0):
+        viewpoint = -1 if choice < 0 else cover.near[stop, choice]
+        if viewpoint == last or (viewpoint == following and viewpoint >= 0):
             continue
-        turn = last if place < 0 else place
+        turn = last if viewpoint < 0 else viewpoint
         length = cover.lengths[last, turn] + (cover.lengths[turn, following] if following >= 0 else 0.0)
         if length >= least:
             continue
         for w in range(seen.size):
             seen[w] = prefix[w] | rest[w]
-        look(cover, last, turn, seen)
+        add_views(cover, last, turn, seen)
         if following >= 0:
-            look(cover, turn, following, seen)
+            add_views(cover, turn, following, seen)
         if count_bits(seen) >= target:
-            best, least = place, length
+            best, least = viewpoint, length
     return best
 
 
@@ -105,21 +105,21 @@ def _best_change(cover, target, last, stop, following, prefix, rest):
 def _pull_in(cover, known, target, tour):
     """Leave out stops that are not needed and move others to where the tour becomes shorter; return the tour."""
     size = tour.size
-    # What is seen from each stop on, the way to it left out.
+    # What is seen from each stop on, the path to it left out.
     suffix = np.zeros((size + 1, known.size), dtype=np.uint64)
     for k in range(size - 2, 0, -1):
         suffix[k] = suffix[k + 1]
-        look(cover, tour[k], tour[k + 1], suffix[k])
+        add_views(cover, tour[k], tour[k + 1], suffix[k])
     prefix = known.copy()
     kept = np.empty_like(tour)
     kept[0] = tour[0]
     num_kept = 1
     for k in range(1, size):
         last, following = kept[num_kept - 1], tour[k + 1] if k + 1 < size else -1
-        place = _best_change(cover, target, last, tour[k], following, prefix, suffix[k + 1])
-        if place >= 0:
-            look(cover, last, place, prefix)
-            kept[num_kept] = place
+        viewpoint = _best_change(cover, target, last, tour[k], following, prefix, suffix[k + 1])
+        if viewpoint >= 0:
+            add_views(cover, last, viewpoint, prefix)
+            kept[num_kept] = viewpoint
             num_kept += 1
     return kept[:num_kept].copy()
 
@@ -129,7 +129,7 @@ def improve(cover, known, target, tour):
     """Shorten a tour on which enough is seen, until neither order nor stops can be bettered; return it.
 
     Args:
-        cover: the places.
+        cover: the viewpoints.
         known: shape (words,), uint64, what is known without any tour.
         target: number of samples to know in the end.
         tour: shape (size,), int64, the start first.
@@ -149,17 +149,17 @@ def complete(cover, known, target, tour, noise, rng):
     """Insert stops into a tour until enough is seen: each time the one that shows most for its detour.
 
     Args:
-        cover: the places.
+        cover: the viewpoints.
         known: shape (words,), uint64, what is known without any tour.
         target: number of samples to know in the end.
         tour: shape (size,), int64, the start first.
-        noise: by how much chance makes a place look better, as a share.
-        rng: source of chance.
+        noise: by how much noise raises the value of a viewpoint, as a share.
+        rng: random generator.
 
     Returns:
         The tour, and whether enough is seen on it; if not, nothing more can be.
     """
-    num_places = cover.lengths.shape[0]
+    num_viewpoints = cover.lengths.shape[0]
     open_words = np.empty(known.size, dtype=np.int64)
     while True:
         seen = seen_on(cover, known, tour)
@@ -172,21 +172,21 @@ def complete(cover, known, target, tour, noise, rng):
                 open_words[num_open] = w
                 num_open += 1
         best, best_at, best_value = -1, 0, 0.0
-        for place in range(num_places):
+        for viewpoint in range(num_viewpoints):
             gain = 0
             for w in open_words[:num_open]:
-                gain += ones(cover.sees[place, w] & ~seen[w])
+                gain += ones(cover.sees[viewpoint, w] & ~seen[w])
             if gain == 0:
                 continue
-            detour, at = cover.lengths[tour[-1], place], tour.size
+            detour, at = cover.lengths[tour[-1], viewpoint], tour.size
             for k in range(tour.size - 1):
-                more = cover.lengths[tour[k], place] + cover.lengths[place, tour[k + 1]]
+                more = cover.lengths[tour[k], viewpoint] + cover.lengths[viewpoint, tour[k + 1]]
                 more -= cover.lengths[tour[k], tour[k + 1]]
                 if more < detour:
                     detour, at = more, k + 1
             value = min(gain, missing) / (max(detour, 0.0) + SHORT_DETOUR) * (1.0 + noise * rng.random())
             if value > best_value:
-                best, best_at, best_value = place, at, value
+                best, best_at, best_value = viewpoint, at, value
         if best < 0:
             return tour, False
         longer = np.empty(tour.size + 1, dtype=tour.dtype)
@@ -213,12 +213,12 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
     """Find a short tour on which enough is seen.
 
     Args:
-        cover: the places.
+        cover: the viewpoints.
         known: shape (words,), uint64, what is known without any tour.
         target: number of samples to know in the end.
         tour: shape (size,), int64, to begin with: the start first, and any stops.
         num_rounds: how often stops are taken out and others put in.
-        rng: source of chance.
+        rng: random generator.
 
     Returns:
         The tour, shape (m,), int64, and whether enough is seen on it; if not, all is that can be.

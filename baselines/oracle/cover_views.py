@@ -1,4 +1,4 @@
-"""What a lidar sees of a place that is known in truth, as sets of samples."""
+"""What a lidar sees of a true map from its cells, as sets of samples."""
 
 import math
 
@@ -50,7 +50,7 @@ def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.nd
 
     Args:
         free: shape (height, width), bool.
-        cells: shape (n, 2), int64, (row, column) of where to look from.
+        cells: shape (n, 2), int64, (row, column) of the viewpoints.
         reach: range [cells].
         samples: shape (s, 2), int64, (row, column) of what is looked for.
 

@@ -1,6 +1,6 @@
 """The bound: an explorer that uses ground truth, and drives a short tour from which enough of it is seen.
 
-It plans on the true map and drives over the believed one, completed by the truth where that is unknown, with the
+It plans on the true map and drives over the estimated one, completed by the true one where that is unknown, with the
 navigator of the other explorers: what distinguishes it from them is foresight.
 """
 
@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from baselines.frontier.nearest import NearestExplorer
-from baselines.oracle.cover_places import find_places
 from baselines.oracle.cover_planner import CoverPlanner
+from baselines.oracle.cover_viewpoints import find_viewpoints
 from baselines.oracle.true_map import TrueMap
 from envs.estimation import Belief
 from envs.geometry import Pose2D
@@ -41,7 +41,7 @@ GOAL_TOLERANCE = 0.4
 
 
 class OracleExplorer:
-    """Knows the place, and only has to drive through it. An `Omniscient`, served by `baselines.episode`."""
+    """Has the true map, and only has to drive through it. An `Omniscient`, served by `baselines.episode`."""
 
     def __init__(self) -> None:
         """Make an explorer; `reset` and then `reveal` prepare it for an episode."""
@@ -98,8 +98,8 @@ class OracleExplorer:
         else:
             self._progress = navigator.update(reading, belief.pose)
         self._countdown -= 1
-        is_on_its_way = self._progress in (DRIVING, REPLAN) and self._countdown > 0
-        if not (navigator.is_recovering or is_on_its_way):
+        is_driving = self._progress in (DRIVING, REPLAN) and self._countdown > 0
+        if not (navigator.is_recovering or is_driving):
             self._countdown = self._decision_steps
             self._is_done = not self._decide(belief, self._map, self._coverage)
             if self._is_done:
@@ -119,8 +119,8 @@ class OracleExplorer:
         planning.update(self._truth.complete(belief.grid), None)
         if self._progress == FAILED and planner.stops:
             planner.leave_out(planner.stops[0])
-        for place in np.flatnonzero(np.hypot(*(planner.places.points - (x, y)).T) < ARRIVED):
-            planner.use_up(int(place), coverage.explored)
+        for viewpoint in np.flatnonzero(np.hypot(*(planner.viewpoints.points - (x, y)).T) < ARRIVED):
+            planner.use_up(int(viewpoint), coverage.explored)
         while True:
             planner.plan(x, y, coverage.explored, num_rounds)
             num_rounds = ROUNDS
@@ -141,10 +141,10 @@ class OracleExplorer:
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:
             costmap = make_costmap(walls, costmap_params(planning.params, tables.robot_radius))
-            places = find_places(costmap, (x, y))
-            if places is None:
+            viewpoints = find_viewpoints(costmap, (x, y))
+            if viewpoints is None:
                 continue
-            planner = CoverPlanner(coverage.area, places, reach, self._target_coverage, self._rng)
+            planner = CoverPlanner(coverage.area, viewpoints, reach, self._target_coverage, self._rng)
             if planner.plan(x, y, coverage.explored, 0):
                 return planner
             first = first or planner
@@ -153,21 +153,23 @@ class OracleExplorer:
     def _set_out(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
         """Drive on along the tour; False if there is no path."""
         x, y, _ = self._start.compose(pose)
-        places = planner.next_places(x, y, LOOKAHEAD)
-        points = [(float(x), float(y)) for x, y in self._start.inverse().transform(planner.places.points[places])]
+        viewpoints = planner.next_viewpoints(x, y, LOOKAHEAD)
+        points = [
+            (float(x), float(y)) for x, y in self._start.inverse().transform(planner.viewpoints.points[viewpoints])
+        ]
         for level in range(planning.max_level + 1):
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], points[0], tolerance=GOAL_TOLERANCE)
             if path is None:
                 continue
-            goal = places[0]
-            for place, point in zip(places[1:], points[1:]):
+            goal = viewpoints[0]
+            for viewpoint, point in zip(viewpoints[1:], points[1:]):
                 corner = float(path[-1, 0]), float(path[-1, 1])
                 more = plan_path(costmap, corner, point, tolerance=GOAL_TOLERANCE)
                 if more is None or _turn(path, more) > SHARP_TURN:
                     break
                 path = np.concatenate([path, more[1:]])
-                goal = place
+                goal = viewpoint
             # The clocks that tell when the robot is stuck go on where the goal is the same.
             is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
             self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)

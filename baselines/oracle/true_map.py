@@ -1,4 +1,4 @@
-"""The truth beside what a robot believes."""
+"""The true map beside the estimated one."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 
 
 class TrueMap:
-    """The true walls in the map frame, to complete a belief with."""
+    """The true walls in the map frame, to complete an estimated map with."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Take the truth.
+        """Take the true walls.
 
         Args:
-            walls: the truth, world frame.
+            walls: the true map, world frame.
             start: pose of the map frame's origin in the world frame.
         """
         self._walls = walls
@@ -20,7 +20,7 @@ class TrueMap:
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the believed map with the truth where it is unknown; its extent is that of the truth."""
+        """Return the estimated map with the true one where it is unknown; its extent is that of the true one."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)
@@ -33,7 +33,7 @@ class TrueMap:
         return OccupancyGrid(data, truth.resolution, truth.origin)
 
     def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the truth on cells that coincide with those of a map; maps grow by whole cells."""
+        """Return the true map on cells that coincide with those of a map; maps grow by whole cells."""
         if self._grid is None:
             x_min, y_min, x_max, y_max = self._walls.bounds
             corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])

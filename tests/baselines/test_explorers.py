@@ -5,7 +5,7 @@ import pytest
 
 from baselines import EXPLORERS, make_explorer
 from baselines.explorer import to_action
-from tests.baselines.places import BURGER
+from tests.baselines.maps import BURGER
 
 
 def test_random_covers_the_action_space_and_follows_its_generator():

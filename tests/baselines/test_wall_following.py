@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baselines import WallFollower
-from tests.baselines.places import BURGER, reading_of
+from tests.baselines.maps import BURGER, reading_of
 
 
 def reading_of_walls(*, right=np.inf, ahead=np.inf, yaw_rate=0.0):

@@ -12,7 +12,7 @@ from envs.geometry import Pose2D
 from envs.navigation import Navigator, free_distance
 from envs.robots import Mount, load_robot
 from envs.simulation import Twist
-from tests.baselines.places import reading_of
+from tests.baselines.maps import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
 

@@ -22,7 +22,7 @@ from baselines.explorer import to_action
 from baselines.frontier.visible_gain import visible_gains
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import OccupancyGrid
-from tests.baselines.places import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
+from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
 NAMES = ["nearest", "frontier", "explore_lite", "greedy_gain", "next_best_view", "tour"]
 

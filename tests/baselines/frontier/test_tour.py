@@ -7,7 +7,7 @@ from baselines import TourExplorer, TourParams, make_explorer
 from baselines.frontier.tour import FAR, path_lengths, pool
 from envs.geometry import OccupancyGrid
 from envs.navigation import COST_INSCRIBED, COST_UNKNOWN, CostmapParams, make_costmap, travel_field
-from tests.baselines.places import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
+from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
 
 
 def rooms_with_a_door(width):

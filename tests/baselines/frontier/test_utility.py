@@ -10,7 +10,7 @@ from baselines import FrontierExplorer, FrontierParams
 from baselines.frontier.utility import cluster, information_gain, is_clear
 from envs.geometry import OccupancyGrid
 from envs.navigation import crop_to_known
-from tests.baselines.places import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
+from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
 
 WIDE, SMALL = (10.1, 0.0), (-0.1, 0.0)
 """Where the hall's openings are."""

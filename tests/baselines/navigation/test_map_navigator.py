@@ -15,7 +15,7 @@ from envs.navigate import NavigateEnv
 from envs.navigation import Navigator
 from envs.navigation.local_planners import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
-from tests.baselines.places import reading_of
+from tests.baselines.maps import reading_of
 from tests.navigation.costs import cost_at
 
 BURGER = load_robot("turtlebot3_burger")

@@ -1,17 +1,17 @@
-"""Places, what is seen from them, and tours in places whose best tour is known."""
+"""Viewpoints, what is seen from them, and tours in worlds whose best tour is known."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from baselines.oracle.cover_places import find_places
 from baselines.oracle.cover_planner import CoverPlanner
+from baselines.oracle.cover_viewpoints import find_viewpoints
 from baselines.oracle.cover_views import pack_bits, views_from
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap
 from envs.worlds import World, explorable_area
-from tests.baselines.places import BURGER
+from tests.baselines.maps import BURGER
 
 REACH = BURGER.lidar.range_max
 FOOTPRINT = CostmapParams(0.155, 0.605, 4.0)
@@ -32,8 +32,8 @@ def world_of(*corners, walls=(), start=(1.0, 1.0)):
 
 def planner_for(world, target=1.0, seed=0):
     area = explorable_area(world, BURGER, 0.05)
-    places = find_places(make_costmap(area.walls, FOOTPRINT), world.spawns[0][:2])
-    return CoverPlanner(area, places, REACH, target, np.random.default_rng(seed))
+    viewpoints = find_viewpoints(make_costmap(area.walls, FOOTPRINT), world.spawns[0][:2])
+    return CoverPlanner(area, viewpoints, REACH, target, np.random.default_rng(seed))
 
 
 def seen_from(planner, *points):
@@ -51,10 +51,10 @@ def planned(world, target=1.0, num_rounds=60):
     """Plan a tour from the spawn, after a first look; return its stops and its length without turns."""
     planner, (x, y, _) = planner_for(world, target), world.spawns[0]
     assert planner.plan(x, y, seen_from(planner, (x, y)), num_rounds)
-    points = np.array([(x, y), *planner.places.points[planner.stops]])
-    ways, _ = planner.places.ways_from(x, y)
-    length = ways[planner.stops[0]] if planner.stops else 0.0
-    length += sum(planner.places.lengths[a, b] for a, b in pairwise(planner.stops))
+    points = np.array([(x, y), *planner.viewpoints.points[planner.stops]])
+    lengths, _ = planner.viewpoints.paths_from(x, y)
+    length = lengths[planner.stops[0]] if planner.stops else 0.0
+    length += sum(planner.viewpoints.lengths[a, b] for a, b in pairwise(planner.stops))
     return points[1:], length
 
 
@@ -63,23 +63,25 @@ def test_views_equal_a_look_along_every_line():
     free = rng.random((50, 60)) < 0.93
     free[[0, -1]] = free[:, [0, -1]] = False
     samples = np.argwhere(free)[::3]
-    places, reach = np.array([[20, 25], [2, 3], [47, 57]]), 14.0
-    expected = np.zeros((len(places), len(samples)), dtype=bool)
-    for k, place in enumerate(places):
+    viewpoints, reach = np.array([[20, 25], [2, 3], [47, 57]]), 14.0
+    expected = np.zeros((len(viewpoints), len(samples)), dtype=bool)
+    for k, viewpoint in enumerate(viewpoints):
         seen = np.zeros_like(free)
-        seen[tuple(place)] = True
+        seen[tuple(viewpoint)] = True
         num_lines = int(np.ceil(2.0 * np.pi * reach))
         for angle in 2.0 * np.pi * np.arange(num_lines) / num_lines:
             step = np.array([np.sin(angle), np.cos(angle)])
             longer = np.abs(step).max()
-            cells = np.floor(place + 0.5 + np.outer(np.arange(1, int(reach * longer) + 1), step / longer)).astype(int)
+            cells = np.floor(viewpoint + 0.5 + np.outer(np.arange(1, int(reach * longer) + 1), step / longer)).astype(
+                int
+            )
             inside = ((cells >= 0) & (cells < free.shape)).all(axis=1)
             clear = inside.copy()
             clear[inside] = free[tuple(cells[inside].T)]
             cells = cells[np.logical_and.accumulate(clear)]
             seen[tuple(cells.T)] = True
         expected[k] = seen[tuple(samples.T)]
-    views = views_from(free, places, reach, samples)
+    views = views_from(free, viewpoints, reach, samples)
     np.testing.assert_array_equal(views, np.array([pack_bits(flags) for flags in expected]))
 
 
@@ -92,33 +94,33 @@ def test_no_view_leads_through_a_wall_or_beyond_the_range():
     assert x[y > 2.5].max() > 4.5
 
 
-def test_places_are_spread_evenly_and_ways_lead_round_walls():
+def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls():
     world = world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])
-    places = planner_for(world).places
-    gaps = np.hypot(*(places.points[:, None] - places.points).transpose(2, 0, 1))
+    viewpoints = planner_for(world).viewpoints
+    gaps = np.hypot(*(viewpoints.points[:, None] - viewpoints.points).transpose(2, 0, 1))
     np.fill_diagonal(gaps, np.inf)
     assert gaps.min() >= 0.2
     assert gaps.min(axis=1).max() < 0.5
-    a, b = (np.hypot(*(places.points - point).T).argmin() for point in ((4.2, 0.8), (5.8, 0.8)))
-    around = sum(np.hypot(*(places.points[k] - (5.0, 4.0))) for k in (a, b))
-    # Nearness to the wall makes the way longer.
-    assert around < places.lengths[a, b] < 1.5 * around
-    np.testing.assert_array_equal(places.lengths, places.lengths.T)
+    a, b = (np.hypot(*(viewpoints.points - point).T).argmin() for point in ((4.2, 0.8), (5.8, 0.8)))
+    around = sum(np.hypot(*(viewpoints.points[k] - (5.0, 4.0))) for k in (a, b))
+    # Costs near the wall add to the length.
+    assert around < viewpoints.lengths[a, b] < 1.5 * around
+    np.testing.assert_array_equal(viewpoints.lengths, viewpoints.lengths.T)
 
 
-def test_ways_lead_past_places_that_lie_on_them():
-    places = planner_for(world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])).places
+def test_paths_lead_through_viewpoints_that_lie_on_them():
+    viewpoints = planner_for(world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])).viewpoints
     rng = np.random.default_rng(0)
-    for origin, last in rng.integers(0, len(places.cells), (50, 2)):
+    for origin, last in rng.integers(0, len(viewpoints.cells), (50, 2)):
         chain = [last]
         while chain[-1] != origin:
-            chain.append(places.before[origin, chain[-1]])
-        steps = [places.lengths[a, b] for a, b in pairwise(chain)]
-        assert sum(steps) <= 1.15 * places.lengths[origin, last] + 0.2
+            chain.append(viewpoints.predecessors[origin, chain[-1]])
+        steps = [viewpoints.lengths[a, b] for a, b in pairwise(chain)]
+        assert sum(steps) <= 1.15 * viewpoints.lengths[origin, last] + 0.2
         assert max(steps, default=0.0) < 1.6
 
 
-def test_a_room_that_is_seen_from_the_start_needs_no_way():
+def test_a_room_that_is_seen_from_the_start_needs_no_path():
     stops, length = planned(world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)))
     assert len(stops) == 0
     assert length == 0.0
@@ -132,7 +134,7 @@ def test_in_a_corridor_the_shorter_end_comes_first():
     assert length == pytest.approx(2 * 4.65 + 8.65, abs=0.8)
 
 
-def test_a_corridor_is_left_unseen_where_that_saves_the_longest_way():
+def test_a_corridor_is_left_unseen_where_that_saves_the_longest_path():
     # 80 % may be: the last 4 m of the longer end.
     stops, length = planned(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(3.0, 1.0)), target=0.8)
     assert stops[-1, 0] == pytest.approx(12.6, abs=0.5)
@@ -160,7 +162,7 @@ def test_the_longest_arm_of_a_cross_comes_last():
     assert length == pytest.approx(2 * 3 * 3.65 + 7.65, abs=2.0)
 
 
-def test_a_place_that_is_used_up_is_no_stop_again():
+def test_a_viewpoint_that_is_used_up_is_no_stop_again():
     world = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
     planner = planner_for(world)
     seen = seen_from(planner, (8.0, 1.0))
@@ -171,20 +173,20 @@ def test_a_place_that_is_used_up_is_no_stop_again():
         used.add(planner.stops[0])
         planner.use_up(planner.stops[0], seen)
         planner.plan(8.0, 1.0, seen, 2)
-    # Nothing new has been seen anywhere; both ends had their chance twice.
+    # Nothing new has been seen anywhere; both ends were missed twice.
     assert 4 <= len(used) <= 20
 
 
-def test_what_had_its_chance_is_not_gone_back_for_and_the_rest_of_the_tour_stays():
+def test_cells_missed_too_often_are_ignored_and_the_rest_of_the_tour_stays():
     planner = planner_for(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0)))
     seen = seen_from(planner, (8.0, 1.0))
     assert planner.plan(8.0, 1.0, seen, 20)
     # The map shows nothing of the left end.
-    while planner.places.points[planner.stops[0], 0] < 8.0:
+    while planner.viewpoints.points[planner.stops[0], 0] < 8.0:
         planner.use_up(planner.stops[0], seen)
         assert planner.plan(4.0, 1.0, seen, 20)
-    assert planner.places.points[planner.stops, 0].min() > 8.0
-    assert planner.places.points[planner.stops, 0].max() > 16.0
+    assert planner.viewpoints.points[planner.stops, 0].min() > 8.0
+    assert planner.viewpoints.points[planner.stops, 0].max() > 16.0
 
 
 def test_a_robot_that_is_walled_in_has_no_tour():
@@ -194,5 +196,5 @@ def test_a_robot_that_is_walled_in_has_no_tour():
     assert planner.stops == []
     walls = planner.area.walls
     walls.data[5:37, 5:37] = 100
-    assert find_places(make_costmap(walls, FOOTPRINT), (1.0, 1.0)) is None
+    assert find_viewpoints(make_costmap(walls, FOOTPRINT), (1.0, 1.0)) is None
     explorable_area.cache_clear()

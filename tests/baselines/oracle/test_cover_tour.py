@@ -1,4 +1,4 @@
-"""Tours from which enough is seen, against all orders of all subsets of the places."""
+"""Tours from which enough is seen, against all orders of all subsets of the viewpoints."""
 
 from itertools import permutations
 
@@ -12,7 +12,7 @@ NOTHING = np.zeros(1, dtype=np.uint64)
 
 
 def cover_of(points, sees):
-    """Places in the open, a straight line from one another and a bit for the stop; no place lies on a way."""
+    """Viewpoints joined by straight lines, with a small cost per stop; no viewpoint lies on a path."""
     points = np.asarray(points, dtype=float)
     n = len(points)
     lengths = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) + 1e-3
@@ -22,11 +22,11 @@ def cover_of(points, sees):
 
 
 def shortest(cover, target):
-    """Try all orders of all subsets; place 0 is the start."""
+    """Try all orders of all subsets; viewpoint 0 is the start."""
     best = np.inf
-    places = range(1, len(cover.lengths))
+    viewpoints = range(1, len(cover.lengths))
     for size in range(len(cover.lengths)):
-        for stops in permutations(places, size):
+        for stops in permutations(viewpoints, size):
             seen = 0
             for stop in stops:
                 seen |= int(cover.sees[stop, 0])
@@ -35,9 +35,9 @@ def shortest(cover, target):
     return best
 
 
-def random_cover(rng, num_places):
-    sees = [0] + [int(rng.integers(1, 1 << 12)) & int(rng.integers(1, 1 << 12)) for _ in range(num_places)]
-    return cover_of(rng.uniform(0.0, 10.0, (num_places + 1, 2)), sees)
+def random_cover(rng, num_viewpoints):
+    sees = [0] + [int(rng.integers(1, 1 << 12)) & int(rng.integers(1, 1 << 12)) for _ in range(num_viewpoints)]
+    return cover_of(rng.uniform(0.0, 10.0, (num_viewpoints + 1, 2)), sees)
 
 
 def test_bits_are_counted():
@@ -69,18 +69,18 @@ def test_seven_stops_that_all_must_be_passed_are_passed_in_the_best_order():
     points = rng.uniform(0.0, 10.0, (8, 2))
     cover = cover_of(points, [0] + [1 << k for k in range(7)])
     tour, _ = search_tour(cover, NOTHING, 7, np.array([0]), 60, rng)
-    ways = [np.array([0, *order]) for order in permutations(range(1, 8))]
+    orders = [np.array([0, *order]) for order in permutations(range(1, 8))]
     assert sorted(tour) == list(range(8))
-    assert length_of(cover, tour) == pytest.approx(min(length_of(cover, way) for way in ways))
+    assert length_of(cover, tour) == pytest.approx(min(length_of(cover, order) for order in orders))
 
 
-def test_what_is_seen_on_the_way_needs_no_stop():
+def test_what_is_seen_on_a_path_needs_no_stop():
     cover = cover_of([(0, 0), (1, 0), (2, 0), (3, 0)], [0, 1, 2, 4])
-    cover.before[0, 3], cover.before[0, 2] = 2, 1
+    cover.predecessors[0, 3], cover.predecessors[0, 2] = 2, 1
     tour, enough = search_tour(cover, NOTHING, 3, np.array([0]), 20, np.random.default_rng(0))
     assert enough
     assert tour.tolist() == [0, 3]
-    # What is beyond the share that is asked for is left unseen, and what is known already needs no way.
+    # What is beyond the share that is asked for is left unseen, and what is known already needs no path.
     tour, _ = search_tour(cover, NOTHING, 2, np.array([0]), 20, np.random.default_rng(0))
     assert tour.tolist() == [0, 2]
     tour, _ = search_tour(cover, np.array([6], dtype=np.uint64), 3, np.array([0]), 20, np.random.default_rng(0))
@@ -96,12 +96,12 @@ def test_all_that_can_be_seen_is_when_it_is_not_enough():
 
 
 def test_improving_moves_stops_and_drops_those_that_are_not_needed():
-    # The far place and the near one see the same; the third one sees nothing new.
+    # The far viewpoint and the near one see the same; the third one sees nothing new.
     cover = cover_of([(0, 0), (4, 0), (3, 0), (3, 3)], [0, 3, 3, 1])
     assert improve(cover, NOTHING, 2, np.array([0, 3, 1])).tolist() == [0, 2]
 
 
-def test_the_same_chance_finds_the_same_tour():
+def test_the_same_seed_finds_the_same_tour():
     cover = random_cover(np.random.default_rng(5), 40)
     target = count_bits(np.bitwise_or.reduce(cover.sees))
     tours = [search_tour(cover, NOTHING, target, np.array([0]), 10, np.random.default_rng(3))[0] for _ in range(2)]

@@ -1,4 +1,4 @@
-"""The explorer that knows the place: the shortest way through small places, and no truth for the others."""
+"""The explorer that has the true map: shortest paths through small worlds, and no ground truth for the others."""
 
 import gymnasium
 import numpy as np
@@ -10,8 +10,8 @@ from baselines.episode import begin_episode, run_episode
 from baselines.explorer import to_action
 from baselines.oracle.true_map import TrueMap
 from envs.geometry import OccupancyGrid, Pose2D
+from tests.baselines.maps import BURGER, belief_at, reading_of
 from tests.baselines.oracle.test_cover_planner import world_of
-from tests.baselines.places import BURGER, belief_at, reading_of
 
 CORRIDOR = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
 
@@ -25,12 +25,12 @@ def explore(explorer, world, seed=0, slam="truth", **settings):
     return episode
 
 
-def test_the_truth_is_told_to_none_but_the_oracle():
-    knowing = [name for name in EXPLORERS if isinstance(make_explorer(name), Omniscient)]
-    assert knowing == ["oracle"]
+def test_only_the_oracle_uses_ground_truth():
+    omniscient = [name for name in EXPLORERS if isinstance(make_explorer(name), Omniscient)]
+    assert omniscient == ["oracle"]
 
 
-def test_an_oracle_that_was_told_nothing_says_what_is_missing():
+def test_an_oracle_without_ground_truth_says_what_is_missing():
     explorer = OracleExplorer()
     with pytest.raises(RuntimeError, match="reveal"):
         explorer.act(reading_of(), belief_at(0.0, 0.0))
@@ -54,20 +54,20 @@ def test_in_a_corridor_with_its_start_near_an_end_it_goes_one_way(heading):
     assert episode.path_length == pytest.approx(14.5, rel=0.05)
 
 
-def test_what_is_seen_from_the_start_takes_no_way():
+def test_what_is_seen_from_the_start_takes_no_path():
     episode = explore(OracleExplorer(), world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)), start="spawn")
     assert episode.success
     assert episode.path_length < 0.05
 
 
-def test_the_same_seed_drives_the_same_way():
+def test_the_same_seed_drives_the_same_path():
     curves = [explore(OracleExplorer(), "rooms", 3, "tinyslam", world_size=(6.0, 6.0)).curve for _ in range(2)]
     for name in ("time", "path_length", "explored_fraction"):
         np.testing.assert_array_equal(getattr(curves[0], name), getattr(curves[1], name))
 
 
 @pytest.mark.parametrize(("world", "seed", "slam"), [("maze", 1, "tinyslam"), ("rooms", 2, "truth")])
-def test_it_needs_less_way_than_who_does_not_know_the_place(world, seed, slam):
+def test_its_path_is_shorter_than_that_of_an_explorer_without_the_map(world, seed, slam):
     oracle, nearest = (
         explore(explorer, world, seed, slam, world_size=(8.0, 8.0))
         for explorer in (OracleExplorer(), NearestExplorer())
@@ -78,41 +78,41 @@ def test_it_needs_less_way_than_who_does_not_know_the_place(world, seed, slam):
 
 
 def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
-    # The plan is for half of the place, the episode for nearly all.
+    # The plan is for half of the world, the episode for nearly all.
     env = gymnasium.make(
         "lidarnaut/Explore-v0", world=CORRIDOR, robot="turtlebot3_burger", physics="kinematic", slam="truth",
         start=(8.0, 1.0, 0.0),
     )  # fmt: skip
-    place, explorer = env.unwrapped, OracleExplorer()
+    unwrapped, explorer = env.unwrapped, OracleExplorer()
     _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
-    explorer.reveal(place.coverage, 0.5)
+    explorer.reveal(unwrapped.coverage, 0.5)
     while "end_reason" not in info and explorer.end_reason is None:
-        *_, info = env.step(to_action(explorer.act(place.reading, place.belief), place.robot))
+        *_, info = env.step(to_action(explorer.act(unwrapped.reading, unwrapped.belief), unwrapped.robot))
     env.close()
     assert info["explored_fraction"] >= 0.99
 
 
-def test_a_map_is_completed_by_the_truth_where_it_is_unknown():
+def test_a_map_is_completed_by_the_true_one_where_it_is_unknown():
     walls = OccupancyGrid(np.zeros((20, 40), dtype=np.int8), 0.1, (-1.0, -1.0))
     walls.data[:, 30] = 100
     # The map frame is turned by a right angle: its x axis is the world's y axis.
     truth = TrueMap(walls, Pose2D(1.0, 0.0, np.pi / 2))
-    believed = OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5))
-    believed.data[2, 3] = 100
-    completed = truth.complete(believed)
-    assert believed.data[0, 0] == -1
+    estimated = OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5))
+    estimated.data[2, 3] = 100
+    completed = truth.complete(estimated)
+    assert estimated.data[0, 0] == -1
 
     def at(x, y):
         return completed.data[tuple(completed.cells(np.array([x, y])))]
 
-    # World (2.05, 0.35) is the wall; the believed cell stands where the truth is free.
+    # World (2.05, 0.35) is the wall; the estimated cell lies where the true map is free.
     assert at(0.35, -1.05) == 100
     assert at(0.35, -0.85) == 0
-    assert at(*believed.centers(np.array([2, 3]))) == 100
+    assert at(*estimated.centers(np.array([2, 3]))) == 100
     assert (completed.data >= 0).all()
     assert completed.data.shape[0] >= 40
-    # Without anything in common, the truth is all there is.
+    # Without anything in common, only the true map is left.
     far = OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (50.0, 50.0))
     assert (
-        truth.complete(far).data == truth.complete(OccupancyGrid(believed.data * 0 - 1, 0.1, (-0.5, -0.5))).data
+        truth.complete(far).data == truth.complete(OccupancyGrid(estimated.data * 0 - 1, 0.1, (-0.5, -0.5))).data
     ).all()

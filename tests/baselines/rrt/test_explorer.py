@@ -18,7 +18,7 @@ from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import load_robot
-from tests.baselines.places import reading_of
+from tests.baselines.maps import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
 

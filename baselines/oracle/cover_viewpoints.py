@@ -1,4 +1,4 @@
-"""Places to look from all over a known map, and the ways between them."""
+"""Viewpoints all over a known map, and the shortest paths between them."""
 
 from dataclasses import dataclass
 
@@ -9,16 +9,16 @@ from envs.geometry import OccupancyGrid
 from envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
-MAX_PLACES = 900
-"""Number of places that the distance between them is chosen for."""
+MAX_VIEWPOINTS = 900
+"""Number of viewpoints that their spacing is chosen for."""
 MIN_SPACING = 0.3
-"""Least distance between places [m]."""
+"""Least distance between viewpoints [m]."""
 MAX_BLOCK = 4
-"""Most cells along a side of the blocks over which ways are measured."""
+"""Most cells along a side of the blocks over which paths are searched."""
 NUM_NEAR = 12
-"""Number of nearest places that count as a place's neighbours."""
+"""Number of nearest viewpoints that count as a viewpoint's neighbours."""
 DETOUR = 1.1
-"""A place counts as one on the way between two others if the way past it is at most this many times as long."""
+"""A viewpoint lies on the path between two others if the path through it is at most this many times as long."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -87,63 +87,63 @@ def _spread_out(costs, order, steps):
 
 
 @njit(cache=True, error_model="numpy")
-def _ways_from(costs, weights, block, blocks):
-    """Measure the ways from one block to some: shape (n,), int32, in the units of `search`."""
+def _costs_from(costs, weights, block, blocks):
+    """Return the cost-to-come of some blocks from one block: shape (n,), int32, in the units of `search`."""
     travel, _ = search(costs, weights, block[0], block[1], -1, -1)
-    ways = np.empty(len(blocks), dtype=np.int32)
+    costs_to_come = np.empty(len(blocks), dtype=np.int32)
     for k in range(len(blocks)):
-        ways[k] = travel[blocks[k, 0] + 1, blocks[k, 1] + 1]
-    return ways
+        costs_to_come[k] = travel[blocks[k, 0] + 1, blocks[k, 1] + 1]
+    return costs_to_come
 
 
 @njit(cache=True, error_model="numpy")
-def _ways_between(costs, weights, blocks):
-    ways = np.empty((len(blocks), len(blocks)), dtype=np.int32)
+def _costs_between(costs, weights, blocks):
+    costs_to_come = np.empty((len(blocks), len(blocks)), dtype=np.int32)
     for k in range(len(blocks)):
-        ways[k] = _ways_from(costs, weights, blocks[k], blocks)
-    return ways
+        costs_to_come[k] = _costs_from(costs, weights, blocks[k], blocks)
+    return costs_to_come
 
 
 @njit(cache=True, error_model="numpy")
-def _last_before(ways, lengths, near, before, origin):
-    """Find the last place before each one on the way from an origin.
+def _find_predecessors(from_origin, lengths, near, predecessors, origin):
+    """Find the predecessor of each viewpoint on the path from an origin.
 
     Args:
-        ways: shape (n,), float64: from the origin to each place [m].
-        lengths: shape (n, n), float64, between places [m].
+        from_origin: shape (n,), float64: path length from the origin to each viewpoint [m].
+        lengths: shape (n, n), float64, between viewpoints [m].
         near: shape (n, k), int32, neighbours.
-        before: shape (n,), int32, written.
-        origin: what stands in `before` where there is no place in between.
+        predecessors: shape (n,), int32, written.
+        origin: written to `predecessors` where no viewpoint lies in between.
     """
-    for place in range(ways.size):
-        before[place] = origin
-        least = DETOUR * ways[place]
-        for other in near[place]:
-            past = ways[other] + lengths[other, place]
-            if ways[other] < ways[place] and past < least and other != origin:
-                before[place], least = other, past
+    for viewpoint in range(from_origin.size):
+        predecessors[viewpoint] = origin
+        least = DETOUR * from_origin[viewpoint]
+        for other in near[viewpoint]:
+            through = from_origin[other] + lengths[other, viewpoint]
+            if from_origin[other] < from_origin[viewpoint] and through < least and other != origin:
+                predecessors[viewpoint], least = other, through
 
 
 @njit(cache=True, error_model="numpy")
-def _all_before(lengths, near, before):
+def _find_all_predecessors(lengths, near, predecessors):
     for k in range(lengths.shape[0]):
-        _last_before(lengths[k], lengths, near, before[k], k)
+        _find_predecessors(lengths[k], lengths, near, predecessors[k], k)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
-    """Places to look from, and the ways between them."""
+class Viewpoints:
+    """Viewpoints, and the shortest paths between them."""
 
     grid: OccupancyGrid
     """The map."""
     cells: np.ndarray
-    """Shape (n, 2), int64, (row, column) of the places in the map."""
+    """Shape (n, 2), int64, (row, column) of the viewpoints in the map."""
     lengths: np.ndarray
-    """Shape (n, n), float64, finite, symmetric: ways between places, nearness to obstacles made longer [m]."""
+    """Shape (n, n), float64, finite, symmetric: lengths of the paths between viewpoints, weighted by costs [m]."""
     near: np.ndarray
-    """Shape (n, k), int32: the nearest places of each, itself left out."""
-    before: np.ndarray
-    """Shape (n, n), int32: `before[i, j]` is the last place before j on the way from i, or i itself."""
+    """Shape (n, k), int32: the nearest viewpoints of each, itself left out."""
+    predecessors: np.ndarray
+    """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
     block_costs: np.ndarray
     """Costs of blocks of cells, uint8."""
     side: int
@@ -151,24 +151,24 @@ class Places:
 
     @property
     def points(self) -> np.ndarray:
-        """Positions of the places in the frame of the map, shape (n, 2) [m]."""
+        """Positions of the viewpoints in the frame of the map, shape (n, 2) [m]."""
         return self.grid.centers(self.cells)
 
-    def ways_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Measure the ways from a point in the frame of the map.
+    def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Find the shortest paths from a point in the frame of the map.
 
         Returns:
-            Lengths of the ways to all places, shape (n,), float64 [m]; and the last place before each, shape (n,),
-            int32, n standing for the point itself. None if no place can be reached from there.
+            Lengths of the paths to all viewpoints, shape (n,), float64 [m]; and the predecessor of each, shape (n,),
+            int32, n for the point itself. None if no viewpoint can be reached from there.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
             return None
-        ways = _ways_from(self.block_costs, step_weights(COST_WEIGHT, False), block, self.cells // self.side)
-        lengths = _metres(ways, self.side * self.grid.resolution)
-        before = np.empty(len(ways), dtype=np.int32)
-        _last_before(lengths, self.lengths, self.near, before, len(ways))
-        return lengths, before
+        costs_to_come = _costs_from(self.block_costs, step_weights(COST_WEIGHT, False), block, self.cells // self.side)
+        lengths = _metres(costs_to_come, self.side * self.grid.resolution)
+        predecessors = np.empty(len(lengths), dtype=np.int32)
+        _find_predecessors(lengths, self.lengths, self.near, predecessors, len(lengths))
+        return lengths, predecessors
 
 
 def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | None:
@@ -182,29 +182,31 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
     return nearest
 
 
-def _metres(ways: np.ndarray, side: float) -> np.ndarray:
+def _metres(costs_to_come: np.ndarray, side: float) -> np.ndarray:
     """Convert the units of `search` over blocks of a side [m]."""
-    assert (ways != UNREACHED).all()
-    return ways * (side / (STRAIGHT * SCALE))
+    assert (costs_to_come != UNREACHED).all()
+    return costs_to_come * (side / (STRAIGHT * SCALE))
 
 
-def find_places(costmap: Costmap, start: tuple[float, float], max_places: int = MAX_PLACES) -> Places | None:
-    """Spread places over all that a robot can reach.
+def find_viewpoints(
+    costmap: Costmap, start: tuple[float, float], max_viewpoints: int = MAX_VIEWPOINTS
+) -> Viewpoints | None:
+    """Spread viewpoints over all that a robot can reach.
 
     Args:
         costmap: the known map, with the robot's footprint.
         start: where the robot is (x, y), frame of the map [m].
-        max_places: roughly how many places at most.
+        max_viewpoints: roughly how many viewpoints at most.
 
     Returns:
-        The places; None if the robot's place is walled in.
+        The viewpoints; None if the robot is walled in.
     """
     field = travel_field(costmap, start)
     if field is None:
         return None
     grid = costmap.grid
     passable = (field.travel[1:-1, 1:-1] != UNREACHED) & (costmap.costs < COST_INSCRIBED)
-    # Blocks of this side do not join what a wall divides: the robot cannot stand that near to one.
+    # Blocks of this side do not join what a wall divides: the robot cannot be that near to one.
     side = min(max(1, int(0.9 * costmap.params.robot_radius / grid.resolution)), MAX_BLOCK)
     block_costs, best_cells = _blocks(costmap.costs, passable, side)
     first = _nearest_block(block_costs, grid.cells(np.array(start)) // side)
@@ -214,14 +216,14 @@ def find_places(costmap: Costmap, start: tuple[float, float], max_places: int = 
     block_costs[travel[1:-1, 1:-1] == UNREACHED] = COST_LETHAL
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
-    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / max_places))
-    # Places away from walls come first; nearness in four classes, so that places still form a lattice.
+    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / max_viewpoints))
+    # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = blocks[_spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)]
     cells = best_cells[tuple(blocks.T)]
-    ways = _metres(_ways_between(block_costs, step_weights(COST_WEIGHT, False), blocks), size)
-    lengths = np.minimum(ways, ways.T)
+    costs_to_come = _metres(_costs_between(block_costs, step_weights(COST_WEIGHT, False), blocks), size)
+    lengths = np.minimum(costs_to_come, costs_to_come.T)
     near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
-    before = np.empty(lengths.shape, dtype=np.int32)
-    _all_before(lengths, near, before)
-    return Places(grid, cells, lengths, np.ascontiguousarray(near), before, block_costs, side)
+    predecessors = np.empty(lengths.shape, dtype=np.int32)
+    _find_all_predecessors(lengths, near, predecessors)
+    return Viewpoints(grid, cells, lengths, np.ascontiguousarray(near), predecessors, block_costs, side)
