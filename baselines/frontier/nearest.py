@@ -23,7 +23,7 @@ class NearestParams:
     """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
     reached."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    """How far from a frontier the robot may stand to see it; the first one from which it can is taken [m]."""
+    """Distances of viewpoints from a frontier; the first one from which it can be seen is taken [m]."""
 
 
 class NearestExplorer(RuleExplorer):

@@ -55,7 +55,7 @@ class FrontierParams:
     min_goal_distance: float = 1.2
     """Least distance of a goal from the robot [m]."""
     goal_tolerance: float = 0.3
-    """How far from a centroid the robot may stand to look at it (planner's tolerance, section 3.3.2) [m]."""
+    """Farthest viewpoint from a centroid (planner's tolerance, section 3.3.2) [m]."""
     blacklist_radius: float = 1.2
     """Goals this near to one that failed are left out [m]."""
     max_blacklist_size: int = 25

@@ -1,4 +1,4 @@
-"""Costmaps, frontiers and path planning on what the robot believes."""
+"""Costmaps, frontiers and path planning on the estimated map."""
 
 from .candidate_features import FEATURES, Candidates
 from .checks import check_goal, is_path_valid

@@ -42,7 +42,7 @@ NUM_COARSE_BUCKETS = 1 << 7
 MAX_COST_WEIGHT = 9.0
 """Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
-"""The same for cells where the footprint touches an obstacle; only a robot that stands in them already crosses them.
+"""The same for cells where the footprint touches an obstacle; only a robot that is in them already crosses them.
 Greater than any other, which is how the search tells them."""
 
 
@@ -66,7 +66,7 @@ def octile(d_row, d_col):
 
 
 class Expansion(NamedTuple):
-    """Where a search stands. Arrays over the raster are flat, with a border of one cell."""
+    """State of a search. Arrays over the raster are flat, with a border of one cell."""
 
     travel: np.ndarray
     """Shape ((height + 2) * (width + 2),), int32: travel costs, `UNREACHED` where the search has not come."""
@@ -124,7 +124,7 @@ def begin(expansion, entries, stride, row, col, starts_inside, level):
 def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     """Go on with a search until the goal is reached, or all cells that cost at most `limit`.
 
-    A robot that stands where its footprint touches something may drive on through such cells until it is out of them,
+    A robot whose footprint touches something at the start may drive on through such cells until it is out of them,
     and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
     buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest; twice to
     three times as fast here as a binary heap. Where all cells around one cost the same, only steps that lead onward are

@@ -1,4 +1,4 @@
-"""What rules and policies are told of each candidate. Kernels, and the record that rules get."""
+"""Features of each candidate, for rules and policies. Kernels, and the record that rules get."""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Candidates:
     """Frontiers that the robot can get to, by increasing travel cost; k of them. Map frame, metres."""
 
     viewpoints: np.ndarray
-    """Shape (k, 2), float64: where to stand to see the frontier (x, y) [m]."""
+    """Shape (k, 2), float64: viewpoint of the frontier (x, y) [m]."""
     frontiers: np.ndarray
     """Shape (k, 2), float64: the frontier cell that is seen from there (x, y) [m]."""
     costs: np.ndarray

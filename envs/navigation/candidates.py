@@ -111,16 +111,16 @@ def _view(joined, travel, members, tables, limit, is_complete):
 
 
 @njit(cache=True, error_model="numpy")
-def _is_beyond(members, stand, reach, limit):
-    """Tell whether no place within `reach` cells of any of some cells can be got to at a cost of `limit`."""
+def _is_beyond(members, start, reach, limit):
+    """Tell whether no cell within `reach` cells of any of some cells can be reached at a cost of `limit`."""
     nearest = np.int64(1 << 40)
     for k in range(len(members)):
-        nearest = min(nearest, max(abs(members[k, 0] - stand[0]), abs(members[k, 1] - stand[1])))
+        nearest = min(nearest, max(abs(members[k, 0] - start[0]), abs(members[k, 1] - start[1])))
     return (nearest - reach) * STRAIGHT * SCALE > limit
 
 
 @njit(cache=True, error_model="numpy")
-def find_candidates(joined, layer, expansion, entries, stand, frontier, min_lengths, max_candidates, tables):
+def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
     """Find the frontiers that are cheapest to get to.
 
     Args:
@@ -128,7 +128,7 @@ def find_candidates(joined, layer, expansion, entries, stand, frontier, min_leng
         layer: costs, shape (height, width), uint8, and `open_weights` of `expand`.
         expansion: workspace, see `begin`.
         entries: workspace, see `begin`.
-        stand: (row, column) where the robot stands.
+        start: (row, column) of the robot.
         frontier: cells (shape (n, 2), int64) and parts (shape (m, 4), int64) of `split_groups`.
         min_lengths: cells that a frontier has at least; the next one counts where none of those before can be reached.
         max_candidates: how many are returned at most.
@@ -142,7 +142,7 @@ def find_candidates(joined, layer, expansion, entries, stand, frontier, min_leng
     height, width = joined.shape
     travel = expansion.travel.reshape(height + 2, width + 2)
     stride, touching = np.uint32(width + 2), np.uint8(tables.weights[COST_INSCRIBED])
-    begin(expansion, entries, stride, stand[0], stand[1], costs[stand[0], stand[1]] == COST_LETHAL, 0)
+    begin(expansion, entries, stride, start[0], start[1], costs[start[0], start[1]] == COST_LETHAL, 0)
     found = np.empty((len(parts), len(CANDIDATE_FIELDS)))
     is_settled = np.zeros(len(parts), dtype=np.bool_)
     num_found = 0
@@ -163,7 +163,7 @@ def find_candidates(joined, layer, expansion, entries, stand, frontier, min_leng
                 if parts[k, 2] < min_length or is_settled[k]:
                     continue
                 members = cells[parts[k, 0] : parts[k, 1]]
-                if not is_complete and _is_beyond(members, stand, tables.views[-1], limit):
+                if not is_complete and _is_beyond(members, start, tables.views[-1], limit):
                     continue
                 row, col, seen, cost = _view(joined, travel, members, tables, limit, is_complete)
                 if seen >= 0:

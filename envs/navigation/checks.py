@@ -1,4 +1,4 @@
-"""Whether a robot may stand on a goal, and can still follow a path."""
+"""Whether a goal can be reached at all, and a path still be followed."""
 
 import math
 
@@ -12,7 +12,7 @@ from .paths import nearest_cell
 
 @njit(cache=True, error_model="numpy")
 def _is_open(points, costs, weights, origin_x, origin_y, resolution):
-    """Tell whether all points lie where the robot may stand, but for the first ones as long as it gets out of there."""
+    """Tell whether all points are traversable, but for the first ones as long as the robot gets out of there."""
     height, width = costs.shape
     is_out = False
     for k in range(points.shape[0]):
@@ -50,16 +50,16 @@ def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = F
 def check_goal(
     costmap: Costmap, goal: tuple[float, float], *, tolerance: float = 0.0, allow_unknown: bool = False
 ) -> None:
-    """Make sure that a robot could stand on a goal, or near enough to it.
+    """Make sure that a goal is traversable, or a cell near enough to it.
 
     Args:
         costmap: the costs now.
         goal: where to go (x, y), map frame [m].
         tolerance: how far beside the goal the robot may stop [m].
-        allow_unknown: whether it may stand on unknown cells.
+        allow_unknown: whether unknown cells count as traversable.
 
     Raises:
-        ValueError: if it could not; says what is in the way.
+        ValueError: if it is not; the message says why.
     """
     if not all(map(math.isfinite, goal)):
         raise ValueError(f"goal must be finite, got {goal}")
@@ -74,11 +74,11 @@ def check_goal(
         raise ValueError(f"{name} lies outside the map, which covers {tuple(round(k, 2) for k in grid.bounds)}")
     cost = costmap.costs[row, col]
     if cost == COST_UNKNOWN:
-        raise ValueError(f"{name} lies in unknown space, and no known free place lies within {tolerance:g} m of it")
+        raise ValueError(f"{name} lies in unknown space, and no known free cell lies within {tolerance:g} m of it")
     if cost == COST_LETHAL:
-        raise ValueError(f"{name} lies in an obstacle, and no free place lies within {tolerance:g} m of it")
+        raise ValueError(f"{name} lies in an obstacle, and no free cell lies within {tolerance:g} m of it")
     radius = costmap.params.robot_radius
     raise ValueError(
-        f"{name} lies nearer to an obstacle than the robot's {radius:.2f} m, and no place with more room lies within "
-        f"{tolerance:g} m of it"
+        f"{name} lies nearer to an obstacle than the robot's {radius:.2f} m, and no cell with more clearance lies "
+        f"within {tolerance:g} m of it"
     )

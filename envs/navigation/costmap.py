@@ -1,4 +1,4 @@
-"""Costmaps in the manner of Nav2: how dear it is to have the robot's centre in a cell."""
+"""Costmaps in the manner of Nav2: what it costs to have the robot's centre in a cell."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from envs.geometry.distance_transform import squared_distances
 COST_FREE = 0
 """Farther from every obstacle than the inflation radius."""
 COST_MAX_FREE = 252
-"""Dearest cost at which the robot does not touch anything yet."""
+"""Highest cost at which the robot does not touch anything yet."""
 COST_INSCRIBED = 253
 """The robot's footprint would touch an obstacle."""
 COST_LETHAL = 254
@@ -104,7 +104,7 @@ class Inflation:
             raise ValueError(
                 f"inflation_radius must span 1 to 180 cells, got {params.inflation_radius} m at {resolution} m a cell"
             )
-        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as a hair more.
+        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as slightly more.
         distances = np.round(np.sqrt(np.arange((reach + 1) ** 2 + 1)) * resolution, 9)
         table = np.array([params.cost(distance) for distance in distances], dtype=np.uint8)
         return cls(params.occupied_from, reach, table)
@@ -118,8 +118,8 @@ class Inflation:
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
     """Inflate the obstacles of a grid.
 
-    Unknown space is tracked: cells never observed stay unknown, unless a known obstacle is so near that the robot could
-    not stand there whatever they hold.
+    Unknown space is tracked: cells never observed stay unknown, unless a known obstacle is so near that the robot would
+    touch it whatever they hold.
 
     Args:
         grid: the map.

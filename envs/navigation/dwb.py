@@ -133,7 +133,7 @@ class DwbPlanner:
         self._path = np.empty((0, 2))
         self._index = 0
         self._heading: float | None = None
-        self._has_no_way = False
+        self._has_no_path = False
         self.blocked = False
         """Whether the last command did not drive on because of obstacles."""
         self.scores = np.empty((0, NUM_CRITICS))
@@ -192,7 +192,7 @@ class DwbPlanner:
             return Twist(0.0, 0.0)
         v, w = (float(k) for k in twists[np.nanargmin(totals)])
         self._take_note(pose, v, w)
-        self.blocked = v == 0.0 and self._has_no_way
+        self.blocked = v == 0.0 and self._has_no_path
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
@@ -228,10 +228,10 @@ class DwbPlanner:
         self._spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
         # What lies beyond a trajectory's reach would draw the robot off the path, to where the path comes back. Only
-        # where something stands on the path, the robot makes for what lies behind that.
+        # where an obstacle blocks the path, the robot makes for what lies behind it.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
-        self._has_no_way = end < len(points) - 1 and along[end] < params.goal_tolerance
+        self._has_no_path = end < len(points) - 1 and along[end] < params.goal_tolerance
         self._spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)

@@ -1,6 +1,6 @@
 """Finds the frontiers that a robot could go to, drives to the chosen one, and tells when the next choice is due.
 
-Both levels stand on it: explorers, which are asked for a twist each control period, and `ExploreFrontiers-v0`, whose
+Both levels build on it: explorers, which are asked for a twist each control period, and `ExploreFrontiers-v0`, whose
 steps are whole drives. Each control period: `update` with the reading and the belief, then `command`. When `update`
 returns an outcome, a choice is due: `choose` one of `candidates`; if there are none, exploration is over.
 """
@@ -109,7 +109,7 @@ class FrontierNavigator:
         self._last_failed = False
         # Whether the map may have changed since the last look for the frontier of the drive.
         self._has_changed = True
-        self._can_stand = True
+        self._has_start = True
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._outcome: str | None = None
@@ -125,7 +125,7 @@ class FrontierNavigator:
     def end_reason(self) -> str:
         """Why there are no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
-        return "stuck" if not self._can_stand or is_still else "no_reachable_frontier"
+        return "stuck" if not self._has_start or is_still else "no_reachable_frontier"
 
     def write_features(self, pose: Pose2D, features: np.ndarray) -> None:
         """Write the candidates' features, shape (max_candidates, 10), float32; see `fill_features`."""
@@ -159,7 +159,7 @@ class FrontierNavigator:
         Args:
             reading: what the sensors say now.
             belief: pose estimate and map now.
-            others: shape (m, 2), float64, base frame [m]: what else stands around, as other robots do.
+            others: shape (m, 2), float64, base frame [m]: further obstacles, such as other robots.
 
         Returns:
             How the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
@@ -244,8 +244,8 @@ class FrontierNavigator:
         assert self._chosen is not None
         return self.map.is_frontier_near(self._chosen, self.params.frontier_radius)
 
-    def _stand(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
-        """Return the cell where the robot stands, or the nearest one where it could; (-1, -1) for none."""
+    def _start_cell(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
+        """Return the robot's cell, or the nearest traversable one; (-1, -1) for none."""
         tables = self.map.tables[level]
         return nearest_cell(costs, tables.weights, *self.map.cell(pose.x, pose.y), tables.radius, COST_INSCRIBED)
 
@@ -255,20 +255,20 @@ class FrontierNavigator:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
         planning.refresh()
-        self._can_stand = False
+        self._has_start = False
         for level in range(planning.max_level + 1):
             layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
             groups, parts = self._frontiers(layer)
-            stand = self._stand(layer.costs, level, pose)
+            start = self._start_cell(layer.costs, level, pose)
             found = np.empty((0, len(CANDIDATE_FIELDS)))
-            if stand[0] >= 0:
-                self._can_stand = True
+            if start[0] >= 0:
+                self._has_start = True
                 found, planning.entries = find_candidates(
                     planning.joined,
                     (layer.costs, layer.open_weights),
                     planning.expansion,
                     planning.entries,
-                    stand,
+                    start,
                     (groups, parts),
                     self._lengths,
                     self._max_candidates,
@@ -328,13 +328,13 @@ class FrontierNavigator:
         """Plan the path to the goal anew; False if there is none any more."""
         planning, tables = self.map, self.map.tables[self._level]
         layer = planning.layer(self._level, pose, self.navigator.obstacles, self.bodies)
-        stand = self._stand(layer.costs, self._level, pose)
-        if stand[0] < 0:
+        start = self._start_cell(layer.costs, self._level, pose)
+        if start[0] < 0:
             return False
         slack = math.floor(self.navigator.numbers.goal_tolerance / planning.side + 1e-9)
         goal = planning.cell(*self.navigator.goal)
         weights, arrays = tables.weights, (layer.costs, layer.open_weights)
-        end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, stand, goal, slack)
+        end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
         if end[0] < 0:
             return False
         frame = (*planning.origin, planning.side)
@@ -351,7 +351,7 @@ class FrontierNavigator:
             self._ignore(self._near_chosen(self._look_radius))
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
-        """Ignore what was not observed though the robot stands where it wanted to see it from."""
+        """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
         if not self._is_frontier_left():
             return
         assert self._chosen is not None
@@ -364,8 +364,8 @@ class FrontierNavigator:
         # What the visit was for goes in any case, or the robot would come back for ever.
         row, col = planning.cell(*self._chosen)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
-        place = (row + 0.5, col + 0.5), (0.0, math.pi)
-        beside = frontier_in_sight(planning.joined, planning.frontier, *place, reach)
+        all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
+        beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
         self._ignore(np.vstack([in_sight, [(row, col)], beside]))
 
     def _near_chosen(self, radius: float) -> np.ndarray:

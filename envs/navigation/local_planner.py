@@ -1,4 +1,4 @@
-"""What every local planner offers: twists that follow a path around what stands in the way."""
+"""What every local planner offers: twists that follow a path around obstacles."""
 
 from typing import Protocol
 
@@ -11,8 +11,8 @@ from envs.simulation import Twist
 class LocalPlanner(Protocol):
     """Follows one path at a time. Constructed with the robot, the control period and the planner's params.
 
-    Obstacles come in the robot's own frame and not out of a map, so that stops do not depend on where the robot
-    believes to be.
+    Obstacles come in the robot's own frame and not out of a map, so that stops do not depend on the pose
+    estimate.
     """
 
     @property
@@ -30,7 +30,7 @@ class LocalPlanner(Protocol):
 
         Args:
             path: shape (n, 2), n > 0, map frame [m], points about a map cell apart.
-            heading: to stand in at the path's end, map frame [rad]; None for any.
+            heading: goal heading at the path's end, map frame [rad]; None for any.
         """
         ...
 
@@ -38,7 +38,7 @@ class LocalPlanner(Protocol):
         """Return the twist to command for the next period.
 
         Args:
-            pose: believed pose of the base, map frame.
+            pose: estimated pose of the base, map frame.
             twist: velocity now, by odometry.
             obstacles: shape (n, 2), float64, base frame [m].
         """

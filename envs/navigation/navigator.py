@@ -39,7 +39,7 @@ NOTHING = (math.nan, math.nan)
 
 
 class Navigator:
-    """Drives a robot to one goal at a time. Knows its own wheels: velocities come from the encoders."""
+    """Drives a robot to one goal at a time. Velocities come from the wheel encoders."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class Navigator:
 
     @property
     def has_goal(self) -> bool:
-        """Whether the robot is on its way to a goal."""
+        """Whether the robot is driving to a goal."""
         return bool(self.record["has_goal"])
 
     @property
@@ -124,7 +124,7 @@ class Navigator:
 
     @property
     def still_steps(self) -> int:
-        """Control periods for which the robot has not moved or turned, on its way to a goal."""
+        """Control periods for which the robot has not moved or turned while driving to a goal."""
         return int(self.record["stall_steps"])
 
     def restart_progress(self) -> None:
@@ -184,7 +184,7 @@ class Navigator:
 
         Args:
             reading: what the sensors say now.
-            others: shape (m, 2), float64, base frame [m]: what else stands around now, as other robots do.
+            others: shape (m, 2), float64, base frame [m]: further obstacles, such as other robots.
         """
         motion = self._odometry.update(reading)
         self.v, self.w = motion.x / self._period, motion.theta / self._period

@@ -21,12 +21,12 @@ def update_obstacles(record, obstacles, sensors, motion, others, numbers):
 
     Args:
         record: of type `NAVIGATOR`, written.
-        obstacles: shape (n, 2), float64, written: the first `record.num_obstacles` are what stands around, base
+        obstacles: shape (n, 2), float64, written: the first `record.num_obstacles` are the obstacles, base
             frame [m].
         sensors: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame
             (shape (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
         motion: pose of the base now, seen from the base at the last call: x, y [m], theta [rad].
-        others: shape (m, 2), float64, base frame [m]: what else stands around now, and is not remembered.
+        others: shape (m, 2), float64, base frame [m]: further obstacles, which are not remembered.
         numbers: `NavigatorNumbers`.
     """
     ranges, directions, bumper = sensors

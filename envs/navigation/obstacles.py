@@ -1,4 +1,4 @@
-"""What stands in the way right now: obstacles as points in the robot's frame, independent of any map."""
+"""Current obstacles as points in the robot's frame, independent of any map."""
 
 import math
 
@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 SIGHT_STEP = 0.02
-"""Spacing of the places along an arc at which the footprint is tested [m]."""
-SAME_PLACE = 0.02
+"""Spacing of the poses along an arc at which the footprint is tested [m]."""
+SAME_POINT = 0.02
 """Distance up to which two remembered points count as one [m]."""
 CAPACITY = 1000
 """Points of scans that are remembered at most."""
@@ -73,7 +73,7 @@ def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov
         is_new = True
         if k >= num_remembered:
             for other in range(kept):
-                if abs(points[other, 0] - x) < SAME_PLACE and abs(points[other, 1] - y) < SAME_PLACE:
+                if abs(points[other, 0] - x) < SAME_POINT and abs(points[other, 1] - y) < SAME_POINT:
                     is_new = False
                     break
         if is_new:
@@ -133,7 +133,7 @@ def free_distance(points, curvature, radius, distance):
     nearest = np.inf
     for k in range(points.shape[0]):
         nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
-    # The arc is no shorter than the straight way: up to here the footprint cannot reach the nearest point.
+    # The arc is no shorter than the straight line: up to here the footprint cannot reach the nearest point.
     clear = math.sqrt(nearest) - radius
     for step in range(1, num_steps + 1):
         along = abs(distance) * step / num_steps

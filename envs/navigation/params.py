@@ -13,7 +13,7 @@ class PlanningParams:
     """Footprint padding: added to the robot's radius in plans [m], half a map cell and the pose's jitter."""
     tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
     """Shares of the robot's radius that plans fall back on when nothing can be reached otherwise (footprint padding
-    levels 1, 2, ...): walls of a map that has drifted close gaps that are open in truth, and the scan guards the robot.
+    levels 1, 2, ...): walls of a map that has drifted close gaps that are open in reality; the scan guards the robot.
     """
     inflation: float = 0.45
     """How far beyond that nearness to obstacles costs [m]."""
@@ -29,7 +29,7 @@ class PlanningParams:
     max_extent: float = 2.0
     """Frontiers longer than this are split into several candidates [m]."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    """How far from a frontier the robot may stand to see it; the first one from which it can is taken [m]."""
+    """Distances of viewpoints from a frontier; the first one from which it can be seen is taken [m]."""
     detour: float = 3.0
     """The next view distance is taken, too, where the first costs this much more to get to [m]."""
     gain_radius: float = 1.0

@@ -15,12 +15,12 @@ SHORTCUT = 4.0
 
 
 @njit(cache=True, error_model="numpy")
-def walk_back(came_by, row, col):
+def walk_back(predecessor, row, col):
     """Return the cells from the start to (row, col), shape (n, 2), int64, in the frame of the unpadded raster."""
     length = 1
     r, c = row + 1, col + 1
-    while came_by[r, c] != NO_STEP:
-        d_row, d_col = STEPS[came_by[r, c]]
+    while predecessor[r, c] != NO_STEP:
+        d_row, d_col = STEPS[predecessor[r, c]]
         r, c = r - d_row, c - d_col
         length += 1
     cells = np.empty((length, 2), dtype=np.int64)
@@ -28,7 +28,7 @@ def walk_back(came_by, row, col):
     for k in range(length - 1, -1, -1):
         cells[k] = r - 1, c - 1
         if k:
-            d_row, d_col = STEPS[came_by[r, c]]
+            d_row, d_col = STEPS[predecessor[r, c]]
             r, c = r - d_row, c - d_col
     return cells
 
@@ -52,7 +52,7 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def shorten(costs, weights, travel, cells, reach):
-    """Replace stretches of a path by straight lines where those are no dearer.
+    """Replace stretches of a path by straight lines where those cost no more.
 
     Args:
         costs: shape (height, width), uint8.
@@ -83,11 +83,11 @@ def shorten(costs, weights, travel, cells, reach):
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_cell(costs, weights, row, col, reach, dearest):
-    """Find the cell nearest to (row, col) where the robot may stand, within `reach` cells.
+def nearest_cell(costs, weights, row, col, reach, max_cost):
+    """Find the traversable cell nearest to (row, col), within `reach` cells.
 
-    Cells dearer than `dearest` do not count; unknown ones do where `weights` lets them. Returns (-1, -1) if there is
-    none.
+    Cells that cost more than `max_cost` do not count; unknown ones do where `weights` lets them. Returns (-1, -1) if
+    there is none.
     """
     height, width = costs.shape
     best_row, best_col, best = -1, -1, reach * reach + 1
@@ -95,51 +95,51 @@ def nearest_cell(costs, weights, row, col, reach, dearest):
         for c in range(max(col - reach, 0), min(col + reach + 1, width)):
             squared = (r - row) ** 2 + (c - col) ** 2
             cost = costs[r, c]
-            if squared < best and weights[cost] > 0 and (cost <= dearest or cost == COST_UNKNOWN):
+            if squared < best and weights[cost] > 0 and (cost <= max_cost or cost == COST_UNKNOWN):
                 best_row, best_col, best = r, c, squared
     return best_row, best_col
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TravelField:
-    """What it costs to get from one place to every cell, and how."""
+    """Cost-to-come of every cell from a start, and the predecessors that lead there."""
 
     costmap: Costmap
     """Where it was computed."""
     weights: np.ndarray
     """Shape (256,), uint8, see `step_weights`."""
     travel: np.ndarray
-    """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no way."""
-    came_by: np.ndarray
+    """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no path."""
+    predecessor: np.ndarray
     """Same shape, uint8: index into `STEPS` of the last step."""
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
-        """Return travel costs of cells: the length of the way [m], each step weighted by its costs.
+        """Return travel costs of cells: the length of the path [m], each step weighted by its costs.
 
         Args:
             cells: shape (..., 2), int, (row, column) inside the raster.
 
         Returns:
-            Shape (...), float64; inf where no way leads.
+            Shape (...), float64; inf where no path leads.
         """
         travel = self.travel[cells[..., 0] + 1, cells[..., 1] + 1]
         metres = self.costmap.grid.resolution / (STRAIGHT * SCALE)
         return np.where(travel == UNREACHED, np.inf, travel * metres)
 
     def path(self, row: int, col: int, *, short: bool = True) -> np.ndarray | None:
-        """Return the way to a cell as points a cell apart.
+        """Return the path to a cell as points a cell apart.
 
         Args:
             row: row of the cell.
             col: column of the cell.
-            short: replace staircases by straight lines that are no dearer.
+            short: replace staircases by straight lines that cost no more.
 
         Returns:
-            Shape (n, 2), float64, cell centres and points between them, from start to goal [m]; None without a way.
+            Shape (n, 2), float64, cell centres and points between them, from start to goal [m]; None without a path.
         """
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
-        cells = walk_back(self.came_by, row, col)
+        cells = walk_back(self.predecessor, row, col)
         grid = self.costmap.grid
         if short:
             reach = max(2, round(SHORTCUT / grid.resolution))
@@ -147,13 +147,13 @@ class TravelField:
         return resample(grid.centers(cells), grid.resolution)
 
 
-def _standing_cell(
-    costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, dearest: int
+def _traversable_cell(
+    costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, max_cost: int
 ) -> tuple[int, int] | None:
-    """Return the cell at or nearest to a point where the robot may be."""
+    """Return the traversable cell at or nearest to a point."""
     row, col = (int(k) for k in costmap.grid.cells(np.array(point)))
     reach = math.floor(tolerance / costmap.grid.resolution + 1e-9)
-    row, col = nearest_cell(costmap.costs, weights, row, col, reach, dearest)
+    row, col = nearest_cell(costmap.costs, weights, row, col, reach, max_cost)
     return None if row < 0 else (row, col)
 
 
@@ -171,15 +171,15 @@ def travel_field(
         costmap: where to travel.
         start: position of the robot (x, y), map frame [m]. Where the map says it cannot be, the nearest cell within the
             robot's radius is taken.
-        goal: (row, column); only the way to this cell is final then.
-        allow_unknown: whether the robot may cross unknown cells, at the price of the dearest free ones.
+        goal: (row, column); only the path to this cell is final then.
+        allow_unknown: whether the robot may cross unknown cells, at the highest cost of free ones.
         cost_weight: see `COST_WEIGHT`.
 
     Returns:
-        The field; None if the robot's place is walled in by the map.
+        The field; None if the robot is walled in by the map.
     """
     weights = step_weights(cost_weight, allow_unknown)
-    cell = _standing_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
+    cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
     if cell is None:
         return None
     return TravelField(costmap, weights, *search(costmap.costs, weights, *cell, *(goal or (-1, -1))))
@@ -194,20 +194,20 @@ def plan_path(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> np.ndarray | None:
-    """Find the cheapest way to a goal with A*.
+    """Find the cheapest path to a goal with A*.
 
     Args:
         costmap: where to travel.
         start: position of the robot (x, y), map frame [m].
         goal: where to go (x, y), map frame [m].
-        tolerance: how far beside the goal the way may end where the robot cannot stand on it [m].
-        allow_unknown: whether the robot may cross unknown cells, at the price of the dearest free ones.
+        tolerance: how far beside the goal the path may end where the goal is not traversable [m].
+        allow_unknown: whether the robot may cross unknown cells, at the highest cost of free ones.
         cost_weight: see `COST_WEIGHT`.
 
     Returns:
-        Shape (n, 2), float64, points a cell apart from start to goal [m]; None if there is no way.
+        Shape (n, 2), float64, points a cell apart from start to goal [m]; None if there is no path.
     """
-    cell = _standing_cell(costmap, step_weights(cost_weight, allow_unknown), goal, tolerance, COST_MAX_FREE)
+    cell = _traversable_cell(costmap, step_weights(cost_weight, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
         return None
     field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown, cost_weight=cost_weight)

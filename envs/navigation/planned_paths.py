@@ -45,7 +45,7 @@ def write_path(costs, weights, expansion, cell, reach, frame, path):
 
 
 @njit(cache=True, error_model="numpy")
-def search_goal(layer, weights, expansion, entries, stand, goal, slack):
+def search_goal(layer, weights, expansion, entries, start, goal, slack):
     """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
 
     Args:
@@ -53,7 +53,7 @@ def search_goal(layer, weights, expansion, entries, stand, goal, slack):
         weights: see `step_weights`.
         expansion: workspace, see `begin`.
         entries: workspace, see `begin`.
-        stand: (row, column) of the start.
+        start: (row, column) of the start.
         goal: (row, column).
         slack: how far beside the goal the path may end [cells].
 
@@ -65,8 +65,8 @@ def search_goal(layer, weights, expansion, entries, stand, goal, slack):
     if row < 0:
         return (-1, -1), entries
     stride, touching = np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
-    level = octile(row - stand[0], col - stand[1])
-    begin(expansion, entries, stride, stand[0], stand[1], costs[stand[0], stand[1]] == COST_LETHAL, level)
+    level = octile(row - start[0], col - start[1])
+    begin(expansion, entries, stride, start[0], start[1], costs[start[0], start[1]] == COST_LETHAL, level)
     entries = expand(expansion, entries, open_weights, stride, touching, (row, col), np.int64(UNREACHED))
     if expansion.travel[(row + 1) * np.int64(stride) + col + 1] == UNREACHED:
         return (-1, -1), entries

@@ -190,7 +190,7 @@ def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window)
     """
     top, left, bottom, right = window
     height, width = joined.shape
-    # What stands beside the window costs in it, and what accounts for an obstacle may stand beside that.
+    # Obstacles beside the window cost in it, and cells that account for an obstacle may lie beside those.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     part = joined[first_row : min(bottom + reach, height), first_col : min(right + reach, width)]
@@ -263,12 +263,12 @@ def frontier_near(frontier, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_in_sight(joined, frontier, at, view, reach):
-    """Return the frontier cells in view of a place, with no obstacle between: shape (k, 2), int64.
+    """Return the frontier cells in view of a point, with no obstacle between: shape (k, 2), int64.
 
     Args:
         joined: shape (height, width), int8, occupancy.
         frontier: shape (height, width), bool.
-        at: the place (row, column), with fractions [cells].
+        at: the viewpoint (row, column), with fractions [cells].
         view: middle of the view, and half of the angle in view [rad].
         reach: how far is looked [cells].
     """

@@ -1,8 +1,8 @@
-"""Pure pursuit, regulated by curvature, by obstacles and by the way that is left.
+"""Pure pursuit, regulated by curvature, by obstacles and by the remaining distance.
 
 After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023), with Nav2's numbers where
 they do not depend on the robot's speed. Two things differ. Obstacles come from the scan itself rather than from a
-costmap, so that stops do not depend on where the robot believes to be. And where the arc to the carrot is blocked, the
+costmap, so that stops do not depend on the pose estimate. And where the arc to the carrot is blocked, the
 carrot is pulled in before the robot slows down, so that lookahead does not cut corners.
 """
 
@@ -52,7 +52,7 @@ class FollowerParams:
     """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m. From it 1.5
     standard deviations of the lidar's noise are taken: the nearest of a wall's many points lies that much too near."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Angles by which the robot steers past what stands between it and the carrot, on either side [rad]."""
+    """Angles by which the robot steers past obstacles between it and the carrot, on either side [rad]."""
     braking: float = 0.5
     """Share of the robot's greatest deceleration that braking counts on."""
     goal_tolerance: float = 0.15
@@ -216,7 +216,7 @@ def _regulated_speed(state, path, curvature, free, obstacles, numbers):
     if obstacles.shape[0] > 0:
         gap = math.sqrt(nearest) - numbers.radius
         v = min(v, max_v * max(gap / (numbers.nearness_time * max_v), slowest))
-    # Whoever turns on the spot at a bend, or stops at the end, must have braked before.
+    # To turn on the spot at a bend, or to stop at the end, the robot must have braked before.
     bend = _distance_to_bend(path, state.index, BEND_CHORD, numbers.rotate_from)
     v = min(v, max(_speed_for(bend, numbers), slowest * max_v))
     return min(v, _speed_for(free, numbers))
@@ -229,9 +229,9 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     Args:
         state: a record with `FOLLOWER_FIELDS`, written.
         path: shape (n, 2), float64, n > 0, points up to a map cell apart, map frame [m].
-        x: believed position, map frame [m].
-        y: the same [m].
-        theta: believed heading [rad].
+        x: estimated position, map frame [m].
+        y: estimated position, map frame [m].
+        theta: estimated heading [rad].
         v_now: forward speed by odometry [m/s].
         obstacles: shape (k, 2), float64, base frame [m].
         numbers: `FollowerNumbers`.

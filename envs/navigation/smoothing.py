@@ -1,4 +1,4 @@
-"""Path smoothing: straight where nothing is lost, round where the way bends."""
+"""Path smoothing: straight where nothing is lost, round where it bends."""
 
 import math
 
@@ -23,7 +23,7 @@ SETTLED = 1e-4
 def relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
     """Return a copy of a path with points pulled between their neighbours and back to where they were.
 
-    A point never moves into a cell where the robot may not stand; its two ends stay. After the simple smoother of Nav2,
+    A point never moves into a cell that is not traversable; its two ends stay. After the simple smoother of Nav2,
     with the points updated in place (Gauss-Seidel).
 
     Args:

@@ -27,7 +27,7 @@ class PlanningTables(NamedTuple):
     inflation: int
     """Distance up to which nearness to an obstacle costs [cells]."""
     radius: int
-    """How far from its cell the robot may be taken to stand [cells]."""
+    """How far from the robot's cell a search may start [cells]."""
     same_obstacle: int
     """[cells]"""
     marking_range: float

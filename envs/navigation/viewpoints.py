@@ -1,4 +1,4 @@
-"""Where to stand to look at a frontier, and what is in sight."""
+"""From which cell to look at a frontier, and what is in sight."""
 
 from numba import njit
 
@@ -31,7 +31,7 @@ def cheapest_view(data, travel, cells, reach):
         reach: radius [cells].
 
     Returns:
-        Row and column of the place, and the index of the cell in view; -1, -1, -1 if there is none.
+        Row and column of the viewpoint, and the index of the cell in view; -1, -1, -1 if there is none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1

@@ -17,14 +17,14 @@ WINDOW = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A way to drive, from its first to its last point."""
+    """A path to drive, from its first to its last point."""
 
     points: np.ndarray
     """Shape (n, 2), float64 [m]."""
     headings: np.ndarray
-    """Shape (n,), float64, direction of the way at each point [rad]."""
+    """Shape (n,), float64, direction of the route at each point [rad]."""
     along: np.ndarray
-    """Shape (n,), float64, length of the way from the start to each point [m]."""
+    """Shape (n,), float64, length of the route from the start to each point [m]."""
 
     @classmethod
     def of(cls, corners: np.ndarray) -> "Route":
@@ -50,12 +50,12 @@ class Route:
 
     @property
     def length(self) -> float:
-        """Length of the way [m]."""
+        """Length of the route [m]."""
         return float(self.along[-1])
 
     @property
     def start(self) -> Pose2D:
-        """Where to stand at the beginning."""
+        """Pose at the beginning."""
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
@@ -65,13 +65,13 @@ class Route:
 
 
 def rectangle(start: Pose2D, length: float = 78.0, side: float = 24.0, corner_radius: float = 1.0) -> np.ndarray:
-    """Return a rectangle with rounded corners, driven counter-clockwise; seed 4's way.
+    """Return a rectangle with rounded corners, driven counter-clockwise: the route of Nguyen et al. (2021).
 
     A robot with two driven wheels does not take a sharp corner at speed, as the paper's mecanum robot may.
 
     Args:
         start: beginning of the first long side, just after a corner.
-        length: of the whole way [m].
+        length: of the whole route [m].
         side: of the rectangle along the start's heading, corners included [m].
         corner_radius: radius of the corners [m].
 

@@ -1,4 +1,4 @@
-"""The map that a robot drives a route by: made beforehand, by driving the route by hand and mapping on the way."""
+"""The map that a robot drives a route by: made beforehand, by driving the route by hand and mapping meanwhile."""
 
 import functools
 import math
@@ -19,7 +19,7 @@ from envs.worlds import World
 PRESET = Path(__file__).parent / "route_map.yaml"
 """Params of TinySLAM for a drive whose headings a compass tells: candidates need not be spread far."""
 LOOKAHEAD = 0.6
-"""How far ahead on the route who drives by hand aims at [m]."""
+"""Lookahead on the route of the operator who drives by hand [m]."""
 UPDATE_DISTANCE = 0.2
 """A scan is mapped once the robot is this far from where the last one was [m]..."""
 UPDATE_ANGLE = 0.15
@@ -37,7 +37,7 @@ class RouteMap:
     north: float
     """What the compass reads in the direction of the map's x axis [rad]; NaN without a compass."""
     poses: np.ndarray
-    """Shape (n, 3), float64: where the SLAM believed to be, map frame [m, m, rad]."""
+    """Shape (n, 3), float64: poses that the SLAM estimated, map frame [m, m, rad]."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -53,8 +53,8 @@ def make_route_map(
 ) -> RouteMap:
     """Drive a route by hand, map it, and return the map; drives that have been made are kept.
 
-    Whoever drives sees the robot, and keeps it on the route. The SLAM gets what the robot senses: its wheels tell how
-    far it has gone, its compass, if it has one, where to.
+    The operator sees the robot, and keeps it on the route. The SLAM gets what the robot senses: its wheels measure how
+    far it has gone, its compass, if it has one, in which direction.
 
     Args:
         world: where.
@@ -77,7 +77,7 @@ def make_route_map(
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
     mapper.begin(reading)
     truth = route.start
-    # Twice the time that the way takes at full speed, and some to speed up.
+    # Twice the time that the route takes at full speed, and some to speed up.
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
         if steps_left == 0:
@@ -123,13 +123,13 @@ class _Mapper:
         self.slam = slam
         self.slam.reset(rng)
         self._wheels = WheelMotion(robot)
-        self._way = Pose2D(0.0, 0.0, 0.0)
+        self._motion = Pose2D(0.0, 0.0, 0.0)
         self._offsets: list[complex] = []
         self.poses: list[Pose2D] = []
 
     @property
     def north(self) -> float:
-        """Mean of what the compass read less what the SLAM believed [rad]; NaN without a compass."""
+        """Mean of what the compass read less what the SLAM estimated [rad]; NaN without a compass."""
         mean = complex(np.mean(self._offsets))
         return math.atan2(mean.imag, mean.real)
 
@@ -140,23 +140,23 @@ class _Mapper:
         self._use(reading)
 
     def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
-        """Take in the next reading, mapping at the true motion if it is told."""
+        """Take in the next reading, mapping at the true motion if that is given."""
         motion = true_motion or self._wheels.update(reading)
         if true_motion is None and not math.isnan(reading.heading):
             motion = _turned(motion, reading.heading - self._heading)
             self._heading = reading.heading
-        self._way = self._way.compose(motion)
-        if math.hypot(self._way.x, self._way.y) < UPDATE_DISTANCE and abs(self._way.theta) < UPDATE_ANGLE:
+        self._motion = self._motion.compose(motion)
+        if math.hypot(self._motion.x, self._motion.y) < UPDATE_DISTANCE and abs(self._motion.theta) < UPDATE_ANGLE:
             return
         if true_motion is None and not math.isnan(reading.heading):
             # The compass knows the heading itself; by turns alone, an error of the matcher would stay.
-            believed = self.slam.belief.pose.theta
-            self._way = self._way._replace(theta=float(wrap_angle(reading.heading - self._first_heading - believed)))
+            turned = reading.heading - self._first_heading - self.slam.belief.pose.theta
+            self._motion = self._motion._replace(theta=float(wrap_angle(turned)))
         self._use(reading)
 
     def _use(self, reading: Reading) -> None:
-        belief = self.slam.update(reading.ranges, self._way)
-        self._way = Pose2D(0.0, 0.0, 0.0)
+        belief = self.slam.update(reading.ranges, self._motion)
+        self._motion = Pose2D(0.0, 0.0, 0.0)
         self.poses.append(belief.pose)
         offset = reading.heading - belief.pose.theta
         self._offsets.append(complex(math.cos(offset), math.sin(offset)))
@@ -165,5 +165,5 @@ class _Mapper:
 def _turned(motion: Pose2D, turn: float) -> Pose2D:
     """Return a motion along an arc as long as before that turns by another angle [rad]."""
     turn = float(wrap_angle(turn))
-    way = math.copysign(math.hypot(motion.x, motion.y), motion.x)
-    return Pose2D(way * math.cos(0.5 * turn), way * math.sin(0.5 * turn), turn)
+    length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
+    return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)

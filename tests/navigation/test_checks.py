@@ -33,20 +33,20 @@ COSTMAP = make_costmap(hall(), PARAMS)
         ((np.nan, 1.0), "goal must be finite"),
     ],
 )
-def test_goals_where_no_robot_can_stand_are_refused(goal, problem):
+def test_goals_that_are_not_traversable_are_refused(goal, problem):
     with pytest.raises(ValueError, match=problem):
         check_goal(COSTMAP, goal)
 
 
 def test_a_tolerance_lets_the_robot_stop_beside_the_goal():
     check_goal(COSTMAP, (1.0, 1.0))
-    with pytest.raises(ValueError, match=r"no free place lies within 0\.1 m"):
+    with pytest.raises(ValueError, match=r"no free cell lies within 0\.1 m"):
         check_goal(COSTMAP, (2.02, 1.0), tolerance=0.1)
     check_goal(COSTMAP, (2.02, 1.0), tolerance=0.3)
     check_goal(COSTMAP, (5.5, 1.5), allow_unknown=True)
 
 
-def test_a_path_is_valid_until_something_stands_in_its_way():
+def test_a_path_is_valid_until_an_obstacle_blocks_it():
     path = plan_path(COSTMAP, (1.0, 0.5), (3.0, 0.5))
     assert is_path_valid(COSTMAP, path)
     grid = hall()

@@ -83,7 +83,7 @@ def test_an_inflation_too_wide_for_the_cells_is_refused():
         make_costmap(grid_of(np.zeros((3, 3))), CostmapParams(inflation_radius=20.0))
 
 
-def test_cropping_keeps_what_is_known_in_its_place():
+def test_cropping_keeps_what_is_known_where_it_is():
     data = np.full((20, 30), -1, dtype=np.int8)
     data[5, 7] = 0
     data[11, 3] = 100

@@ -228,7 +228,7 @@ def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reac
     assert robot.navigator.end_reason == "stuck"
 
 
-def test_a_robot_that_can_stand_nowhere_on_its_map_is_stuck():
+def test_a_robot_without_a_traversable_cell_is_stuck():
     data = room(doors=((2.8, 3.6),))
     data[10:30, 10:30] = 100
     robot = Robot(data=data)

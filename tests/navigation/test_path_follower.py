@@ -19,7 +19,7 @@ CASES = [
     ("tugbot", "dwb"),
     ("mpo_500", "dwb"),
 ]
-"""The light planner with every robot, the dear one with three that differ most in speed and acceleration."""
+"""The light planner with every robot, the expensive one with three that differ most in speed and acceleration."""
 STRAYS = {"rpp": 0.25, "dwb": 0.6}
 """How far each may stray from a path with sharp corners [m]: DWB cuts them where there is room."""
 STOPS = {"rpp": 0.15, "dwb": 0.2}
@@ -29,19 +29,19 @@ PERIOD = 0.1
 
 
 def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0):
-    """Roll a unicycle with the robot's acceleration limits; returns the poses, the last one standing for the end."""
+    """Roll a unicycle with the robot's acceleration limits; returns the poses, the last one for the end."""
     rng = np.random.default_rng(seed)
     v = w = 0.0
     poses = [pose]
     for _ in range(num_steps):
-        believed = Pose2D(
+        estimated = Pose2D(
             pose.x + jitter * rng.normal(), pose.y + jitter * rng.normal(), pose.theta + jitter * rng.normal()
         )
         obstacles = pose.inverse().transform(walls) if len(walls) else walls
         # The noise of the scan, along the beams.
         ranges = np.hypot(obstacles[:, 0], obstacles[:, 1])
         obstacles = obstacles * (1.0 + rng.normal(0.0, robot.lidar.noise_std, len(obstacles)) / ranges)[:, None]
-        command = follower.command(believed, Twist(v, w), obstacles)
+        command = follower.command(estimated, Twist(v, w), obstacles)
         assert abs(command.v) <= robot.max_v + 1e-9
         assert abs(command.w) <= robot.max_w + 1e-9
         v += float(np.clip(command.v - v, -robot.max_acc_v * PERIOD, robot.max_acc_v * PERIOD))

@@ -67,7 +67,7 @@ def test_travel_costs_equal_scipys_exactly(height, width, allow_unknown, seed):
 def test_a_star_opens_fewer_cells_than_dijkstra():
     costs = np.zeros((200, 200), dtype=np.uint8)
     travel = search(costs, step_weights(3.0, False), 100, 20, 140, 180)[0]
-    # With ties going to what has come farthest, no more than the cells beside the way.
+    # With ties going to what has come farthest, no more than the cells beside the path.
     assert np.count_nonzero(travel < UNREACHED) < 1000
 
 
@@ -98,7 +98,7 @@ def test_a_path_leads_there_and_keeps_away():
     np.testing.assert_array_equal(path, plan_path(costmap, start, goal))
 
 
-def test_straight_lines_are_no_dearer_than_the_staircase():
+def test_straight_lines_cost_no_more_than_the_staircase():
     costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
     field = travel_field(costmap, (-0.5, -1.5))
     row, col = costmap.grid.cells(np.array([4.5, 0.5]))
@@ -142,7 +142,7 @@ def test_a_robot_touching_a_wall_in_its_belief_still_gets_away():
         assert max(costs[out:]) < 253
 
 
-def test_a_robot_walled_in_has_no_ways():
+def test_a_robot_walled_in_has_no_paths():
     costs = np.full((9, 9), 254, dtype=np.uint8)
     grid = OccupancyGrid(np.full((9, 9), 100, dtype=np.int8), 0.05, (0.0, 0.0))
     assert travel_field(Costmap(costs, grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
