@@ -1,4 +1,4 @@
-"""The usual way to build an exploration environment, as the yardstick of `benchmarks.throughput`.
+"""The usual design of an exploration environment, as the reference of `benchmarks.throughput`.
 
 PyBullet with a body per box at its usual 240 Hz, the lidar by `rayTestBatch`, TinySLAM and everything else in NumPy. It
 does the same job as `envs.explore` with the same robot, params and rewards, and nothing in it is slower than it has to

@@ -3,6 +3,6 @@ import pytest
 
 @pytest.fixture
 def no_overview(monkeypatch):
-    """Leave out the pictures over all places, which take longest."""
+    """Leave out the pictures over all worlds, which take longest."""
     for name in ("curves_section", "gallery_section"):
         monkeypatch.setattr(f"benchmarks.arena.publish.{name}", lambda folder, rows: None)
