@@ -57,7 +57,7 @@ class RunCallback(BaseCallback):
         past = [int(row["steps"]) for row in self.evaluations if row["policy"] == "ppo"]
         if not past or self.num_timesteps // every > past[-1] // every:
             self._evaluate()
-        # One update more would make the way back to the last checkpoint longer than promised.
+        # After one more update, the last checkpoint would be older than promised.
         assert self._saved_steps is not None
         if self.num_timesteps + self._config.rollout_steps - self._saved_steps > self._config.checkpoints.every:
             self._save()
@@ -96,7 +96,7 @@ class ProgressBar(BaseCallback):
     """Shows steps, their rate, and the explored share of recent training episodes."""
 
     def __init__(self, total_steps: int, evaluations: list[dict[str, int | float | str]]) -> None:
-        """Show the way to `total_steps`, and the last of `evaluations`."""
+        """Show the progress to `total_steps`, and the last of `evaluations`."""
         super().__init__()
         self._total_steps = total_steps
         self._evaluations = evaluations

@@ -106,8 +106,8 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
     except OSError as error:
         why = "no space is left on the disk" if error.errno == errno.ENOSPC else error.strerror or str(error)
         older = list_checkpoints(run)
-        way_out = f"The newest complete one is {older[-1]}; go on from it with --resume {run}" if older else ""
-        raise CheckpointError(f"checkpoint {folder} could not be written: {why}. {way_out}".rstrip()) from error
+        remedy = f"The newest complete one is {older[-1]}; go on from it with --resume {run}" if older else ""
+        raise CheckpointError(f"checkpoint {folder} could not be written: {why}. {remedy}".rstrip()) from error
     for old in list_checkpoints(run)[:-keep]:
         shutil.rmtree(old)
     return folder
@@ -130,10 +130,10 @@ def load_checkpoint(folder: Path) -> Checkpoint:
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:
-    """Return the error that says that a checkpoint cannot be used, and what can be used in its place."""
+    """Return the error that says that a checkpoint cannot be used, and what can be used instead."""
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
-    way_out = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
-    return CheckpointError(f"checkpoint {folder} is damaged: {why}; {way_out}")
+    remedy = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
+    return CheckpointError(f"checkpoint {folder} is damaged: {why}; {remedy}")
 
 
 def _load(folder: Path) -> Checkpoint:

@@ -20,7 +20,7 @@ from envs.tasks.rewards import RewardWeights
 
 
 class Section(BaseModel):
-    """Part of a configuration: immutable, and without room for keys that nobody knows."""
+    """Part of a configuration: immutable, and unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -49,7 +49,7 @@ class EnvironmentConfig(Section):
     reward: dict[str, float] = Field(default_factory=lambda: dataclasses.asdict(RewardWeights()))
     """Weights of the reward's terms; those left out keep the environment's own."""
     reward_object: str | None = None
-    """`module:attribute` of reward weights of your own, terms included; takes the place of `reward`."""
+    """`module:attribute` of reward weights of your own, terms included; replaces `reward`."""
     clip_actions: bool = False
     """Whether the environment cuts actions to [-1, 1] rather than refuse them. PPO clips them in any case."""
 
@@ -124,7 +124,7 @@ class NetworkConfig(Section):
     log_std: float = -0.5
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
-    """First mean of the forward speed, as a fraction of the robot's limit: who stands still discovers little."""
+    """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
 
 
 class EvaluationConfig(Section):

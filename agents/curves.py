@@ -28,7 +28,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
 
     Args:
         runs: rows of `evaluations.csv` by the run's label.
-        title: stands above.
+        title: of the figure.
         path: PNG to write.
     """
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m agents.curves", description=main.__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="run folders")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--title", default="", help="stands above")
+    parser.add_argument("--title", default="", help="title of the figure")
     arguments = parser.parse_args()
     rows = {
         f"PPO, seed {read_record(run / 'config.yaml', TrainingConfig).seed}": read_evaluations(run)

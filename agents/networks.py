@@ -17,7 +17,7 @@ SECTORS = 40
 class ExplorerFeatures(BaseFeaturesExtractor):
     """A patch convolution on each map crop, sector pooling on the scan, a small layer on the motion state.
 
-    A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall stands within
+    A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall lies within
     a patch matters less than that it does.
     """
 
@@ -90,7 +90,7 @@ class MapPatches(nn.Conv2d):
     def forward(self, crop: Tensor) -> Tensor:
         """Return the features, shape (batch, channels * patches), of crops from 0 to 255.
 
-        The weights are scaled rather than the pixels, of which there are many more; so the policy must be told not to
+        The weights are scaled rather than the pixels, of which there are many more; so the policy must not
         scale images itself (`normalize_images=False`).
         """
         return functional.relu(self._conv_forward(crop, self.weight / 255.0, self.bias)).flatten(1)

@@ -105,7 +105,7 @@ class CalledPolicy:
 
 
 class _Predictor:
-    """Calls `predict` in the manner of stable-baselines3, with as much of it as the model knows."""
+    """Calls `predict` in the manner of stable-baselines3, with the arguments that the model supports."""
 
     def __init__(self, predict: Callable[..., Any]) -> None:
         self._predict = predict

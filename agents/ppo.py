@@ -1,4 +1,4 @@
-"""PPO of stable-baselines3 for the exploration environments, and the way between it and a checkpoint."""
+"""PPO of stable-baselines3 for the exploration environments, and its conversion to and from checkpoints."""
 
 from pathlib import Path
 from typing import Any

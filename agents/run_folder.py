@@ -21,7 +21,7 @@ LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 
 
 class CheckpointError(RuntimeError):
-    """A checkpoint cannot be written, read or used; the message names it, the reason, and the way out."""
+    """A checkpoint cannot be written, read or used; the message names it, the reason, and the remedy."""
 
 
 def list_checkpoints(run: Path) -> list[Path]:

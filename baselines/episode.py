@@ -17,7 +17,7 @@ from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
 Info = dict[str, Any]
 """What an environment returns beside the observation."""
 Observation = dict[str, np.ndarray]
-"""What an environment returns to whoever drives."""
+"""What an environment returns to an explorer or a policy."""
 Decide = Callable[[Observation], np.ndarray | str]
 """Returns the action for an observation, or the reason to stop."""
 Watch = Callable[[Info], None]
@@ -85,7 +85,7 @@ class Curve:
     time: np.ndarray
     """Shape (n,), float64, time since the reset [s]."""
     path_length: np.ndarray
-    """Shape (n,), float64, distance driven in truth [m]."""
+    """Shape (n,), float64, true distance driven [m]."""
     explored_fraction: np.ndarray
     """Shape (n,), float64, explored share of the explorable area."""
 
@@ -95,7 +95,7 @@ class Episode:
     """The measures of one episode, in simulated time and true distances.
 
     A mark that was never reached has infinite time and distance. Statistics that need a number take `time_limit` and
-    `distance_limit` in their place, so that giving up early never looks quick.
+    `distance_limit` instead, so that ending early never counts as fast.
     """
 
     explored_fraction: float

@@ -11,7 +11,7 @@ from envs.tasks.coverage import Coverage
 
 
 class Explorer(Protocol):
-    """Decides, from what the sensors say and the SLAM believes, how to drive. Metres in, metres per second out.
+    """Decides, from sensor readings and the SLAM's estimates, how to drive. Metres in, metres per second out.
 
     Never sees ground truth. `baselines.episode.run_episode` also takes policies: objects with the same `reset`,
     `end_reason` and `plan` that are called with the environment's observation and return its action.
@@ -76,7 +76,7 @@ def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
 
 @runtime_checkable
 class Omniscient(Protocol):
-    """An explorer that is told the truth: no competitor, but the bound that the others are measured against."""
+    """An explorer that uses ground truth: no competitor, but the bound that the others are measured against."""
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
         """Take the ground truth of an episode; called after `Explorer.reset`.

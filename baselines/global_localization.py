@@ -205,7 +205,7 @@ def main(
         console.print("localized   never")
     else:
         error_cm = 100 * result.error_when_localized
-        console.print(f"localized   after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the truth")
+        console.print(f"localized   after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position")
     for k, outcome in enumerate(result.goals, 1):
         console.print(f"goal {k}      {outcome}")
     console.print(f"collisions  {result.collisions}")

@@ -29,7 +29,7 @@ MARK = 0.95
 
 
 def nearest(observation: dict[str, np.ndarray]) -> np.int64:
-    """Take the candidate with the cheapest way; those that failed come last."""
+    """Take the candidate with the cheapest path; those that failed come last."""
     features, mask = observation["candidates"], observation["action_mask"] == 1
     return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
 

@@ -40,7 +40,7 @@ INTRO = (
     "never seen, beside the classic frontier explorer and one that drives at random. None of them sees ground truth: "
     "map and pose come from TinySLAM."
 )
-"""Stands at the head of the report."""
+"""First lines of the report."""
 
 
 def demo(
@@ -55,7 +55,7 @@ def demo(
 
     Args:
         config: of the training.
-        folder: for the results. Those of an earlier demo give way when the new ones are complete, and not before.
+        folder: for the results. Those of an earlier demo are replaced once the new ones are complete.
         episodes: of each explorer.
         physics: of the evaluation.
         time_limit: of its episodes [s]; None lets the environment choose.

@@ -1,6 +1,6 @@
 """What exploration costs as the map grows: `python -m benchmarks.large_floor`.
 
-One burger explores a generated floor, 200 m x 60 m unless told otherwise, with `nearest`, ground truth for a pose, and
+One burger explores a generated floor, 200 m x 60 m by default, with `nearest`, ground truth for a pose, and
 kinematic physics. Processor time by explored area: of the choices (candidates, rule and path), of a control period
 of the explorer in between, and of everything, as a multiple of real time.
 """

@@ -2,7 +2,7 @@
 
 Each goal is an episode of `lidarnaut/Navigate-v0`: a random start, a random goal, AMCL with an initial pose that is a
 little wrong, and `baselines.navigation.MapNavigator`. A goal counts as reached without collision only if the robot's
-true position came within 0.3 m of it and nothing was touched on the way. Run `python -m benchmarks.navigation --help`.
+true position came within 0.3 m of it and nothing was touched before that. Run `python -m benchmarks.navigation --help`.
 """
 
 import json as json_format
@@ -62,7 +62,7 @@ def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
     """
     reached = [d for d in drives if d.is_success]
     times = [d.duration for d in reached] or [math.nan]
-    ways = sum(d.way for d in reached)
+    shortest = sum(d.geodesic_distance for d in reached)
     return {
         "goals": len(drives),
         "reached_without_collision_percent": 100.0 * len(reached) / len(drives),
@@ -70,8 +70,8 @@ def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
         "with_collision": sum(d.collisions > 0 for d in drives),
         "time_median_s": float(np.median(times)),
         "time_p95_s": float(np.percentile(times, 95)),
-        "share_of_full_speed_percent": 100.0 * ways / max(sum(times) * max_v, 1e-9),
-        "path_over_way": sum(d.path_length for d in reached) / max(ways, 1e-9),
+        "share_of_full_speed_percent": 100.0 * shortest / max(sum(times) * max_v, 1e-9),
+        "path_over_way": sum(d.path_length for d in reached) / max(shortest, 1e-9),
         "position_rmse_cm": 100.0 * float(np.sqrt(np.mean([d.position_rmse**2 for d in drives]))),
         "heading_rmse_deg": math.degrees(float(np.sqrt(np.mean([d.heading_rmse**2 for d in drives])))),
         "recoveries": sum(d.recoveries for d in drives),

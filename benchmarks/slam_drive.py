@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from benchmarks.errands import RESOLUTION, Setup, make_setup, record
+from benchmarks.recorded_drives import RESOLUTION, Setup, make_setup, record
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
@@ -50,7 +50,7 @@ class DriveErrors:
 
 
 def drive(setup: Setup, slam: Estimator, seed: int, duration: float) -> DriveErrors:
-    """Send a robot on errands from the world's first spawn, and compare estimated with true poses.
+    """Drive a robot to random goals from the world's first spawn, and compare estimated with true poses.
 
     Args:
         setup: world, robot and physics.

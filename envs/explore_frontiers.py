@@ -57,7 +57,7 @@ class ExploreFrontiersEnv(FrontierActions):
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
     2. Termination: no frontier is left that the robot could get to, after it has looked around once more. The robot is
-       stuck if it can stand nowhere on its map, or has not come ten centimetres far for half a minute.
+       stuck if no cell of its map near it is traversable, or it has not come ten centimetres far for half a minute.
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it

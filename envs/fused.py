@@ -40,7 +40,7 @@ its estimated position; remember its true position."""
 
 
 class Rows(NamedTuple):
-    """The numbers of all robots, a row each; units as in the objects that they stand for."""
+    """The numbers of all robots, a row each; units as in the objects that they copy."""
 
     states: np.ndarray
     commands: np.ndarray

@@ -1,4 +1,4 @@
-"""One robot as it knows itself: what it senses, where it takes itself to be, and the path that it took."""
+"""One robot: its readings, its estimates of pose and map, and the path that it took."""
 
 import math
 
@@ -32,7 +32,7 @@ class Robot:
             control_period: time between two readings [s].
             estimator: turns scans and motions into a belief.
             odometry: motion by the robot's own sensors.
-            ground_truth: motion that the estimator gets in its place; None for odometry.
+            ground_truth: motion that the estimator gets instead; None for odometry.
         """
         self.params = params
         self.estimator = estimator

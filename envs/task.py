@@ -39,9 +39,9 @@ class RewardTerms(Protocol):
 
 
 class Task(ABC):
-    """Where an episode takes place, what is rewarded, and when it ends.
+    """In which world an episode runs, what is rewarded, and when it ends.
 
-    A task sees ground truth. What it lets policies see are its observation parts and what it tells estimators at the
+    A task sees ground truth. Policies see of it only its observation parts and what it passes to estimators at the
     start.
     """
 
@@ -89,7 +89,7 @@ class Task(ABC):
         """Start an episode: reset the robots' estimators and process the first readings.
 
         Args:
-            robots: who takes part.
+            robots: all robots of the episode.
             readings: the first.
             rngs: a generator for each robot's estimator.
             rng: draws what is random about the task.

@@ -34,7 +34,7 @@ DIRECTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Drive a robot by keyboard through a place it does not know, and see its map grow."""
+    """Drive a robot by keyboard through an unknown world, and see its map grow."""
 
     world: str = "turtlebot3_world"
     """Library world, procedural family, or path of a world YAML or map_server YAML."""
@@ -47,7 +47,7 @@ class Options:
     control_hz: float = 10.0
     """Steps per second."""
     seed: int | None = None
-    """Seed of place and noise."""
+    """Seed of world and noise."""
     map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml")
     """Where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm."""
 

@@ -41,11 +41,11 @@ class TrackEnv(LidarEnv):
     """Follow a route with a robot that is localized by a map, its wheels and a compass.
 
     ## Description
-    A differential-drive robot stands at the beginning of a route, with a map that was made beforehand by driving the route
+    A differential-drive robot starts at the beginning of a route, with a map that was made beforehand by driving the route
     by hand. Each step drives it for one control period. A localizer (AMCL) then finds it on the map, at a lower rate and
     with latency; encoders measure its speed, a compass its heading; and an extended Kalman filter fuses them into the pose
     in which the robot sees the route. The task is to follow the route to its end. The defaults repeat the experiment of
-    the EKF report that docs/ekf.md names: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
+    Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -65,7 +65,7 @@ class TrackEnv(LidarEnv):
 
     ## Starting State
     The robot stands still at the beginning of the route, off by a normal draw with the standard deviations
-    `start_spread`; the filter takes it to stand right there.
+    `start_spread`; the filter assumes that it starts exactly there.
 
     ## Episode End
     1. Termination: the end of the route is reached.

@@ -1,7 +1,7 @@
 """The cost of explore_lite (Horner, "Map-merging for multi-robot system", 2016; ROS package m-explore).
 
 Each frontier is a group of touching cells; the cheapest one, by `potential_scale * distance - gain_scale * size`, is
-the goal, and it is asked for anew every few seconds, so that the goal may change on the way. As in that package both
+the goal, and it is chosen anew every few seconds, so that the goal may change during a drive. As in that package both
 terms are multiplied by the map's resolution, which changes their sum's unit and not their order; the distance is the
 straight one to the nearest cell. Three things are ours: the robot goes to the viewpoint whose frontier lies nearest to
 the centroid, which may itself lie inside an obstacle; when no frontier of the least size is left, smaller ones count;

@@ -108,7 +108,7 @@ class RuleExplorer:
         return navigator.command(belief)
 
     def _choose(self, candidates: Candidates, belief: Belief, outcome: str) -> int:
-        """Ask the rule; on the way a goal that the robot has turned away from is not turned to again."""
+        """Ask the rule; during a drive a goal that the robot has turned away from is not turned to again."""
         choice, current = self.rule(candidates, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:
             self._left.clear()

@@ -55,13 +55,13 @@ def _improve(lengths, tour, num_fixed):
                 if after < before - IMPROVEMENT:
                     _reverse(tour, i, j)
                     improved = True
-        # A stretch that changes places with its neighbour has moved; reversed or not, 2-opt sees to.
+        # A stretch that is swapped with its neighbour has moved; 2-opt decides on its direction.
         for i in range(num_fixed, size - 1):
             for j in range(i + 1, size):
                 for k in range(i, j):
                     if min(k - i, j - k - 1) > 2:
                         continue
-                    # i..k and k + 1..j change places.
+                    # i..k and k + 1..j are swapped.
                     before = lengths[tour[i - 1], tour[i]] + lengths[tour[k], tour[k + 1]]
                     before += _step(lengths, tour, j + 1, tour[j])
                     after = lengths[tour[i - 1], tour[k + 1]] + lengths[tour[j], tour[i]]

@@ -1,7 +1,7 @@
 """A tour planner in TARE's manner: viewpoints over the frontiers, a short tour past them, its first stop is the goal.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021.
-One level of tour over the nearest viewpoints takes the place of its two; the path past all that is left still decides
+One level of tour over the nearest viewpoints replaces its two; the path past all that is left still decides
 what comes first, so that no dead end is left behind for which the robot would have to return. Small frontiers wait
 until there are no larger ones: they rarely show enough to be worth a turn.
 """
@@ -20,7 +20,7 @@ from envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, t
 from envs.robots import RobotParams
 
 FAR = 1e4
-"""Length that stands for no path between two stops [m]."""
+"""Length in the absence of a path between two stops [m]."""
 MARGIN = 10.0
 """Paths between stops keep within this distance of the rectangle around them [m]."""
 SPACING = 1.0
@@ -37,7 +37,7 @@ class TourParams:
 
     sizes: tuple[int, ...] = (16, 8, 3)
     """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
-    reached. A corner that furniture hides has few, is worth little, and lies on the way later as often as not."""
+    reached. A corner that furniture hides has few, is worth little, and often lies on a later path."""
     cover: float = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
     max_cover: float = 3.0

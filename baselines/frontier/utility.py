@@ -9,7 +9,7 @@ Nav2 for one by one. A robot that is stuck gives its goal up: that cancels the p
 one is chosen at once. Two things had to be settled anew:
 
 - *Share explored.* The report divides the free cells by all cells of the map, and its map ends where observations end.
-  Ours grows ahead of them, so the rectangle around everything observed takes the place of the map.
+  Ours grows ahead of them, so the rectangle around everything observed replaces the map.
 - *Starvation.* The report's distances suit a warehouse; in a small world nothing passes its filters. When no candidate
   is left, the filters are relaxed step by step (`RELAXED`), and the last step takes whatever there is.
 """

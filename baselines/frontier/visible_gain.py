@@ -1,4 +1,4 @@
-"""How much unknown area a lidar could see from a place, if nothing stood there."""
+"""How much unknown area a lidar could see from a viewpoint, if that area were free."""
 
 import math
 
@@ -20,8 +20,8 @@ def _count_visible(data, row, col, reach, seen):
 
     Args:
         data: shape (height, width), int8, occupancy.
-        row: row of the place.
-        col: column of the place.
+        row: row of the viewpoint.
+        col: column of the viewpoint.
         reach: length of the rays [cells].
         seen: shape (height, width), bool, all false before and after.
     """

@@ -24,7 +24,7 @@ class Drive:
     """Contacts begun."""
     duration: float
     """Time at the end [s]."""
-    way: float
+    geodesic_distance: float
     """True geodesic distance to the goal at the start [m]."""
     path_length: float
     """Distance driven [m]."""
@@ -75,7 +75,7 @@ def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on
         on_step: called with `info` after the reset and after every step, to record pictures.
     """
     observation, info = env.reset(seed=seed)
-    way, errors, decision_times = info["way_to_goal"], list[np.ndarray](), [0.0]
+    distance, errors, decision_times = info["way_to_goal"], list[np.ndarray](), [0.0]
     navigator = make_navigator(env, seed, params)
 
     def watch(info: Info) -> None:
@@ -96,7 +96,7 @@ def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on
         end_reason=info["end_reason"],
         collisions=int(info["collisions"]),
         duration=info["time"],
-        way=way,
+        geodesic_distance=distance,
         path_length=info["path_length"],
         position_rmse=position,
         heading_rmse=heading,

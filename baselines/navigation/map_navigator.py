@@ -27,7 +27,7 @@ from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
 STOP = Twist(0.0, 0.0)
-"""Stands still."""
+"""Zero velocity."""
 CLEARED_RADIUS = 1.5
 """Marks of scans this near to a robot that recovers are cleared [m]."""
 
@@ -89,7 +89,7 @@ class MapNavigator:
         self.end_reason: str | None = None
         """Why it has ended: "reached", "no_path", "stuck", "lost" or "blind"; None while it has not."""
         self.num_recoveries = 0
-        """Number of recovery behaviors on the way to this goal."""
+        """Number of recovery behaviors since this goal was set."""
         self._has_path = self._has_planned = False
         self._counted = 0 if math.isinf(self._time) else self._navigator.num_recoveries
         self._share: float | None = None
@@ -103,8 +103,8 @@ class MapNavigator:
         """Drive to another goal from now on.
 
         Args:
-            goal: where to (x, y), map frame [m].
-            heading: to stand in there [rad]; None for any.
+            goal: position (x, y), map frame [m].
+            heading: goal heading [rad]; None for any.
 
         Raises:
             ValueError: if the goal lies in an obstacle of the map, too near to one, in unknown space or off the map.

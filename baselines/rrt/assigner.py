@@ -8,7 +8,7 @@ from baselines.rrt.filter import information_gain
 from baselines.rrt.params import RrtParams
 from envs.geometry import OccupancyGrid
 
-NOBODY = -1
+UNASSIGNED = -1
 """In place of a point, for a robot that gets none."""
 NONE_TAKEN = np.empty((0, 2))
 """No other robot has a point."""
@@ -37,14 +37,14 @@ def assign(
         taken: shape (k, 2), float64, points that other robots have already, map frame [m].
 
     Returns:
-        Shape (n,), int64: index of each robot's point; `NOBODY` where none is left that it can reach.
+        Shape (n,), int64: index of each robot's point; `UNASSIGNED` where none is left that it can reach.
 
     Raises:
         ValueError: `costs` does not have a row for each robot and a column for each point.
     """
     if costs.shape != (len(robots), len(points)):
         raise ValueError(f"costs must have the shape {(len(robots), len(points))} (robots, points), got {costs.shape}")
-    chosen = np.full(len(robots), NOBODY, dtype=np.int64)
+    chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)
     for point in taken:
         gains = gains - information_gain(grid, points, params.info_radius, shared_with=point)

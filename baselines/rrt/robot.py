@@ -42,7 +42,7 @@ class RrtRobot:
         """Why it has stopped exploring; None while it has not."""
         self.yielding_to: RrtRobot | None = None
         """The robot that it lets pass."""
-        self.standing, self.passing = NO_POINTS, NO_POINTS
+        self.blocking, self.passing = NO_POINTS, NO_POINTS
         """Outlines of the peers that plans lead around, and of those that they lead through; base frame [m]."""
         self.idle_steps = 0
         """Control steps without a point."""
@@ -92,10 +92,10 @@ class RrtRobot:
             is_asked: whether it looks for a point even in a pause.
         """
         navigator = self.navigator
-        navigator.points, navigator.bodies = points, self.standing
+        navigator.points, navigator.bodies = points, self.blocking
         self.idle_steps = 0 if self.target is not None else self.idle_steps + 1
         self._pause_steps -= 1
-        others = np.concatenate([self.standing, self.passing])
+        others = np.concatenate([self.blocking, self.passing])
         if not self._has_begun:
             self._has_begun = True
             navigator.begin(reading, belief)
@@ -141,7 +141,7 @@ class RrtRobot:
         self.navigator.choose(index)
 
     def wait(self) -> None:
-        """Stand still for a while, since others have all the points."""
+        """Stop for a while, since others have all the points."""
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
         self._has_looked_around, self.end_reason = False, None

@@ -1,7 +1,7 @@
 """The explorer of Nguyen et al. (2022) for several robots with one map.
 
 Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay,
-"Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), who ran it on two and
+"Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), with two and
 three robots. What `baselines.rrt.explorer` says of one robot holds for each; besides:
 
 - *Assignment.* Points are assigned whenever a robot has none: to all robots without one together. The others keep
@@ -9,15 +9,15 @@ three robots. What `baselines.rrt.explorer` says of one robot holds for each; be
 - *Right of way.* A robot's plans lead around peers of lower index, and through those of higher index or without a
   point: these yield. A robot blocked by such a peer makes it drive off its path, and wait there until it has passed.
   Where the peer has nowhere to go, the robot yields to it; if neither can, the goal has failed.
-- *Peers as obstacles.* Robots tell each other their estimated poses. Peers are removed from scans before these are
-  remembered; their footprints take their place, which move with them and are known also where the lidar is blind.
+- *Peers as obstacles.* Robots share their estimated poses. Peers are removed from scans before these are
+  remembered; their footprints replace them, which move with them and are known also where the lidar is blind.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.assigner import UNASSIGNED, assign
 from baselines.rrt.detector import RrtDetector
 from baselines.rrt.params import TEAM_PARAMS, RrtParams
 from baselines.rrt.right_of_way import is_beside, outline
@@ -146,9 +146,9 @@ class RrtTeam:
         positions = np.array([self._poses[robot.index][:2] for robot in due]).reshape(-1, 2)
         chosen = assign(beliefs[0].grid, positions, points, costs, self._params, taken)
         for robot, (frontiers, _, indices), point in zip(due, goals, chosen, strict=True):
-            if point != NOBODY:
+            if point != UNASSIGNED:
                 robot.choose(int(indices[(frontiers == points[point]).all(axis=1).argmax()]))
-        is_driving |= bool((chosen != NOBODY).any())
+        is_driving |= bool((chosen != UNASSIGNED).any())
         for robot in due:
             if robot.target is None:
                 robot.wait() if is_driving else robot.look_around_or_end(self._params.patience)
@@ -170,7 +170,7 @@ class RrtTeam:
                 outline(pose, ahead, radius),
                 self._peer_filter.hits(reading.ranges, pose, here),
             ]
-        robot.standing, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
+        robot.blocking, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
         ranges = self._peer_filter(reading.ranges, pose, [self._poses[peer.index] for peer in peers])
         return reading._replace(ranges=ranges)
 

@@ -59,7 +59,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading and its content."""
 
     title: str
     """The heading."""
@@ -72,8 +72,8 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
 
     Args:
         title: heading of the page.
-        text: stands under it.
-        sections: what stands on it.
+        text: shown under it.
+        sections: its content.
         page: file of the page.
         pictures: folder for the pictures.
     """

@@ -40,7 +40,7 @@ TEXT = (
     "Explorers meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees. "
 )
-"""Stands at the head of that page."""
+"""First lines of that page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
 """Follows it in the documentation."""
 

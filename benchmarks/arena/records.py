@@ -68,7 +68,7 @@ def key_of(row: Row) -> Key:
 
 
 class Records:
-    """The folder of an evaluation. Rows are appended as episodes end, so that a crash loses only those under way.
+    """The folder of an evaluation. Rows are appended as episodes end, so that a crash loses only unfinished ones.
 
     Each shard writes files of its own and reads those of all, so that machines may share a folder.
     """
@@ -167,7 +167,7 @@ def _append(path: Path, values: Iterable[Any]) -> None:
 
 
 def _read_all(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
-    """Yield the rows of all parts of a table. The last line of another machine's part may be under way: it is left."""
+    """Yield the rows of all parts of a table. An incomplete last line of another machine's part is skipped."""
     for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
         content = path.read_bytes().decode()
         header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]

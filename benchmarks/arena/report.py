@@ -42,7 +42,7 @@ def build_report(
         rows: all episodes.
         settings: of the evaluation.
         pictures: of each case that is to have a section.
-        leaderboard: stands above those.
+        leaderboard: shown above those.
         title: heading.
         intro: paragraph under the heading.
         lead: further pictures to show above the results: contents of PNG or GIF files by caption.

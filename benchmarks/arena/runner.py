@@ -121,7 +121,7 @@ class Evaluation:
         Args:
             jobs: processes to spread the episodes over; 1 stays in this one.
             ray: address of a Ray cluster that runs them instead.
-            on_result: called with each episode that has ended, one way or the other.
+            on_result: called with each episode that has ended, also in failure.
 
         Returns:
             The episodes that could not be run. The others are in the folder.

@@ -1,8 +1,8 @@
 """Accuracy and speed of AMCL: `python -m benchmarks.localization`.
 
-In each of three known worlds robots run errands from random starts. With every seed one is tracked from a known pose,
-one is localized globally, and one is kidnapped; `docs/localization.md` says how each is judged. On the log of a real
-robot, filters are compared with ROS's AMCL and Beluga. Times are those of whole updates on one core.
+In each of three known worlds robots drive to random goals from random starts. With every seed one is tracked from a
+known pose, one is localized globally, and one is kidnapped; `docs/localization.md` says how each is judged. On the log
+of a real robot, filters are compared with ROS's AMCL and Beluga. Times are those of whole updates on one core.
 """
 
 import json

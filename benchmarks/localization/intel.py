@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.errands import Drive
+from benchmarks.recorded_drives import Drive
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.logs import Log, load_log, pose_errors, rms

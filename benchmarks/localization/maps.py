@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from benchmarks.errands import RESOLUTION, Drive, Setup, make_setup, record
+from benchmarks.recorded_drives import RESOLUTION, Drive, Setup, make_setup, record
 from envs.arguments import choose_robot
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.worlds import load_world
@@ -41,7 +41,7 @@ def load_known_world(name: str, physics: str = "kinematic") -> KnownWorld:
 
 
 def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
-    """Send a robot on errands from a random start for `duration` [s]."""
+    """Drive a robot to random goals from a random start for `duration` [s]."""
     rng_simulator, rng_driver = (np.random.default_rng(child) for child in seed.spawn(2))
     return record(setup, setup.area.draw_pose(rng_driver), rng_simulator, rng_driver, duration)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.errands import PERIOD
+from benchmarks.recorded_drives import PERIOD
 from envs.geometry import Pose2D
 from envs.localization import PRESETS, Amcl
 from envs.logs import pose_errors

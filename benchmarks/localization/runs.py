@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.errands import PERIOD
+from benchmarks.recorded_drives import PERIOD
 from envs.geometry import Pose2D
 from envs.localization import Amcl, AmclParams
 from envs.logs import pose_errors, rms

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.errands import PERIOD, Drive
+from benchmarks.recorded_drives import PERIOD, Drive
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.localization.likelihood_field import LikelihoodField

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.errands import Drive
+from benchmarks.recorded_drives import Drive
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import Amcl
 

@@ -54,7 +54,7 @@ class Case(NamedTuple):
 
 
 class Drive(Protocol):
-    """Robots under way in one design."""
+    """Environments of one design that are being stepped."""
 
     at_once: int
     """Steps of a sub-environment between two looks at the clock."""

@@ -13,7 +13,7 @@ SIDE = 16.0
 GAP = 0.35
 """Least distance between two bodies: the robots of the benchmark pass everywhere [m]."""
 FREE_AROUND_SPAWN = 0.7
-"""Nothing stands nearer to the middle of the hall [m]."""
+"""Least distance of anything from the middle of the hall [m]."""
 PACKING = 0.45
 """Share of the floor that the largest bodies would take, each with half the gap around it."""
 PILLARS = 10

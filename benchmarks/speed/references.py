@@ -98,7 +98,7 @@ def advance_in_numpy(
     segments: np.ndarray,
     circles: np.ndarray,
 ) -> np.ndarray:
-    """Move a robot among things that stand still; see `envs.simulation.kinematic.advance`.
+    """Move a robot among static obstacles; see `envs.simulation.kinematic.advance`.
 
     Args:
         state: shape (11,), as there.
@@ -106,7 +106,7 @@ def advance_in_numpy(
         normals: standard normal draws for the slip of the left and the right wheel.
         period: control period [s].
         substeps: into how many equal parts it is cut.
-        robot: who.
+        robot: params of the robot.
         segments: shape (n, 4) [m].
         circles: shape (m, 3) [m].
 

@@ -16,7 +16,7 @@ from benchmarks.speed.worker import Worker
 BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
 SLAMS = ("tinyslam", "truth")
-"""Who tells where the robot is."""
+"""Sources of the pose estimate."""
 FEW, MANY = 16, 256
 """Sub-environments of the vector environments that are measured on one core and on two."""
 DESIGNS = (
@@ -54,7 +54,7 @@ class Effort(NamedTuple):
     bodies: tuple[int, ...] = BODIES
     """Halls to drive in."""
     slams: tuple[str, ...] = SLAMS
-    """Who tells where the robot is."""
+    """Sources of the pose estimate."""
 
 
 FULL = Effort(seconds=0.4, repeats=5)
@@ -87,7 +87,7 @@ class Results:
 
 
 def run(effort: Effort, note: Callable[[str], object]) -> Results:
-    """Measure everything; `note` is told what comes next."""
+    """Measure everything; `note` is called with what comes next."""
     available = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
     designs = [design for design in effort.designs if design.cores <= len(available)]
     results = Results(machine=_machine(len(available)))

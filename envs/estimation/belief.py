@@ -1,4 +1,4 @@
-"""What a robot believes: its pose, its map, and how far both can be trusted."""
+"""Estimates of a robot's pose, with their covariance, and of its map."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple

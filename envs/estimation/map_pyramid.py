@@ -27,7 +27,7 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write to `sums`, shape (n,), uint16, what stands in each column of `lines`: free cells + 256 x occupied ones."""
+    """Write to `sums`, shape (n,), uint16, what each column of `lines` holds: free cells + 256 x occupied ones."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):

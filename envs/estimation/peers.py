@@ -14,7 +14,7 @@ PEER_MARGIN = 0.15
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount_x, mount_y, x, y, theta, peers, reach):
-    """Return a scan without the beams that end at a peer: NaN in their place.
+    """Return a scan without the beams that end at a peer: NaN instead.
 
     Args:
         ranges: shape (num_beams,), float32 [m].

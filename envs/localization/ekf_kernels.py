@@ -34,7 +34,7 @@ def predict(state, covariance, duration, noise, max_step):
         state[X] += state[V] * dt * c
         state[Y] += state[V] * dt * s
         state[THETA] += state[W] * dt
-        # F differs from the identity in five places: first F P, row by row, then (F P) F^T, column by column.
+        # F differs from the identity in five entries: first F P, row by row, then (F P) F^T, column by column.
         for j in range(STATE_SIZE):
             covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
             covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]

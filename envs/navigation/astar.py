@@ -199,7 +199,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, entries, open_weights, stride, touching, goal, limit):
-    """Go on with a search; see `_expand`. Returns `entries`, or a larger array in its place."""
+    """Go on with a search; see `_expand`. Returns `entries`, or a larger array instead."""
     counters = expansion.counters
     while True:
         # Written here, and not there: LLVM drops stores behind the loop of `_expand`.

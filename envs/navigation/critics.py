@@ -42,11 +42,11 @@ class Ending(NamedTuple):
     """What the goal critic looks at; see `RotateToGoal` of DWB."""
 
     is_near: bool
-    """Whether the robot stands within the tolerance of a goal with a heading."""
+    """Whether the robot is within the tolerance of a goal with a heading."""
     heading: float
     """That heading in the base frame [rad]."""
     stopped_speed: float
-    """Speed up to which the robot counts as standing, and may turn [m/s]."""
+    """Speed up to which the robot counts as stopped, and may turn [m/s]."""
     slowing_factor: float
     """Price of speed near the goal."""
 

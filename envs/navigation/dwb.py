@@ -40,7 +40,7 @@ class DwbParams:
     goal_tolerance: float = 0.25
     """Distance from the goal at which the robot stops to turn [m]."""
     stopped_speed: float = 0.25
-    """Speed up to which it counts as standing there [m/s]."""
+    """Speed up to which it counts as stopped there [m/s]."""
     slowing_factor: float = 5.0
     """Price of speed there."""
     forward_point_distance: float = 0.1

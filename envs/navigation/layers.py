@@ -83,7 +83,7 @@ def mark_and_clear(layer, is_static, x, y, theta, angle_min, angle_increment, ra
 
 @njit(cache=True, error_model="numpy")
 def combine(static, layer, occupied_from):
-    """Lay the obstacle layer over the static map: obstacles of either, else the static map where it knows, else scans.
+    """Lay the obstacle layer over the static map: obstacles of either, else the static map where known, else scans.
 
     Args:
         static: shape (height, width), int8, occupancy.

@@ -25,9 +25,9 @@ def scan_points(scan, no_return, unit, cos, sin, mount_x, mount_y, points):
         no_return: in the unit of `scan`.
         unit: of `scan` [m].
         cos: shape (num_beams,), of the beams' angles in the base frame.
-        sin: the same.
-        mount_x: position of the lidar in the base frame [m].
-        mount_y: the same.
+        sin: shape (num_beams,), of the same angles.
+        mount_x: x of the lidar in the base frame [m].
+        mount_y: y of the lidar in the base frame [m].
         points: shape (n, 2), float64, written in the base frame [m].
     """
     count = 0
@@ -47,9 +47,9 @@ def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov
         points: shape (n, 2), float64, base frame before the motion [m]; rewritten in the base frame after it.
         num_remembered: how many of them had been remembered before; the others come from the last scan.
         num_points: how many there are.
-        dx: motion of the base, in the base frame before it [m].
-        dy: the same [m].
-        dtheta: the same [rad].
+        dx: motion of the base along x, in the base frame before it [m].
+        dy: motion along y [m].
+        dtheta: turn [rad].
         mount: (x, y, yaw) of the lidar in the base frame.
         half_fov: half the lidar's field of view [rad].
         range_min: the lidar's least range [m].
@@ -154,7 +154,7 @@ def free_distance(points, curvature, radius, distance):
 
 @njit(cache=True, error_model="numpy")
 def mark_missing(data, cells, reach, occupied_from):
-    """Mark obstacles in a map that knows of none near them.
+    """Mark obstacles that the map lacks.
 
     Args:
         data: shape (height, width), int8, occupancy.

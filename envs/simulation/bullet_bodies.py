@@ -123,7 +123,7 @@ def build_mesh(bullet: ModuleType, client: int, vertices: np.ndarray, triangles:
 def build_world(bullet: ModuleType, client: int, world: World) -> list[int]:
     """Put ground, walls and movers into an empty simulation; return the ids of the movers.
 
-    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into has to give way.
+    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside.
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
     vertices, triangles = extrude(world)

@@ -109,7 +109,7 @@ def step_robots(states, commands, normals, uniforms, period, substeps, robot, se
     whole step.
 
     Within a period they move one after the other, past peers that rest where they are by then. So no two of them ever
-    overlap, and nobody is pushed around.
+    overlap, and no robot pushes another.
 
     Args:
         states: shape (num_robots, 11), float64, changed in place; see `state`.

@@ -109,7 +109,7 @@ def measure_yaw_rate(state, normals, imu):
 
 @njit(cache=True, error_model="numpy")
 def sense(states, normals, uniforms, robot, segments, circles, ranges, others):
-    """Measure what all robots sense, but for contact, which the physics knows.
+    """Measure what all robots sense, but for contact, which the physics determines.
 
     Args:
         states: shape (num_robots, 11), float64; see `state`.

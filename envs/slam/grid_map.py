@@ -110,7 +110,7 @@ class GridMap:
             raise MemoryError(
                 f"the map would need {width + left + right} x {height + low + high} cells of "
                 f"{self._params.resolution} m to hold the last scan; the pose estimate has run away, or the resolution "
-                "is too fine for the place"
+                "is too fine for the world"
             )
         margins = ((low, high), (left, right))
         self.words = np.pad(self.words, margins, constant_values=self.unvisited)

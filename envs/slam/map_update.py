@@ -106,7 +106,7 @@ def _near_end(row, col, end_row, end_col, x, y, end_x, end_y, hit, by_area, occu
         occupied_prob: occupancy reported of the cell of a hit.
         empty_prob: occupancy reported of cells that a beam passes.
         hole: length of the ramp [cells]; 0 for none.
-        add_blur: whether the ramp adds to the occupancy of a passed cell, or takes its place.
+        add_blur: whether the ramp adds to the occupancy of a passed cell, or replaces it.
 
     Returns:
         Occupancy reported; its weight; the part of it that is owed to the hit.
@@ -143,7 +143,7 @@ def draw_scan(
     add_blur,
     new_cells,
 ):
-    """Draw a scan into a map that has room for it.
+    """Integrate a scan into a map that has room for it.
 
     Each beam is walked from the lidar's cell to its end, one cell per column or row, whichever it crosses more of. A
     hit occupies the last cell, and the ramp of the wall blur leads up to it, unless the beam is shorter than the ramp.
@@ -162,7 +162,7 @@ def draw_scan(
         empty_prob: occupancy reported of cells that a beam passes.
         quality: weight of the scan.
         hole: length of the ramp [cells].
-        add_blur: whether the ramp adds to the occupancy of a passed cell, or takes its place.
+        add_blur: whether the ramp adds to the occupancy of a passed cell, or replaces it.
         new_cells: shape (n, 2), int32, written: row and column of cells that became known.
 
     Returns:

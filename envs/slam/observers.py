@@ -6,7 +6,7 @@ from envs.geometry import Pose2D
 
 
 class MatcherObserver(Protocol):
-    """Is told of every pose that the matcher tests. Costs are hits minus the sum of their cells' occupancies."""
+    """Is notified of every pose that the matcher tests. Costs are hits minus the sum of their cells' occupancies."""
 
     def on_matching_start(self, pose: Pose2D) -> None:
         """A search begins at the predicted pose."""

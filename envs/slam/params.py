@@ -14,12 +14,12 @@ from envs.files import parse_record, read_mapping, resolve
 PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets").glob("*.yaml"))}
 """Files of the presets by name."""
 PRESET_NAMES = tuple(PRESETS)
-"""Presets that `load_params` knows by name."""
+"""Presets that `load_params` accepts by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TinySlamParams:
-    """Everything that TinySLAM can be told.
+    """All params of TinySLAM.
 
     Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/slam.md` compares them with the
     original's launch file, with Nguyen et al. (TinySLAM for a robot vacuum, 2025), and with what the environments use.
@@ -53,7 +53,7 @@ class TinySlamParams:
     hole_width: float = 1.5
     """Depth of the ramp in front of a hit over which occupancy rises [m]. 0 for none."""
     blur: Literal["add", "assign"] = "add"
-    """Whether the ramp is added to the occupancy of a passed cell (the original) or takes its place (its successor)."""
+    """Whether the ramp is added to the occupancy of a passed cell (the original) or replaces it (its successor)."""
     skip_exceeding: bool = False
     """Whether beams without a return are left out of the map; else they clear it up to the lidar's range."""
     min_travel_distance: float = 0.0
@@ -62,7 +62,7 @@ class TinySlamParams:
     min_travel_angle: float = 0.0
     """... or once it has turned by this much since [rad]."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Whether motion is applied along the believed heading, or added as odometry's own frame sees it, as the originals
+    """Whether motion is applied along the estimated heading, or added as odometry's own frame sees it, as the originals
     do, which is wrong as soon as the two frames are turned against each other."""
     map_width: float = 20.0
     """Extent of a new map along x [m]; it grows when needed."""

@@ -27,7 +27,7 @@ class TinySlam:
         Args:
             lidar: geometry of the scans.
             params: what to do with them.
-            observers: are told of the matcher's work; recording it costs time only where there are any.
+            observers: are notified of the matcher's work; recording it costs time only where there are any.
         """
         self.params = params
         self.observers = tuple(observers)

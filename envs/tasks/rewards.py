@@ -66,7 +66,7 @@ class RewardWeights(Weights):
 
 @dataclass(frozen=True, slots=True)
 class NavigateRewards(Weights):
-    """Weights of the reward terms on the way to a goal."""
+    """Weights of the reward terms of driving to a goal."""
 
     progress: float = 1.0
     """For the geodesic distance to the goal that became shorter [1/m]."""

@@ -57,8 +57,8 @@ def make_route_map(
     far it has gone, its compass, if it has one, in which direction.
 
     Args:
-        world: where.
-        robot: who.
+        world: in which the route lies.
+        robot: params of the robot.
         physics: by which physics.
         slam: which SLAM maps.
         path: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m].

@@ -1,4 +1,4 @@
-"""In which world an episode takes place, and where robots start."""
+"""In which world an episode runs, and where robots start."""
 
 import math
 from collections.abc import Iterable
@@ -68,7 +68,7 @@ def choose_starts(
         start: what `read_start` returned; of a team, the start of its first robot, or one for each.
         world: its first spawn is `"spawn"`.
         area: of the world.
-        robot: who starts there.
+        robot: params of the robots.
         num_robots: how many start.
         rng: draws `"random"` uniformly over where the robot fits, and the other robots of a team around the first.
 
@@ -109,15 +109,15 @@ def draw_starts(
     its sight.
 
     Args:
-        area: where robots fit.
-        world: for what stands there at the start.
+        area: the collision-free poses.
+        world: gives the movers at the start.
         robot: gives the footprint.
         first: pose of the first robot, world frame.
         num_robots: how many there are, with the first.
         rng: draws positions and headings.
 
     Raises:
-        ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close they stand.
+        ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.
     """
     starts, circles = [first], world.circles_at(0.0)
     start_cells = area.walls.centers(np.argwhere(area.start_cells))

@@ -4,10 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.errands import Drive
 from benchmarks.localization.__main__ import main, time_quantile
 from benchmarks.localization.maps import load_known_world, record_from_anywhere, symmetries
 from benchmarks.localization.runs import time_of_success
+from benchmarks.recorded_drives import Drive
 from envs.geometry import OccupancyGrid
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.errands import make_setup
+from benchmarks.recorded_drives import make_setup
 from benchmarks.slam_drive import alignment, drive
 from envs.geometry import Pose2D
 from envs.robots import load_robot

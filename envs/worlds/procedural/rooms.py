@@ -124,7 +124,7 @@ def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corrido
         if group[i] != group[j]:
             group = [group[i] if g == group[j] else g for g in group]
         elif rng.random() > (0.06 if corridors else 0.3):
-            continue  # a way around exists already
+            continue  # a path around exists already
         # Flats have a wide opening between rooms now and then.
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
         _open_door(

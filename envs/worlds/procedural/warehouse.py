@@ -100,7 +100,7 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -
 
 
 def _put_columns(rng: np.random.Generator, plan: Plan, floor: Rect) -> None:
-    """Put columns on a lattice, where nothing else stands."""
+    """Put columns on a lattice, where nothing else is."""
     if rng.random() < 0.3:
         return
     x0, y0, x1, y1 = floor

@@ -48,7 +48,7 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     for seed in range(2):
         result = drive(env, seed, MapNavigatorParams(local_planner=planner))
         assert result.is_success
-        assert result.path_length < 1.5 * result.way + 0.5
+        assert result.path_length < 1.5 * result.geodesic_distance + 0.5
     env.close()
 
 

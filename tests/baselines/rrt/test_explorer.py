@@ -9,7 +9,7 @@ from sklearn.cluster import MeanShift
 
 from baselines import RrtExplorer, RrtParams, make_explorer
 from baselines.explorer import to_action
-from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.assigner import UNASSIGNED, assign
 from baselines.rrt.detector import RrtDetector
 from baselines.rrt.filter import information_gain, mean_shift
 from baselines.rrt.navigator import PointNavigator
@@ -222,15 +222,15 @@ def test_three_robots_take_three_points_and_a_fourth_gets_none():
     costs = distances(robots, ISLANDS)
     assert assign(island_map(), robots, ISLANDS, costs, REVENUE).tolist() == [1, 2, 0]
     more = np.vstack([robots, [[9.0, 9.0]]])
-    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), REVENUE).tolist() == [1, 2, 0, NOBODY]
+    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), REVENUE).tolist() == [1, 2, 0, UNASSIGNED]
 
 
 def test_points_that_cannot_be_reached_are_not_assigned():
     robots = np.array([[1.0, 2.0], [7.0, 2.0]])
     costs = distances(robots, ISLANDS)
     costs[0] = np.inf
-    assert assign(island_map(), robots, ISLANDS, costs, REVENUE)[0] == NOBODY
-    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], REVENUE).tolist() == [NOBODY, NOBODY]
+    assert assign(island_map(), robots, ISLANDS, costs, REVENUE)[0] == UNASSIGNED
+    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], REVENUE).tolist() == [UNASSIGNED, UNASSIGNED]
     with pytest.raises(ValueError, match=r"\(2, 3\)"):
         assign(island_map(), robots, ISLANDS, costs.T, REVENUE)
 

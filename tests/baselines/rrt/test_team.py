@@ -9,7 +9,7 @@ import baselines.rrt.team as team_module
 from baselines import RrtExplorer, RrtParams
 from baselines.episode import run_episode
 from baselines.explorer import to_action
-from baselines.rrt.assigner import NOBODY, assign
+from baselines.rrt.assigner import UNASSIGNED, assign
 from baselines.rrt.detector import RrtDetector
 from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
 from baselines.rrt.team import RrtTeam
@@ -91,7 +91,7 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
 
     def assign_far_ends(grid, robots, found, costs, params, taken):
         """Send each robot to its target at the other end, whatever lies nearer."""
-        chosen = np.full(len(robots), NOBODY)
+        chosen = np.full(len(robots), UNASSIGNED)
         for k, position in enumerate(robots):
             index = int(np.argmin([math.dist(position, belief.pose[:2]) for belief in env.beliefs]))
             gaps = np.hypot(*(found - points[index]).T)

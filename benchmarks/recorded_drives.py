@@ -54,8 +54,8 @@ class Drive:
         )
 
 
-class Errands:
-    """Drives to one random pose of a known world after another, by ground truth."""
+class RandomGoalDriver:
+    """Drives to random poses of a known world, one after another, by ground truth."""
 
     def __init__(self, robot: RobotParams, area: ExplorableArea, rng: np.random.Generator) -> None:
         """Prepare for a drive; goals are drawn from `rng`."""
@@ -96,7 +96,7 @@ def record(
     rng_driver: np.random.Generator,
     duration: float,
 ) -> Drive:
-    """Send a robot on errands.
+    """Drive a robot to one random goal after another.
 
     Args:
         setup: world, robot and physics.
@@ -105,7 +105,7 @@ def record(
         rng_driver: source of the goals.
         duration: length of the drive [s].
     """
-    driver = Errands(setup.robot, setup.area, rng_driver)
+    driver = RandomGoalDriver(setup.robot, setup.area, rng_driver)
     simulator = make_simulator(setup.physics, setup.robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
     odometry = make_motion_source(setup.robot, PERIOD)
