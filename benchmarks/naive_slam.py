@@ -121,7 +121,7 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget everything: an unknown map with the robot in its middle. Candidates are drawn from `rng`."""
+        """Forget everything: an unknown map with the robot in its middle. Candidates are sampled from `rng`."""
         self._rng = rng
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)
         """Shape (height, width), float32: occupancies, `unvisited` where nothing was observed."""
@@ -130,32 +130,32 @@ class NaiveSlam:
         self._sums = np.zeros(self.shape)
         self.pose = Pose2D(0.0, 0.0, 0.0)
         """Estimated pose; the first is the origin."""
-        self.scans_drawn = 0
+        self.num_integrated = 0
         """Number of integrated scans."""
-        self._last_drawn: Pose2D | None = None
+        self._last_integrated: Pose2D | None = None
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
         """Take in one scan, see `envs.slam.Slam`; return (row, column) of the cells that became known, shape (k, 2)."""
         predicted = self.pose.compose(motion)
-        matching = self._match_scans and self.scans_drawn > 0
+        matching = self._match_scans and self.num_integrated > 0
         self.pose = self._match(ranges, predicted) if matching else predicted
         if not self._has_moved():
             return np.empty((0, 2), dtype=np.int64)
-        self._last_drawn = self.pose
+        self._last_integrated = self.pose
         raw = self._match_scans and self.pose == predicted
         quality = self._params.raw_quality if raw else self._params.quality
-        self.scans_drawn += 1
-        return self.draw(ranges, quality)
+        self.num_integrated += 1
+        return self.integrate(ranges, quality)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""
         return x / self.resolution + self.shape[1] // 2, y / self.resolution + self.shape[0] // 2
 
     def _has_moved(self) -> bool:
-        if self._last_drawn is None:
+        if self._last_integrated is None:
             return True
-        distance = math.hypot(self.pose.x - self._last_drawn.x, self.pose.y - self._last_drawn.y)
-        turn = abs(wrap_angle(self.pose.theta - self._last_drawn.theta))
+        distance = math.hypot(self.pose.x - self._last_integrated.x, self.pose.y - self._last_integrated.y)
+        turn = abs(wrap_angle(self.pose.theta - self._last_integrated.theta))
         return distance >= self._params.min_travel_distance or turn >= self._params.min_travel_angle
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
@@ -172,7 +172,7 @@ class NaiveSlam:
         x, y = found.x - self.shape[1] // 2, found.y - self.shape[0] // 2
         return Pose2D(x * self.resolution, y * self.resolution, float(wrap_angle(found.theta)))
 
-    def draw(self, ranges: np.ndarray, quality: float) -> np.ndarray:
+    def integrate(self, ranges: np.ndarray, quality: float) -> np.ndarray:
         """Average every cell of every beam of a scan at `pose` into the map; return the cells that became known."""
         params, lidar = self._params, self._lidar
         sensor = self.pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0))

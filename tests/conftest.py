@@ -1,5 +1,5 @@
 import os
 
-# Windows and figures that nobody needs to see.
+# No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")

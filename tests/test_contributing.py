@@ -19,7 +19,7 @@ QUICK = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
 
 @pytest.fixture(scope="module")
 def own_package(tmp_path_factory):
-    """A folder with the modules of CONTRIBUTING.md, in which users would stand."""
+    """A folder with the modules of CONTRIBUTING.md, in which users would work."""
     folder = tmp_path_factory.mktemp("own")
     text = (ROOT / "CONTRIBUTING.md").read_text()
     blocks = re.findall(r"```python\n# (my_package/\w+\.py)\n(.*?)```", text, re.DOTALL)

@@ -133,7 +133,7 @@ def test_driving_into_a_wall_is_counted_and_does_not_end_the_episode():
     assert min(info["rewards"]["collision"] for info in infos) < 0
 
 
-def test_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_wheels_lose():
+def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_wheels_lose():
     burger, position, heading = load_robot("turtlebot3_burger"), {}, {}
     robot = replace(burger, odometry=replace(burger.odometry, uses_gyro=False))
     for slam in ("truth", "odometry", "tinyslam"):
@@ -224,9 +224,9 @@ def make_quick():
 def test_vector_environments_agree_with_single_ones():
     actions = np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)).astype(np.float32)
     singles = [make_quick() for _ in range(2)]
-    for lane, env in enumerate(singles):
-        env.reset(seed=10 + lane)
-    expected = [[env.step(action[lane])[1] for lane, env in enumerate(singles)] for action in actions]
+    for k, env in enumerate(singles):
+        env.reset(seed=10 + k)
+    expected = [[env.step(action[k])[1] for k, env in enumerate(singles)] for action in actions]
     vectors = [
         gymnasium.vector.SyncVectorEnv([make_quick] * 2),
         gymnasium.vector.AsyncVectorEnv([make_quick] * 2, context="spawn"),

@@ -191,7 +191,7 @@ def test_time_up_truncates_within_a_decision():
 
 
 def test_nothing_left_to_reach_terminates():
-    # Some corners of this place stay unknown, however long one looks.
+    # Some corners of this world stay unknown, however long an episode takes.
     env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", target_coverage=1.0)
     out = rollout(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
@@ -207,7 +207,7 @@ def test_nothing_left_to_reach_terminates():
     ("world", "size", "seed"),
     [("rooms", (10.0, 10.0), 0), ("rooms", (10.0, 10.0), 1), ("turtlebot3_house", None, 0)],
 )
-def test_simple_rules_explore_places(world, size, seed, rule):
+def test_simple_rules_explore_worlds(world, size, seed, rule):
     env = ExploreFrontiersEnv(world=world, world_size=size, physics="kinematic")
     *_, (_, _, _, _, info) = rollout(env, seed, 2000, rule)
     assert info["explored_fraction"] >= 0.95

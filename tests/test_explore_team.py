@@ -139,15 +139,15 @@ def test_bad_actions_are_refused(action):
         env.step(action)
 
 
-def test_robots_start_near_each_other_in_sight_and_know_how_they_stand():
+def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
     env = ExploreTeamEnv(**{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
     for seed in range(3):
         env.reset(seed=seed)
         poses = [truth.state.pose for truth in env.truths]
         assert env.start == poses[0]
         for k, pose in enumerate(poses):
-            believed = env.start.compose(env.beliefs[k].pose)
-            np.testing.assert_allclose(believed, pose, atol=1e-9)
+            estimated = env.start.compose(env.beliefs[k].pose)
+            np.testing.assert_allclose(estimated, pose, atol=1e-9)
             for other in poses[:k]:
                 assert 2 * BURGER.radius + 0.2 <= math.dist(pose[:2], other[:2])
             assert math.dist(pose[:2], poses[0][:2]) <= 2.0
@@ -186,13 +186,13 @@ def test_there_is_room_to_start_in_every_maze():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room(seed):
-    # A way around a corner, in which robots stand behind each other.
-    way = hall(4.0, 0.7, [[0.4, 0.0, 0.4, 0.3], [0.4, 0.3, 4.0, 0.3]])
-    way = replace(way, spawns=(Pose2D(0.225, 0.175, 0.0),))
-    area, first = explorable_area(way, BURGER, 0.05), way.spawns[0]
+    # A corridor around a corner, in which robots start behind each other.
+    corridor = hall(4.0, 0.7, [[0.4, 0.0, 0.4, 0.3], [0.4, 0.3, 4.0, 0.3]])
+    corridor = replace(corridor, spawns=(Pose2D(0.225, 0.175, 0.0),))
+    area, first = explorable_area(corridor, BURGER, 0.05), corridor.spawns[0]
 
     def starts(num_robots):
-        return draw_starts(area, way, BURGER, first, num_robots, np.random.default_rng(seed))
+        return draw_starts(area, corridor, BURGER, first, num_robots, np.random.default_rng(seed))
 
     def hidden(poses):
         # Past the corner, and beyond what can be seen by it.
@@ -200,7 +200,7 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
 
     assert hidden(starts(2)) == 0
     assert hidden(starts(4)) > 0
-    check_starts(starts(4), BURGER.radius, way)
+    check_starts(starts(4), BURGER.radius, corridor)
 
 
 def test_starts_are_not_behind_walls():
@@ -255,12 +255,12 @@ def test_peers_leave_no_trace_in_the_map(slam):
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
-    # 32 if the beams that end at peers are integrated: their own scans clear most of where they stand.
+    # 32 if the beams that end at peers are integrated: their own scans clear most of where they are.
     assert highest <= 12
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
-def test_robots_bump_into_each_other_and_both_feel_it(physics):
+def test_robots_that_collide_both_report_contact(physics):
     start = ((1.0, 2.0, 0.0), (2.0, 2.0, 0.0), (4.0, 2.0, 0.0))
     env = ExploreTeamEnv(world=hall(), physics=physics, num_robots=3, start=start, slam="truth")
     env.reset(seed=0)
@@ -274,11 +274,11 @@ def test_robots_bump_into_each_other_and_both_feel_it(physics):
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
     first, second = (truth.state.pose for truth in env.truths[:2])
     if physics == "kinematic":
-        # Nobody is pushed or driven through.
+        # No robot is pushed or driven through.
         assert tuple(second) == start[1]
         assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
     else:
-        # Who is run into rolls on.
+        # A robot that is run into rolls on.
         assert second.x > start[1][0] + 0.01
         assert math.dist(first[:2], second[:2]) > BURGER.radius
     env.close()

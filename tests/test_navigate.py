@@ -81,13 +81,13 @@ def test_info_has_every_key_and_rewards_sum_up():
     assert len(out) == 41
 
 
-def test_progress_adds_up_to_the_way_that_was_made_good():
+def test_progress_adds_up_to_the_decrease_of_the_geodesic_distance():
     out = rollout(NavigateEnv(**QUICK, reward={"progress": 2.0}), 3, 80)
     rewarded = sum(step[4]["rewards"]["progress"] for step in out[1:])
     assert rewarded == pytest.approx(2.0 * (out[0][1]["way_to_goal"] - out[-1][4]["way_to_goal"]))
 
 
-def test_the_goal_is_seen_from_where_the_robot_believes_to_be():
+def test_the_goal_is_observed_from_the_estimated_pose():
     env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
     observation, info = env.reset(seed=0)
     assert info["distance_to_goal"] == pytest.approx(1.5)
@@ -142,7 +142,7 @@ def test_localisers_differ_as_they_should():
         )
 
 
-def test_a_robot_that_wakes_up_anywhere_is_lost_and_says_so():
+def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
     env = NavigateEnv(**QUICK, initial_pose="unknown")
     observation, info = env.reset(seed=0)
     assert info["is_lost"]
@@ -195,7 +195,7 @@ def test_bad_arguments_are_named(kwargs, culprit):
         NavigateEnv(**{**QUICK, **kwargs})
 
 
-def test_places_where_no_robot_can_stand_are_refused():
+def test_poses_in_collision_are_refused():
     with pytest.raises(ValueError, match="can stand"):
         NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
     # A pillar, and outside of the walls.

@@ -32,7 +32,7 @@ QUICK = {
     "map_resolution": 0.05,
     "control_hz": 5.0,
 }
-"""A short way between pillars; a robot without a compass."""
+"""A short route between pillars; a robot without a compass."""
 HALL = {"physics": "kinematic", "path": np.array([[4.1, 3.2], [10.1, 3.2]]), "map_resolution": 0.05}
 """Six metres of the first side of the rectangle, with the robot of the experiment."""
 
@@ -110,7 +110,7 @@ def test_fusion_keeps_the_heading_that_wheels_lose():
     assert heading["full"] < 0.2 * heading["encoder"]
 
 
-def test_a_start_that_is_off_is_found_out_and_no_reason_to_disbelieve_the_sensors():
+def test_an_initial_pose_error_is_corrected_and_no_measurement_is_rejected():
     env = TrackEnv(**HALL)
     for seed in range(4):
         off = env.reset(seed=seed)[1]["pose_error"][1]
@@ -166,7 +166,7 @@ def test_a_route_seen_from_its_start_begins_at_the_origin():
     np.testing.assert_allclose(route.start.transform(seen.points), route.points, atol=1e-12)
 
 
-def test_maps_are_made_once_and_lie_where_the_place_does():
+def test_maps_are_made_once_and_are_aligned_with_the_world():
     route = Route.of(HALL["path"])
     world, robot = load_world("workshop_hall"), load_robot("mpo_500")
     arguments = (world, robot, "kinematic", "tinyslam", route.points.tobytes(), 0.05, 1 / 17, 3)

@@ -15,7 +15,7 @@ from benchmarks.speed.loops import (
     repeat_advance,
     repeat_cast_rays,
     repeat_crop,
-    repeat_draw_scan,
+    repeat_integrate_scan,
     repeat_match,
     repeat_pool_cells,
 )
@@ -66,7 +66,7 @@ class Scene:
             angle = 2.0 * math.pi * k / 12
             self.naive.pose = self.pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), angle)
             self.ranges = self._scan()
-            self.naive.draw(self.ranges, self.params.quality)
+            self.naive.integrate(self.ranges, self.params.quality)
             self.map.integrate(self.ranges, self.pose, self.params.quality)
 
     @property
@@ -84,7 +84,7 @@ class Scene:
 def make_kernels(hall: Hall) -> list[Kernel]:
     """Prepare every kernel with what it would meet in a hall."""
     scene = Scene(hall)
-    makers = (_cast_rays, _match, _draw_scan, _pool_map, _crop, _advance)
+    makers = (_cast_rays, _match, _integrate_scan, _pool_map, _crop, _advance)
     return [make(scene) for make in makers]
 
 
@@ -150,32 +150,32 @@ def _match(scene: Scene) -> Kernel:
     )
 
 
-def _draw_scan(scene: Scene) -> Kernel:
+def _integrate_scan(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     x, y = grid_map.to_cells(scene.sensor.x, scene.sensor.y)
     scan = (scene.ranges, grid_map.directions, lidar.range_max, params.skip_exceeding)
-    place = (x, y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
+    sensor = (x, y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
     ends = np.empty((lidar.num_beams, 2))
     probs = (params.occupied_prob, params.empty_prob, params.quality)
     how = (AVG, params.estimator == "area", *probs, params.hole_width / params.resolution, params.blur == "add")
     new_cells = np.empty((grid_map.words.size, 2), dtype=np.int32)
-    drawn = NaiveSlam(lidar, params)
-    drawn.pose = scene.pose
+    naive = NaiveSlam(lidar, params)
+    naive.pose = scene.pose
 
     def repeat(times: int) -> None:
         words, occupancy = grid_map.words.copy(), grid_map.grid.data.copy()
-        repeat_draw_scan(times, words, occupancy, scan, *place, ends, how, new_cells)
+        repeat_integrate_scan(times, words, occupancy, scan, *sensor, ends, how, new_cells)
 
     def result() -> np.ndarray:
         empty = GridMap(params, lidar)
-        repeat_draw_scan(1, empty.words, empty.grid.data, scan, *place, ends, how, new_cells)
+        repeat_integrate_scan(1, empty.words, empty.grid.data, scan, *sensor, ends, how, new_cells)
         return probabilities(empty.words)
 
     def reference() -> np.ndarray:
-        drawn.draw(scene.ranges, params.quality)  # a mean does not change when the same is averaged in again
-        return drawn.values
+        naive.integrate(scene.ranges, params.quality)  # a mean does not change when the same is averaged in again
+        return naive.values
 
-    return Kernel("draw_scan", repeat, result, reference)
+    return Kernel("integrate_scan", repeat, result, reference)
 
 
 def _pool_map(scene: Scene) -> Kernel:

@@ -8,7 +8,7 @@ from numba import njit
 from envs.estimation.map_pyramid import crop_level, pool_cells
 from envs.geometry.raycast import cast_rays
 from envs.simulation.kinematic import advance
-from envs.slam.map_update import beam_ends, draw_scan
+from envs.slam.map_update import beam_ends, integrate_scan
 from envs.slam.matcher import match
 
 _LITTLE = 1e-9
@@ -28,10 +28,10 @@ def repeat_match(times, words, points, count, unvisited, x, y, theta, search):
 
 
 @njit
-def repeat_draw_scan(times, words, occupancy, scan, x, y, c, s, resolution, ends, how, new_cells):
+def repeat_integrate_scan(times, words, occupancy, scan, x, y, c, s, resolution, ends, how, new_cells):
     for i in range(times):
         beam_ends(*scan, x + _LITTLE * i, y, c, s, resolution, ends)
-        draw_scan(words, occupancy, scan[0], scan[2], ends, x, y, *how, new_cells)
+        integrate_scan(words, occupancy, scan[0], scan[2], ends, x, y, *how, new_cells)
 
 
 @njit

@@ -11,7 +11,7 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from .cells import unvisited_word
-from .map_update import AVG, BASE, REPORT, beam_ends, draw_scan
+from .map_update import AVG, BASE, REPORT, beam_ends, integrate_scan
 from .params import TinySlamParams
 
 MAX_CELLS = 1 << 27
@@ -72,7 +72,7 @@ class GridMap:
             x, y = self.to_cells(*sensor)
             extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
         new_cells = self._new_cells
-        count = draw_scan(
+        count = integrate_scan(
             self.words,
             self.grid.data,
             ranges,

@@ -126,7 +126,7 @@ def _near_end(row, col, end_row, end_col, x, y, end_x, end_y, hit, by_area, occu
 
 
 @njit(cache=True, error_model="numpy")
-def draw_scan(
+def integrate_scan(
     words,
     occupancy,
     ranges,

@@ -118,7 +118,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_checkpoint_is_named_with_the_way_out(damage, run, fresh_model):
+def test_a_damaged_checkpoint_is_named_with_the_remedy(damage, run, fresh_model):
     older, newest = list_checkpoints(run)
     break_it, message = DAMAGES[damage]
     break_it(newest)
@@ -172,7 +172,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     assert [other.name for other in tmp_path.iterdir()] == ["table.csv"]
 
 
-def test_folders_without_a_checkpoint_are_told(tmp_path):
+def test_folders_without_a_checkpoint_are_reported(tmp_path):
     with pytest.raises(CheckpointError, match=r"nowhere is no folder; a run folder has checkpoints/step_<number>/"):
         find_checkpoint(tmp_path / "nowhere")
     with pytest.raises(CheckpointError, match="is neither a run folder nor a checkpoint folder"):

@@ -79,7 +79,7 @@ def test_it_keeps_the_pace_of_its_training(tiny_run, env):
         ready(explorer, env, period=0.5)
 
 
-def test_what_does_not_fit_is_told(tiny_run, env):
+def test_what_does_not_fit_is_reported(tiny_run, env):
     explorer = PPOExplorer.load(tiny_run)
     robot = SimpleNamespace(name="other", lidar=SimpleNamespace(num_beams=360))
     with pytest.raises(CheckpointError, match=f"needs scans of {BEAMS} beams, but the lidar of robot 'other' has 360"):
@@ -91,7 +91,7 @@ def test_what_does_not_fit_is_told(tiny_run, env):
         explorer(observation)
 
 
-def test_an_untrained_policy_drives_ahead_as_told(tiny_config):
+def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
     network = tiny_config.network.model_copy(update={"speed": 0.6})
     vector = GymnasiumVecEnv(make_vector(tiny_config.environment, "train", 4))
     model = build_model(tiny_config.model_copy(update={"network": network}), vector)

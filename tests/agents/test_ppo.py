@@ -28,8 +28,8 @@ def test_rollouts_updates_and_evaluations_see_the_same():
     tensors = {key: torch.as_tensor(value) for key, value in seen.items()}
     with torch.no_grad():
         actions, values, _ = policy(tensors, deterministic=True)
-        for ways in (policy.predict_values(tensors), policy.evaluate_actions(tensors, actions)[0]):
-            assert torch.allclose(ways, values, atol=1e-6)
+        for predicted in (policy.predict_values(tensors), policy.evaluate_actions(tensors, actions)[0]):
+            assert torch.allclose(predicted, values, atol=1e-6)
         blind = {**tensors, "map_near": torch.zeros_like(tensors["map_near"])}
         assert (policy.get_distribution(blind).mode() - actions).abs().max() > 1e-3
     assert np.allclose(mean_action(policy, seen), actions.numpy(), atol=1e-6)
@@ -50,7 +50,7 @@ def test_the_model_is_built_on_the_device_of_the_configuration(tiny_config, monk
     assert built.device == device
 
 
-def test_a_gpu_that_is_not_there_is_told(tiny_config, monkeypatch):
+def test_a_missing_gpu_is_reported(tiny_config, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ValueError, match="torch sees no GPU; allowed here are 'cpu' and 'auto'"):
         build_model(tiny_config.model_copy(update={"device": "cuda"}), env=None)

@@ -159,7 +159,7 @@ def test_an_argument_that_the_environment_refuses_leaves_no_run_behind(tiny_data
 
 
 def test_policies_learn(tiny_data, tmp_path):
-    """Driving straight ahead uncovers the fake place; from nothing to most of the way in a few thousand steps."""
+    """Driving straight ahead explores the fake world; from nothing to most of it in a few thousand steps."""
     config = changed(
         tiny_data,
         total_steps=6144,
@@ -203,8 +203,8 @@ def test_a_checkpoint_for_another_lidar_is_refused(tiny_config, tiny_run, monkey
         train(tiny_config, resume=tiny_run, progress=False)
 
 
-def test_the_whole_way_on_the_real_environment(tmp_path):
-    """Lanes train, evaluate and save; the policy then drives a single environment."""
+def test_training_to_driving_on_the_real_environment(tmp_path):
+    """Sub-environments train, evaluate and save; the policy then drives a single environment."""
     config = parse_record(
         {
             "experiment": "real",

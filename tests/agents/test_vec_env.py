@@ -13,15 +13,15 @@ from agents.vec_env import GymnasiumVecEnv
 from agents.vector import make_vector
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
-WAYS = pytest.mark.parametrize("way", ["native", "sync", "async"])
+KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 
 
-def make(num_envs=3, way="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
+def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
     arguments = {"physics": "kinematic", "split": "train", "world": "rooms", "world_size": (6.0, 6.0)} | arguments
-    if way == "native":
+    if kind == "native":
         # The tests of `envs.vector` hold workers against this process.
         return gymnasium.make_vec(id, num_envs, autoreset_mode=mode, **{"num_workers": 0, **arguments})
-    return gymnasium.make_vec(id, num_envs, way, vector_kwargs={"autoreset_mode": mode}, **arguments)
+    return gymnasium.make_vec(id, num_envs, kind, vector_kwargs={"autoreset_mode": mode}, **arguments)
 
 
 def adapt(*args, clip_actions=False, **arguments):
@@ -79,10 +79,10 @@ def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_p
     again.close()
 
 
-@WAYS
-def test_masked_ppo_learns_and_never_takes_what_is_masked(way):
+@KINDS
+def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
     maskable = pytest.importorskip("sb3_contrib", reason="needs the extra `dev`").MaskablePPO
-    env = adapt(4, way, "lidarnaut/ExploreFrontiers-v0", slam="truth")
+    env = adapt(4, kind, "lidarnaut/ExploreFrontiers-v0", slam="truth")
     model = maskable("MultiInputPolicy", env, n_steps=24, batch_size=48, n_epochs=2, seed=1)
     before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
     model.learn(192)
@@ -95,9 +95,9 @@ def test_masked_ppo_learns_and_never_takes_what_is_masked(way):
     env.close()
 
 
-@WAYS
-def test_sub_environments_can_be_reached(way):
-    env = adapt(3, way, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
+@KINDS
+def test_sub_environments_can_be_reached(kind):
+    env = adapt(3, kind, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
     env.seed(4)
     seen = env.reset()
     masks = env.env_method("action_masks")
@@ -105,7 +105,7 @@ def test_sub_environments_can_be_reached(way):
     np.testing.assert_array_equal(masks, env.env.call("action_masks"))
     np.testing.assert_array_equal(env.env_method("action_masks", indices=[2]), seen["action_mask"][2:])
     assert env.has_attr("action_masks")
-    if way != "async":  # Gymnasium's processes end when asked for what they do not have
+    if kind != "async":  # Gymnasium's processes end when asked for what they do not have
         assert not env.has_attr("no_such_thing")
     env.set_attr("nickname", "all")
     env.set_attr("nickname", "second", indices=1)
@@ -130,11 +130,11 @@ def test_seeds_count_up_and_hold_for_one_reset():
     env.close()
 
 
-@WAYS
-def test_actions_beyond_the_bounds_are_cut_if_asked_and_refused_otherwise(way):
+@KINDS
+def test_actions_beyond_the_bounds_are_cut_if_asked_and_refused_otherwise(kind):
     rewards, wild = [], np.array([[7.0, 0.0], [0.2, -3.0]], dtype=np.float32)
     for actions in (wild, np.clip(wild, -1.0, 1.0)):
-        env = adapt(2, way, clip_actions=True)
+        env = adapt(2, kind, clip_actions=True)
         env.seed(0)
         env.reset()
         rewards.append([env.step(actions)[1] for _ in range(5)])

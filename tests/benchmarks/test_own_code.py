@@ -89,7 +89,7 @@ def test_the_objects_themselves_can_be_given_in_python(tmp_path):
         ("nearest=own_explorers:Circling", ["not that of a classic explorer"]),
     ],
 )
-def test_mistakes_in_names_are_told_before_any_work(own_folder, capsys, name, says):
+def test_mistakes_in_names_are_reported_before_any_episode(own_folder, capsys, name, says):
     assert main([*BRIEF, "--policies", name, "--worlds", "pimouse_arena", "--out", "out"]) == 2
     message = " ".join("".join(capsys.readouterr()).split())
     assert all(text in message for text in says), message

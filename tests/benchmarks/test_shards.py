@@ -181,7 +181,7 @@ def test_mistakes_in_the_file_are_named(data, message):
         parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
 
 
-def test_a_part_that_nobody_has_written_to_yet_is_no_obstacle(tmp_path):
+def test_an_empty_part_is_no_obstacle(tmp_path):
     settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
     Evaluation(settings, tmp_path)
     (tmp_path / "episodes-2of2.csv").touch()

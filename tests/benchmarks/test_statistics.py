@@ -38,7 +38,7 @@ def test_worlds_are_strata():
     assert estimate([np.zeros(10), np.ones(10)])[:3] == (0.5, 0.5, 0.5)
 
 
-def test_interval_covers_the_truth_as_often_as_it_says():
+def test_interval_covers_the_true_value_as_often_as_it_says():
     rng = np.random.default_rng(0)
     found = [estimate([rng.normal(1.0, 1.0, 30)]) for _ in range(200)]
     covered = np.mean([e.low <= 1.0 <= e.high for e in found])

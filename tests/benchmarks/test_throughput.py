@@ -67,12 +67,12 @@ def test_a_box_is_outlined_where_it_stands():
     np.testing.assert_allclose(Box(1.0, 2.0, math.pi / 2, 4.0, 2.0).outline(), sides, atol=1e-12)
 
 
-def drive_both(hall, told_truth, steps):
+def drive_both(hall, uses_truth, steps):
     """Give NaiveSlam and the project's own SLAM the same scans, motions and draws; return both and the true pose."""
     robot = benchmark_robot()
     simulator, odometry = make_simulator("kinematic", robot, 0.1), WheelMotion(robot)
-    naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not told_truth)
-    own = make_slam("truth" if told_truth else "tinyslam", robot.lidar)
+    naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not uses_truth)
+    own = make_slam("truth" if uses_truth else "tinyslam", robot.lidar)
     for slam in (naive, own):
         slam.reset(np.random.default_rng(1))
     [reading] = simulator.reset(hall.world, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
@@ -87,20 +87,20 @@ def drive_both(hall, told_truth, steps):
         v, w = next(actions)[0].tolist()
         [reading] = simulator.step([Twist(v * robot.max_v, w * robot.max_w)])
         motion = odometry.update(reading)
-        if told_truth:
+        if uses_truth:
             motion = truth.between(simulator.states[0].pose)
     return naive, own, truth
 
 
-@pytest.mark.parametrize("told_truth", [False, True])
-def test_naive_slam_is_the_same_slam(hall, told_truth):
-    naive, own, truth = drive_both(hall, told_truth, steps=80)
+@pytest.mark.parametrize("uses_truth", [False, True])
+def test_naive_slam_is_the_same_slam(hall, uses_truth):
+    naive, own, truth = drive_both(hall, uses_truth, steps=80)
     np.testing.assert_allclose(naive.pose, own.belief.pose, atol=1e-9)
-    assert math.hypot(naive.pose.x - truth.x, naive.pose.y - truth.y) < (1e-9 if told_truth else 0.05)
+    assert math.hypot(naive.pose.x - truth.x, naive.pose.y - truth.y) < (1e-9 if uses_truth else 0.05)
     words = own.map.words
     np.testing.assert_array_equal(naive.counts, counts(words))
     np.testing.assert_allclose(naive.values, probabilities(words), atol=1e-4)
-    assert naive.scans_drawn > 10
+    assert naive.num_integrated > 10
 
 
 def test_naive_lidar_sees_what_cast_rays_sees(hall):
@@ -117,7 +117,7 @@ def test_naive_lidar_sees_what_cast_rays_sees(hall):
 
 @pytest.mark.filterwarnings("ignore:.*Step info are not equal")  # PyBullet's contacts outlive a reset, by a trace
 def test_naive_environment_does_the_job_of_ours(hall):
-    """Same place, robot and actions: PyBullet at 240 Hz drives about as our kinematics do, and the maps fill alike."""
+    """Same world, robot and actions: PyBullet at 240 Hz drives about as our kinematics do, and the maps fill alike."""
     naive = NaiveExploreEnv(hall, benchmark_robot())
     own = ExploreEnv(world=hall.world, robot=benchmark_robot(), physics="kinematic", start="spawn")
     check_env(naive, skip_render_check=True)
@@ -142,7 +142,7 @@ def test_naive_environment_does_the_job_of_ours(hall):
 
 def test_every_kernel_computes_what_its_reference_does(hall):
     kernels = make_kernels(hall)
-    assert {"cast_rays", "match", "draw_scan", "pool_map", "crop", "advance"} == {k.name for k in kernels}
+    assert {"cast_rays", "match", "integrate_scan", "pool_map", "crop", "advance"} == {k.name for k in kernels}
     for kernel in kernels:
         result, reference = kernel.result().astype(float), kernel.reference().astype(float)
         assert len(np.unique(result)) > 1

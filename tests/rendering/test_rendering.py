@@ -127,7 +127,7 @@ def test_the_map_is_drawn_in_the_frame_of_the_world(renderer):
     assert np.hypot(*(path_end - (2.0, 4.0)).T).min() < 0.05
 
 
-def test_the_truth_shows_floor_bodies_and_outside(renderer):
+def test_the_ground_truth_shows_floor_bodies_and_outside(renderer):
     truth, _ = panels(renderer.draw(make_scene()))
     floor, outside, solid = (found(truth, colour, 2) for colour in (style.FLOOR, style.OUTSIDE, style.SOLID))
     assert floor.min() > -0.05

@@ -1,4 +1,4 @@
-"""Flat ground: the robot does what it is told, times what its controller gets wrong."""
+"""Flat ground: the robot executes its command, times the error of its controller."""
 
 import math
 from dataclasses import replace

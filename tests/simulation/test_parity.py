@@ -17,7 +17,7 @@ HEADING = 0.03
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_random_commands_lead_to_the_same_place(bullet, name, plain):
+def test_random_commands_lead_to_the_same_pose(bullet, name, plain):
     robot = load_robot(name)
     simulators = [make_simulator(physics, robot, 0.1) for physics in PHYSICS]
     metres_per_tick = 2 * math.pi * robot.drive.wheel_radius / robot.odometry.ticks_per_rev

@@ -46,7 +46,7 @@ def test_a_robot_that_runs_into_a_wall_does_not_bump_into_the_peer_beside_it():
 
 @pytest.mark.parametrize("lead", [0.0, 0.005, 0.01, 0.015])
 @pytest.mark.parametrize("first", [0, 1])
-def test_both_robots_of_a_grazing_collision_feel_it_in_the_same_step(lead, first):
+def test_both_robots_of_a_grazing_collision_are_in_contact_in_the_same_step(lead, first):
     # It passes with an overlap of 1 mm, and is clear of the other one before the period ends.
     poses = [
         Pose2D(1.0 - lead, 2.0, 0.0),

@@ -1,4 +1,4 @@
-"""Walls stop robots, let nobody through, and tip nobody over."""
+"""Walls stop robots, let none through, and tip none over."""
 
 import math
 from dataclasses import replace

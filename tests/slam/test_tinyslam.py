@@ -25,14 +25,14 @@ def scan(pose, rng=None, noise=0.01):
 
 
 def drive(slam, motions, odometry, seed=0):
-    """Return the true and the believed pose after the motions, of which odometry tells another story."""
+    """Return the true and the estimated pose after the motions, of which odometry measures others."""
     rng = np.random.default_rng(seed)
     slam.reset(np.random.default_rng(seed + 1))
     pose = STAY
     slam.update(scan(pose, rng), STAY)
-    for motion, told in zip(motions, odometry):
+    for motion, measured in zip(motions, odometry):
         pose = pose.compose(motion)
-        slam.update(scan(pose, rng), told)
+        slam.update(scan(pose, rng), measured)
     return pose, slam.belief.pose
 
 
@@ -43,11 +43,11 @@ def distance(a, b):
 def test_odometry_that_errs_is_corrected():
     motions = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn on a circle
     odometry = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
-    truth, believed = drive(make_slam("tinyslam", LIDAR), motions, odometry)
+    truth, estimated = drive(make_slam("tinyslam", LIDAR), motions, odometry)
     _, by_wheels = drive(make_slam("odometry", LIDAR), motions, odometry)
     assert abs(by_wheels.theta - truth.theta) > 0.5
-    assert distance(truth, believed) < 0.06
-    assert abs(believed.theta - truth.theta) < 0.03
+    assert distance(truth, estimated) < 0.06
+    assert abs(estimated.theta - truth.theta) < 0.03
 
 
 def test_a_robot_that_stands_still_does_not_drift():
@@ -87,20 +87,20 @@ def test_belief_is_updated_in_place_and_names_new_cells():
     assert slam.reset(np.random.default_rng(0)) is not belief
 
 
-def test_scans_are_drawn_when_the_robot_has_moved():
+def test_scans_are_integrated_when_the_robot_has_moved():
     slam = TinySlam(
         LIDAR, load_params("default", {"min_travel_distance": 0.25, "min_travel_angle": 0.1, "max_tries": 1})
     )
-    drawn = []
+    integrated = []
     for k, motion in enumerate([STAY, *[Pose2D(0.1, 0.0, 0.0)] * 4, *[Pose2D(0.0, 0.0, 0.06)] * 3]):
         before = slam.belief.grid.data.copy()
         slam.update(scan(Pose2D(0.1 * min(k, 4), 0.0, 0.06 * max(k - 4, 0))), motion)
-        drawn.append(not np.array_equal(before, slam.belief.grid.data))
-        assert drawn[-1] or len(slam.belief.update.new_cells) == 0
-    assert drawn == [True, False, False, True, False, False, True, False]
+        integrated.append(not np.array_equal(before, slam.belief.grid.data))
+        assert integrated[-1] or len(slam.belief.update.new_cells) == 0
+    assert integrated == [True, False, False, True, False, False, True, False]
 
 
-def test_without_returns_the_prediction_stands():
+def test_without_returns_the_prediction_remains():
     slam = make_slam("tinyslam", LIDAR)
     slam.update(scan(STAY), STAY)
     for ranges in (np.inf, np.nan):
@@ -110,7 +110,7 @@ def test_without_returns_the_prediction_stands():
 
 
 def test_frames_of_odometry():
-    # The believed heading is turned a quarter against odometry's: forward by the wheels is "along x" or "along y".
+    # The estimated heading is turned a quarter against odometry's: forward by the wheels is "along x" or "along y".
     nothing = np.full(180, np.nan, dtype=np.float32)
     for frame, expected in (("robot_frame", (0.0, 1.0)), ("odometry_frame", (1.0, 0.0))):
         slam = TinySlam(LIDAR, load_params("default", {"odometry": frame}))

@@ -55,7 +55,7 @@ def test_explorable_area_refuses_a_robot_that_does_not_fit(burger):
         explorable_area(room(4.0, 4.0, (0.4, 0.4, 0.6, 0.6)), burger, 0.05)
 
 
-def test_drawn_poses_are_standable_and_vary(burger):
+def test_drawn_poses_are_traversable_and_vary(burger):
     area = explorable_area(room(2.02, 3.02), burger, 0.05)
     rng = np.random.default_rng(0)
     poses = [area.draw_pose(rng) for _ in range(50)]
@@ -220,7 +220,7 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
     assert info["explored_fraction"] < 4.9 / 32.0
 
 
-def test_map_iou_is_one_for_the_truth_and_falls_with_displacement(burger):
+def test_map_iou_is_one_for_the_true_map_and_falls_with_displacement(burger):
     area = explorable_area(room(2.02, 3.02), burger, 0.05)
     start = Pose2D(0.0, 0.0, 0.0)
     assert map_iou(area.walls, area, start) == 1.0

@@ -122,7 +122,7 @@ def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
         load_world("yard_of_mine:halls")
 
 
-def test_sampler_refuses_what_it_does_not_know():
+def test_sampler_refuses_unknown_arguments():
     with pytest.raises(
         ValueError, match=r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"
     ):

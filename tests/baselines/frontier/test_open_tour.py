@@ -28,7 +28,7 @@ def test_tours_are_almost_always_the_shortest_there_are():
     assert np.max(excess) < 0.15
 
 
-def test_tours_pass_every_stop_once_and_begin_as_told():
+def test_tours_pass_every_stop_once_and_begin_with_the_fixed_ones():
     tours, _ = best_tours(random_lengths(np.random.default_rng(1), 16))
     for k, tour in enumerate(tours):
         assert list(tour[:2]) == [0, k + 1]

@@ -44,7 +44,7 @@ def explore(name, *, seed, max_time, **kwargs):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_explorers_get_to_know_a_small_world(name):
+def test_explorers_explore_a_small_world(name):
     world = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "tinyslam", "start": "spawn"}
     _, info, _ = explore(name, seed=1, max_time=150.0, **world)
     assert info["explored_fraction"] >= 0.97
@@ -53,7 +53,7 @@ def test_explorers_get_to_know_a_small_world(name):
     assert info["path_length"] > 0.3 * info["time"] * BURGER.max_v
 
 
-def test_nearest_gets_to_know_a_small_world_with_rigid_bodies():
+def test_nearest_explores_a_small_world_with_rigid_bodies():
     pytest.importorskip("pybullet")
     world = {"world": "turtlebot3_world", "physics": "bullet", "slam": "tinyslam", "start": "spawn"}
     _, info, _ = explore("nearest", seed=1, max_time=120.0, **world)

@@ -76,7 +76,7 @@ def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
     assert choice(explorer.rule, 11.2) > 11.0
 
 
-def test_a_goal_is_changed_on_the_way():
+def test_a_goal_is_changed_during_a_drive():
     explorer, grid = TourExplorer(), corridor((160, 169), (231, 240))
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for _ in range(12):

@@ -84,7 +84,7 @@ def test_the_heading_asked_for_is_taken():
     ("goal", "problem"),
     [((2.52, 0.0), "in an obstacle"), ((4.5, 0.0), "in unknown space"), ((9.0, 0.0), "outside the map")],
 )
-def test_goals_where_nobody_can_stand_are_refused_and_the_old_one_stays(goal, problem):
+def test_goals_that_are_not_traversable_are_refused_and_the_old_one_stays(goal, problem):
     navigator = navigator_in(hall())
     navigator.set_goal((1.0, 0.0))
     with pytest.raises(ValueError, match=problem):
@@ -94,7 +94,7 @@ def test_goals_where_nobody_can_stand_are_refused_and_the_old_one_stays(goal, pr
     assert navigator.goal == (1.0, 0.0)
 
 
-def test_without_a_way_it_says_so():
+def test_without_a_path_it_says_so():
     navigator = navigator_in(hall())
     navigator.set_goal((3.0, 0.0))
     action = navigator.act(reading_of(), belief_at(HERE, hall()))
@@ -103,7 +103,7 @@ def test_without_a_way_it_says_so():
     assert action == (0.0, 0.0)
 
 
-def test_a_way_through_the_unknown_is_taken_where_that_is_allowed():
+def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     grid = hall()
     grid.data[1:-1, 145:155] = 0
     navigator = navigator_in(grid, allow_unknown=True)

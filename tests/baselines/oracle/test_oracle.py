@@ -48,7 +48,7 @@ def test_in_a_corridor_it_drives_to_the_near_end_first_and_no_farther_than_it_mu
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.5])
-def test_in_a_corridor_with_its_start_near_an_end_it_goes_one_way(heading):
+def test_in_a_corridor_with_its_start_near_an_end_it_drives_to_the_other(heading):
     episode = explore(OracleExplorer(), CORRIDOR, start=(2.0, 1.0, heading))
     assert episode.success
     assert episode.path_length == pytest.approx(14.5, rel=0.05)
