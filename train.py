@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
             overrides = ["--help"]
         config = tyro.cli(TrainingConfig, default=start, args=overrides, prog="train.py", description=__doc__)
 
-        from agents.training import train  # torch takes seconds to load: mistakes above are told at once
+        from agents.training import train  # torch takes seconds to load: mistakes above are reported at once
 
         run = train(config, resume=given.resume)
     except KeyboardInterrupt:

@@ -24,7 +24,7 @@ class ExploreTeamEnv(ExplorationEnv):
     ## Description
     `ExploreEnv` with one to four equal robots. They start near each other and know their relative poses, as in
     Umari and Mukhopadhyay (2017). Each tracks its own pose, by matching its scans to the map that all of them integrate
-    their scans into. They see each other, and they bump into each other. Beams that end at a peer, by the poses that the
+    their scans into. They see each other, and they collide with each other. Beams that end at a peer, by the poses that the
     robots tell each other, are left out of the map. With one robot everything equals `ExploreEnv`.
 
     ## Action Space
@@ -46,7 +46,7 @@ class ExploreTeamEnv(ExplorationEnv):
 
     ## Rewards
     The sum of the terms in `info["rewards"]`, which are those of `ExploreEnv` for the team as a whole: `explored` (each
-    cell once, whoever sees it), `time`, `collision` (for each robot that touches anything, peers included), `completed`.
+    cell once, by whichever robot), `time`, `collision` (for each robot that touches anything, peers included), `completed`.
 
     ## Starting State
     The robots stand still with an unknown map, whose frame begins where robot 0 starts. `start` says where that is, as in

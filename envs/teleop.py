@@ -83,7 +83,7 @@ class Teleop:
             if event.type == pygame.KEYUP:
                 self._held.discard(event.key)
             elif event.type == pygame.WINDOWFOCUSLOST:
-                self._held.clear()  # the keys' release will be told to somebody else
+                self._held.clear()  # the keys' release will go to another window
             elif event.type == pygame.KEYDOWN and not self._press(event.key):
                 return False
         self._env.step(self._action())

@@ -27,7 +27,7 @@ class NextBestViewParams:
     num_samples: int = 40
     """Viewpoints that are valued at most, drawn from all candidates."""
     discount: float = 0.5
-    """Rate at which a gain loses its value along the way [1/m] (the paper's lambda)."""
+    """Rate at which a gain loses its value along the path [1/m] (the paper's lambda)."""
     max_range: float = 8.0
     """How far a view is taken to reach at most, where the lidar sees farther [m]."""
     sizes: tuple[int, ...] = (8, 3)

@@ -16,7 +16,7 @@ STOP_COST = 0.1
 """What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
 
 NEAR = 0.5
-"""Cells within this share of the lidar's range are surely in sight of a robot that passes a viewpoint closely."""
+"""Cells within this share of the lidar's range count as in sight of a robot that passes a viewpoint closely."""
 MAX_MISSES = 2
 """Number of stops, or viewpoints passed near to it, from which a cell should have been seen and was not, after which
 the tour ignores it."""

@@ -37,7 +37,7 @@ ARRIVED = 0.15
 REACH_MARGIN = 0.1
 """What is taken off the lidar's range in plans [m]."""
 GOAL_TOLERANCE = 0.4
-"""How far beside a stop a path may end where the map has something in the way [m]."""
+"""How far beside a stop a path may end where the map has an obstacle there [m]."""
 
 
 class OracleExplorer:

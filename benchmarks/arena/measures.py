@@ -17,7 +17,7 @@ class Measure:
     unit: str
     """Unit in tables."""
     higher_is_better: bool | None
-    """Which way is up; None where less is not better by itself."""
+    """Whether greater values are better; None where neither is better by itself."""
     digits: int = 1
     """Decimals in tables."""
     scale: float = 1.0

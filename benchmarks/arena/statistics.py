@@ -3,7 +3,7 @@
 Interquartile means, stratified bootstrap intervals, performance profiles and the probability of improvement follow
 Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). Worlds are the strata:
 every resample keeps the number of episodes of each world. SciPy's `bootstrap` draws the same resamples, but refuses a
-stratum of one episode and knows no pairs; a test holds this module against it.
+stratum of one episode and has no pairs; a test holds this module against it.
 """
 
 from collections.abc import Callable, Sequence
@@ -108,7 +108,7 @@ def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray],
     Args:
         a: per world the values of its episodes, shape (episodes,).
         b: the same of the other policy, in the same order.
-        higher_is_better: which way is up.
+        higher_is_better: whether greater values are better.
     """
     sign = 1.0 if higher_is_better else -1.0
     wins = [0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)]
@@ -116,7 +116,7 @@ def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray],
 
 
 def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Estimate:
-    """Return how much of the way from a reference to a bound a policy goes, with its stratified bootstrap interval.
+    """Return the share of the gap from a reference to a bound that a policy closes, with its stratified bootstrap interval.
 
     The interquartile mean of what the policy gains on the reference, over that of what the bound gains on it: 0 is the
     reference, 1 the bound. A ratio of means and not a mean of ratios: starts from which the bound gains next to nothing
@@ -127,14 +127,14 @@ def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Est
         gains: per world what the policy gains on the reference, shape (episodes,).
         bounds: per world what the bound gains on it from the same starts, shape (episodes,).
     """
-    way = paired_difference(bounds, [np.zeros_like(values) for values in bounds])
-    if way.low <= 0.0:
-        return Estimate(np.nan, np.nan, np.nan, way.n)
+    gap = paired_difference(bounds, [np.zeros_like(values) for values in bounds])
+    if gap.low <= 0.0:
+        return Estimate(np.nan, np.nan, np.nan, gap.n)
     own, whole = np.concatenate(gains), np.concatenate(bounds)
     draws = _draws([len(values) for values in gains], NUM_RESAMPLES)
     ratios = interquartile_mean(own[draws]) / interquartile_mean(whole[draws])
     low, high = np.quantile(ratios, TAILS)
-    return Estimate(float(interquartile_mean(own) / interquartile_mean(whole)), float(low), float(high), way.n)
+    return Estimate(float(interquartile_mean(own) / interquartile_mean(whole)), float(low), float(high), gap.n)
 
 
 def performance_profile(strata: Sequence[np.ndarray], thresholds: np.ndarray) -> Band:

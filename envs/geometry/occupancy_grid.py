@@ -7,9 +7,9 @@ import numpy as np
 UNKNOWN = -1
 """Cell value of what has never been observed."""
 FREE = 0
-"""Cell value of what is surely free."""
+"""Cell value of certainly free space."""
 OCCUPIED = 100
-"""Cell value of what is surely occupied."""
+"""Cell value of certainly occupied space."""
 
 
 @dataclass(slots=True)

@@ -67,7 +67,7 @@ def mark_and_clear(layer, is_static, x, y, theta, angle_min, angle_increment, ra
         if not ranges[beam] >= 0.0:
             continue
         angle = theta + angle_min + beam * angle_increment
-        # A cell's width before the hit, so that the noise of a wall does not eat it.
+        # A cell's width before the hit, so that the noise of a wall's ranges does not clear the wall.
         length = min(ranges[beam] - 1.0, clearing)
         if length > 0.0:
             _clear_beam(layer, x, y, math.cos(angle), math.sin(angle), length)

@@ -12,7 +12,7 @@ SAME_POINT = 0.02
 CAPACITY = 1000
 """Points of scans that are remembered at most."""
 BUMP_POINTS = 5
-"""Points that stand for what the bumper touched."""
+"""Number of points by which a contact of the bumper is recorded."""
 
 
 @njit(cache=True, error_model="numpy")

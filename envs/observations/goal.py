@@ -1,4 +1,4 @@
-"""A goal, and how far the pose estimate can be trusted."""
+"""A goal, and the uncertainty of the pose estimate."""
 
 import math
 from collections.abc import Callable
@@ -38,7 +38,7 @@ class Goal:
 
 
 class PoseUncertainty:
-    """How far the pose estimate can be trusted, in three numbers.
+    """The uncertainty of the pose estimate, in three numbers.
 
     Standard deviation of the position over 1 m and of the heading over pi (at most 1), and 1 if the estimator is lost.
     """

@@ -38,7 +38,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     if problem:
         raise RuntimeError(
             f"cannot open a window: {problem}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
-            "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for a window that nobody sees"
+            "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for an invisible window"
         )
     return pygame.Window(title, size)
 

@@ -158,11 +158,11 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
     center_of_mass = body.center_of_mass or body.center
     plate = (body.center[0], body.center[1], min(radius, center_of_mass[2]))
-    places = [(0.0, half_track, radius), (0.0, -half_track, radius), plate]
-    places += [(caster.x, caster.y, caster.radius + caster.clearance) for caster in robot.casters]
+    positions = [(0.0, half_track, radius), (0.0, -half_track, radius), plate]
+    positions += [(caster.x, caster.y, caster.radius + caster.clearance) for caster in robot.casters]
     shapes = [_sphere(bullet, client, radius)] * 2 + [_plate(bullet, client, robot)]
     shapes += [_sphere(bullet, client, caster.radius) for caster in robot.casters]
-    count, casters = len(places), len(robot.casters)
+    count, casters = len(positions), len(robot.casters)
     light = _LIGHT * body.mass
     offsets = np.zeros((count, 3))
     offsets[CHASSIS_LINK] = np.subtract(center_of_mass, plate)
@@ -172,7 +172,7 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
         linkMasses=[drive.wheel_mass] * 2 + [body.mass] + [light] * casters,
         linkCollisionShapeIndices=shapes,
         linkVisualShapeIndices=[-1] * count,
-        linkPositions=(np.array(places) - (0.0, 0.0, radius)).tolist(),
+        linkPositions=(np.array(positions) - (0.0, 0.0, radius)).tolist(),
         linkOrientations=[upright] * count,
         linkInertialFramePositions=offsets.tolist(),
         linkInertialFrameOrientations=[upright] * count,

@@ -1,4 +1,4 @@
-"""What a cell of TinySLAM's map remembers, and how one observation changes it.
+"""The state of a cell of TinySLAM's map, and how one observation changes it.
 
 A cell is one 32-bit word: a signed fixed-point occupancy in the upper 20 bits (18 of them fractional) and the number of
 observations in the lower 12. One load tells the matcher the occupancy, one load and one store update it, and sums of

@@ -25,7 +25,7 @@ def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
 
 
 class GridMap:
-    """Cells that remember what beams said of them, and the occupancy grid that follows from it.
+    """Cells that accumulate observations of beams, and the occupancy grid that follows from them.
 
     The map grows by powers of two towards whatever leaves it. `grid` stays the same object; the array in it and its
     origin are replaced when the map grows.

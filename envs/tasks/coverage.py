@@ -13,7 +13,7 @@ from envs.robots import LidarParams
 from envs.worlds import ExplorableArea
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bits of a raster cell: whether it counts, whether the map knows it, and whether a true scan has seen it."""
+"""Bits of a raster cell: whether it counts, whether it is known in the map, and whether a true scan has seen it."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 OCCUPIED_FROM = 65
 """Least occupancy at which map cells are compared with walls [percent] (`map_server`: occupied_thresh 0.65)."""
@@ -184,7 +184,7 @@ class Coverage:
             true_pose: pose of the base that it was taken from, world frame.
 
         Returns:
-            Change of the explored area [m2]; negative where a map that was redrawn no longer knows a cell.
+            Change of the explored area [m2]; negative where a map that was redrawn no longer holds a cell as known.
         """
         if update.window is None and not update.redrawn:
             return 0.0

@@ -142,7 +142,7 @@ def _interpret(pixels: np.ndarray, opaque: np.ndarray, file: MapFile) -> np.ndar
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
     """Turn a map into a world: the outline of one connected area of free cells.
 
-    Everything else is solid: occupied cells and cells nobody has seen, so that the world is closed whatever the map
+    Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map
     leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved.
 
     Args:

@@ -57,11 +57,11 @@ def test_both_robots_of_a_grazing_collision_are_in_contact_in_the_same_step(lead
     if first:
         poses[:2], commands[:2] = poses[1::-1], commands[1::-1]
     simulator = reset_at(hall(6.0), *poses)
-    felt = np.array([[reading.bumper for reading in simulator.step(commands)] for _ in range(30)])
-    assert felt[:, 0].any()
-    assert not felt[-1].any()
-    np.testing.assert_array_equal(felt[:, 0], felt[:, 1])
-    assert not felt[:, 2].any()
+    touched = np.array([[reading.bumper for reading in simulator.step(commands)] for _ in range(30)])
+    assert touched[:, 0].any()
+    assert not touched[-1].any()
+    np.testing.assert_array_equal(touched[:, 0], touched[:, 1])
+    assert not touched[:, 2].any()
 
 
 def test_peers_do_not_change_what_a_distant_robot_senses(physics):
