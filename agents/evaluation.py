@@ -78,7 +78,7 @@ def run_episodes(
     """Run one episode in each environment, environment i seeded with i.
 
     Args:
-        vector: environments that reset in the same step; those that end early go on unheeded.
+        vector: environments that reset in the same step; those that end early are stepped on, and ignored.
         act: gives the actions, shape (num_envs, num_actions), for a batch of observations.
 
     Returns:

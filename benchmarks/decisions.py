@@ -2,7 +2,8 @@
 
 Each explorer explores one world from the same start, kinematic physics, TinySLAM in the loop. What is timed is each
 `act`, by the processor time of its thread: what else the machine does hardly adds to that. A robot steered at 10 Hz
-misses a control period where one takes 100 ms or more. With `--robots 4` a team explores, and its `act` decides for all of it.
+misses a control period where one takes 100 ms or more. With `--robots 4` a team explores, and its `act` decides for
+all robots.
 """
 
 import time

@@ -135,7 +135,7 @@ class NaiveSlam:
         self._last_integrated: Pose2D | None = None
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Take in one scan, see `Estimator.update`; return (row, column) of the cells that became known, shape (k, 2)."""
+        """Process a scan, see `Estimator.update`; return (row, column) of the cells that became known, shape (k, 2)."""
         predicted = self.pose.compose(motion)
         matching = self._match_scans and self.num_integrated > 0
         self.pose = self._match(ranges, predicted) if matching else predicted

@@ -94,7 +94,7 @@ class ExploreEnv(ExplorationEnv):
     later one, has seen it; a map that slides along or is bent earns nothing), `time`, `collision`, `completed`.
 
     ## Starting State
-    The robot stands still with an unknown map. `start="random"` draws its pose uniformly over where it fits, clear of
+    The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of
     movers, `start="spawn"` takes the world's first spawn pose, a tuple `(x, y, theta)` is taken as it is. Procedural
     families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` chooses for one episode.
 

@@ -49,9 +49,9 @@ class ExploreTeamEnv(ExplorationEnv):
     cell once, by whichever robot), `time`, `collision` (for each robot that touches anything, peers included), `completed`.
 
     ## Starting State
-    The robots stand still with an unknown map, whose frame begins where robot 0 starts. `start` says where that is, as in
-    `ExploreEnv`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any heading, or, where
-    there is no room for that, further away, closer together, or out of its line of sight. One pose per robot, `((x, y, theta), ...)`, is
+    The robots are at rest and have no map yet; the frame of their map begins where robot 0 starts. `start` says where
+    that is, as in `ExploreEnv`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any
+    heading, or, where there is no room for that, further away, closer together, or out of its line of sight. One pose per robot, `((x, y, theta), ...)`, is
     taken as it is.
 
     ## Episode End

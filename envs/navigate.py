@@ -55,7 +55,7 @@ class NavigateEnv(LidarEnv):
     distance to the goal, around all that does not move, became shorter), `time`, `collision`, `reached`.
 
     ## Starting State
-    The robot stands still. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
+    The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
     world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least 1 m away,
     in the map's frame if given. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
     degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,

@@ -64,7 +64,7 @@ class TrackEnv(LidarEnv):
     `time`, `collision`, `completed`. Progress and deviation are the true ones, not the estimated ones.
 
     ## Starting State
-    The robot stands still at the beginning of the route, off by a normal draw with the standard deviations
+    The robot is at rest at the beginning of the route, off by a normal draw with the standard deviations
     `start_spread`; the filter assumes that it starts exactly there.
 
     ## Episode End

@@ -153,7 +153,7 @@ def test_start_can_be_chosen():
     chosen = ExploreEnv(physics="kinematic", start=(-2.0, 0.5, 1.0))
     chosen.reset(seed=0)
     assert tuple(chosen.start) == (-2.0, 0.5, 1.0)
-    with pytest.raises(ValueError, match="can stand"):
+    with pytest.raises(ValueError, match="not collision-free"):
         ExploreEnv(physics="kinematic", start=(0.0, 0.0, 0.0)).reset(seed=0)
 
 

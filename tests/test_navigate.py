@@ -196,7 +196,7 @@ def test_bad_arguments_are_named(kwargs, culprit):
 
 
 def test_poses_in_collision_are_refused():
-    with pytest.raises(ValueError, match="can stand"):
+    with pytest.raises(ValueError, match="not collision-free"):
         NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
     # A pillar, and outside of the walls.
     for goal in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)):

@@ -134,7 +134,7 @@ class FrontierUtility:
 
     @property
     def status(self) -> FrontierStatus:
-        """Where the exploration stood at the last choice."""
+        """State of the exploration at the last choice."""
         return self._status
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
@@ -205,7 +205,7 @@ class FrontierExplorer(RuleExplorer):
 
     @property
     def status(self) -> FrontierStatus:
-        """Where the exploration stood at the last choice."""
+        """State of the exploration at the last choice."""
         return self.rule.status
 
 

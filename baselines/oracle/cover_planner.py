@@ -11,7 +11,7 @@ from baselines.oracle.cover_views import pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Most cells that stand for the area to see."""
+"""Most cells that sample the area to see."""
 STOP_COST = 0.1
 """What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
 
@@ -108,7 +108,7 @@ class CoverPlanner:
             self.stops = []
             return True
         known = self._sample(wanted)
-        # Samples stand for all that is wanted, and as large a share of them may be left out.
+        # Samples represent all that is wanted, and as large a share of them may be left out.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         tour, enough = search_tour(

@@ -107,7 +107,7 @@ class OracleExplorer:
         return navigator.command(belief.pose)
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
-        """Plan what is left of the tour, and set out for its next stops; False if there are none."""
+        """Plan what is left of the tour, and drive to its next stops; False if there are none."""
         num_rounds = ROUNDS
         if self._planner is None:
             self._planner = self._prepare(planning, coverage)
@@ -129,7 +129,7 @@ class OracleExplorer:
             stop = planner.stops[0]
             if self._progress == REACHED and self._goal == stop:
                 planner.use_up(stop, coverage.explored)
-            elif self._set_out(planner, planning, belief.pose):
+            elif self._drive_on(planner, planning, belief.pose):
                 return True
             else:
                 planner.leave_out(stop)
@@ -150,7 +150,7 @@ class OracleExplorer:
             first = first or planner
         return first
 
-    def _set_out(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
+    def _drive_on(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
         """Drive on along the tour; False if there is no path."""
         x, y, _ = self._start.compose(pose)
         viewpoints = planner.next_viewpoints(x, y, LOOKAHEAD)

@@ -116,7 +116,7 @@ def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray],
 
 
 def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Estimate:
-    """Return the share of the gap from a reference to a bound that a policy closes, with its stratified bootstrap interval.
+    """Return which share of the gap from a reference to a bound a policy closes, with a stratified bootstrap interval.
 
     The interquartile mean of what the policy gains on the reference, over that of what the bound gains on it: 0 is the
     reference, 1 the bound. A ratio of means and not a mean of ratios: starts from which the bound gains next to nothing

@@ -1,4 +1,4 @@
-"""What the project set out to reach, held against what was measured."""
+"""The project's targets, compared with what was measured."""
 
 from typing import NamedTuple
 

@@ -16,13 +16,13 @@ Record = TypeVar("Record")
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML in which 3e-4 is a number, as in YAML 1.2, and a key cannot stand twice."""
+    """YAML in which 3e-4 is a number, as in YAML 1.2, and a key cannot occur twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value]
         if len(set(map(str, names))) < len(names):
             name = next(name for name in names if names.count(name) > 1)
-            raise yaml.constructor.ConstructorError(None, None, f"key {name!r} stands twice", node.start_mark)
+            raise yaml.constructor.ConstructorError(None, None, f"key {name!r} occurs twice", node.start_mark)
         return super().construct_mapping(node, deep)
 
 

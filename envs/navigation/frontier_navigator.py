@@ -96,7 +96,7 @@ class FrontierNavigator:
         """Shape (n, 2), float64, base frame [m]: what plans lead around and no map shows, such as other robots."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
-        """Begin an episode: take in the first reading and find the first candidates."""
+        """Begin an episode: process the first reading and find the first candidates."""
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
         """Planning cells."""
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
@@ -191,7 +191,7 @@ class FrontierNavigator:
         return self.navigator.update(reading, belief.pose, others)
 
     def stop(self) -> None:
-        """Drop the goal, and stand still."""
+        """Drop the goal, and stop."""
         self.navigator.stop()
 
     def fail(self) -> None:

@@ -175,7 +175,7 @@ class Navigator:
         recover(self.record, self._obstacles[: self.record["num_obstacles"]], backwards, self.numbers)
 
     def stop(self) -> None:
-        """Give up the goal and whatever else was to be done, and stand still."""
+        """Cancel the goal and any recovery behavior, and stop."""
         for name in ("has_goal", "back_steps", "turn_steps"):
             self.record[name] = 0
 
@@ -192,7 +192,7 @@ class Navigator:
         update_obstacles(self.record, self._obstacles, sensors, tuple(motion), others[:MAX_OTHERS], self.numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Take in a reading, and judge how the drive goes on.
+        """Process a reading, and check the progress of the drive.
 
         Args:
             reading: what the sensors say now.

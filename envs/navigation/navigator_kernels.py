@@ -17,7 +17,7 @@ from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(record, obstacles, sensors, motion, others, numbers):
-    """Take in a scan: what the lidar no longer sees is remembered, and moves along by odometry.
+    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
 
     Args:
         record: of type `NAVIGATOR`, written.
@@ -173,7 +173,7 @@ def _count_still(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def check_progress(record, obstacles, pose, bumper, numbers):
-    """Judge how the drive goes on, once a step is made and `update_obstacles` has taken in its scan.
+    """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
 
     Args:
         record: of type `NAVIGATOR`, written.

@@ -67,7 +67,7 @@ class NavigatorParams:
     spin_rate: float = 1.0
     """Yaw rate of turns that are made to look around or to recover, where the robot can turn that fast [rad/s]."""
     look_radius: float = 3.0
-    """Frontier cells this near to where the robot has stood to look at them, or to a goal that failed, are ignored from
+    """Frontier cells this near to a viewpoint that was visited for them, or to a goal that failed, are ignored from
     then on, in radii of the robot and at most 0.75 m."""
     retry_radius: float = 0.5
     """Goals that failed count as the same goal within this distance [m]."""

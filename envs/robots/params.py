@@ -165,7 +165,7 @@ class Caster:
     radius: float
     """Radius of the ball [m]."""
     clearance: float = 0.0
-    """Gap between the ball and the ground while the robot stands level [m]."""
+    """Gap between the ball and the ground while the robot is level [m]."""
 
     def __post_init__(self) -> None:
         _require(self.radius > 0, "radius must be positive", self.radius)
@@ -234,7 +234,7 @@ class RobotParams:
     name: str
     """What users call it."""
     radius: float
-    """Radius of the circle around the base that stands for the footprint in planning and in kinematic contact [m]."""
+    """Radius of the circle around the base that is the footprint in planning and in kinematic contact [m]."""
     max_v: float
     """Greatest forward (and backward) speed [m/s]."""
     max_w: float

@@ -15,7 +15,7 @@ from .map_update import AVG, BASE, REPORT, beam_ends, integrate_scan
 from .params import TinySlamParams
 
 MAX_CELLS = 1 << 27
-"""Size at which a map refuses to grow: an estimate that has run away must not take all memory."""
+"""Size at which a map refuses to grow: a diverged estimate must not take all memory."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -109,7 +109,7 @@ class GridMap:
         if (height + low + high) * (width + left + right) > MAX_CELLS:
             raise MemoryError(
                 f"the map would need {width + left + right} x {height + low + high} cells of "
-                f"{self._params.resolution} m to hold the last scan; the pose estimate has run away, or the resolution "
+                f"{self._params.resolution} m to hold the last scan; the pose estimate has diverged, or the resolution "
                 "is too fine for the world"
             )
         margins = ((low, high), (left, right))

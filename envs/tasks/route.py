@@ -97,7 +97,7 @@ def rectangle(start: Pose2D, length: float = 78.0, side: float = 24.0, corner_ra
 
 
 class Progress:
-    """Where along a route a robot is; never goes back, and never leaps to where the route comes by again."""
+    """Where along a route a robot is; never decreases, and never jumps to where the route crosses itself."""
 
     def __init__(self, route: Route) -> None:
         """Begin at the start of the route."""

@@ -94,7 +94,7 @@ def check_start(pose: Pose2D, world: World, area: ExplorableArea, robot: RobotPa
     """
     if not area.is_traversable(pose):
         raise ValueError(
-            f"start {tuple(pose)} is no pose at which robot {robot.name!r} (radius {robot.radius} m) can stand "
+            f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
             f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
         )
     return pose

@@ -63,7 +63,7 @@ def test_a_missing_key_and_an_unreadable_file_are_named(tmp_path):
     for text, message in (
         ("a: [1", "expected ',' or ']'"),
         ("- 1", "must hold keys and values, got list"),
-        ("experiment: a\ntotal_steps: 1\nexperiment: b", "key 'experiment' stands twice"),
+        ("experiment: a\ntotal_steps: 1\nexperiment: b", "key 'experiment' occurs twice"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=rf"a\.yaml(.|\n)*{message}"):

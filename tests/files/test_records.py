@@ -62,7 +62,7 @@ def test_each_mistake_has_a_line_of_its_own():
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("a: [1", "not readable as YAML"), ("- 1", "keys and values"), ("a: 1\na: 2", "key 'a' stands twice")],
+    [("a: [1", "not readable as YAML"), ("- 1", "keys and values"), ("a: 1\na: 2", "key 'a' occurs twice")],
 )
 def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
     (tmp_path / "bad.yaml").write_text(text)
