@@ -1,4 +1,4 @@
-"""What an experiment is made of."""
+"""Configuration of an experiment."""
 
 import dataclasses
 import math

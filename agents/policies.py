@@ -1,4 +1,4 @@
-"""Explorers and policies of the user's own, from any library, as the episode loop wants them."""
+"""Explorers and policies of the user's own, from any library, adapted to the episode loop."""
 
 import inspect
 from collections.abc import Callable

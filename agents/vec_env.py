@@ -1,4 +1,4 @@
-"""Vector environments of Gymnasium as stable-baselines3 wants them."""
+"""Vector environments of Gymnasium adapted to stable-baselines3."""
 
 from typing import Any
 

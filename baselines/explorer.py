@@ -1,4 +1,4 @@
-"""What every explorer offers, classic or learned."""
+"""The protocols of explorers, classic or learned."""
 
 from typing import Protocol, runtime_checkable
 

@@ -1,4 +1,4 @@
-"""Telling people why the first step takes so long."""
+"""A note to users while kernels compile in the first step."""
 
 import logging
 from functools import cache

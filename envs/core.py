@@ -37,7 +37,7 @@ def pose_error(map_x, map_y, map_theta, x, y, theta, true_x, true_y, true_theta)
 
 
 class GroundTruth:
-    """What truly happened to a robot, for rewards, metrics and pictures."""
+    """True course of a robot, for rewards, metrics and pictures."""
 
     def __init__(self, state: RobotState) -> None:
         """Begin an episode at a state."""
@@ -171,7 +171,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self.observe(), *outcome
 
     def apply(self, action: Any) -> None:
-        """Drive for one control period without looking at what came of it; raises as `step`."""
+        """Drive for one control period without an observation or outcome; raises as `step`."""
         self.advance(self.twists(action))
 
     def twists(self, action: Any) -> list[Twist]:
@@ -192,7 +192,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return twists
 
     def advance(self, commands: Sequence[Twist]) -> None:
-        """Drive for one control period without looking at what came of it: neither observation, reward nor info."""
+        """Drive for one control period without making observation, reward or info."""
         robots, simulator = self.robots, self.simulator
         readings = simulator.step(commands)  # world -> physics -> sensors
         states = simulator.states

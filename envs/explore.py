@@ -31,7 +31,7 @@ class ExplorationEnv(LidarEnv):
 
     @property
     def coverage(self) -> Coverage:
-        """What is explored, in truth."""
+        """The true coverage."""
         return self.task.coverage
 
     @property
@@ -40,7 +40,7 @@ class ExplorationEnv(LidarEnv):
         return self.task.target_coverage
 
     def scene(self) -> Scene:
-        """Return this moment for drawing: the truth beside what the robots estimate."""
+        """Return this moment for drawing: ground truth beside the robots' estimates."""
         first, *peers = (self._scene_of(k) for k in range(len(self.robots)))
         first.peers = tuple(peers)
         return first
@@ -91,7 +91,7 @@ class ExploreEnv(ExplorationEnv):
     ## Rewards
     The sum of the terms in `info["rewards"]`, weighted by `RewardWeights`: `explored` (area [m2] of
     explorable cells that became explored: the map knows the cell where it is, and the true scan that made it known, or a
-    later one, has seen it; a map that slides along or is bent earns nothing), `time`, `collision`, `completed`.
+    later one, has seen it; a map that is displaced or bent gains nothing), `time`, `collision`, `completed`.
 
     ## Starting State
     The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of

@@ -1,4 +1,4 @@
-"""The navigation environment: a known map, a goal, and only the lidar and the wheels to tell where the robot is."""
+"""The navigation environment: a known map, a goal, and only lidar and wheels to localize by."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -62,7 +62,7 @@ class NavigateEnv(LidarEnv):
     theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a further goal without a reset.
 
     ## Episode End
-    1. Termination: the robot's base is truly within `goal_tolerance` of the goal, and its heading within
+    1. Termination: the robot's true base pose is within `goal_tolerance` of the goal, and its heading within
        `heading_tolerance` of the goal's.
     2. Truncation: `time_limit` seconds have passed.
 
@@ -178,7 +178,7 @@ class NavigateEnv(LidarEnv):
 
     @property
     def area(self) -> ExplorableArea:
-        """What of the world can be reached, in truth."""
+        """The true part of the world that can be reached."""
         return self.task.area
 
     @property

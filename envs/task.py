@@ -101,7 +101,7 @@ class Task(ABC):
 
     @abstractmethod
     def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
-        """Process a control period of so many seconds: what truly happened, and what the robots made of it."""
+        """Process a control period of so many seconds: the true states, and the robots' estimates."""
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:

@@ -18,8 +18,8 @@ class Drive:
     seed: int
     """Of everything random."""
     end_reason: str
-    """"reached" (truly), "time_limit", "refused" (the navigator rejects the goal), "elsewhere" (only the estimated
-    position is at the goal), or why the navigator failed."""
+    """"reached" (by the true pose), "time_limit", "refused" (the navigator rejects the goal), "elsewhere" (only the
+    estimated position is at the goal), or why the navigator failed."""
     collisions: int
     """Contacts begun."""
     duration: float
@@ -54,7 +54,7 @@ def make_navigator(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEF
 def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
     """Return the decisions of a navigator in an environment, which also gets its plan to draw.
 
-    The environment ends the episode when the goal is truly reached, so a navigator that says so first is elsewhere.
+    The environment ends the episode when the true pose is at the goal, so a navigator that says so first is elsewhere.
     """
 
     def decide(observation: Observation) -> np.ndarray | str:

@@ -1,4 +1,4 @@
-"""The leaderboard: everything that an evaluation in many worlds has to say, as a page."""
+"""The leaderboard: all results of an evaluation in many worlds, as a page."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Results for people: tables on the terminal, and a plot."""
+"""Readable results: tables on the terminal, and a plot."""
 
 import itertools
 from pathlib import Path

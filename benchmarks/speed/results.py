@@ -1,4 +1,4 @@
-"""What a run of the benchmark finds out, and how it goes about it."""
+"""Results of a run of the benchmark, and how it measures."""
 
 import itertools
 import os

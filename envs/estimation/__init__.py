@@ -1,4 +1,4 @@
-"""Where a robot takes itself to be, and what it takes its surroundings for."""
+"""Pose estimates and maps: beliefs, estimators, sources of motion."""
 
 from .belief import NO_CELLS, NO_UPDATE, ORIGIN, Belief, MapUpdate, Window
 from .estimator import Estimator

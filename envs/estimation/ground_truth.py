@@ -7,7 +7,7 @@ from envs.simulation import Reading
 
 
 class TrueMotion:
-    """A `MotionSource` that tells how the base has truly moved."""
+    """A `MotionSource` that returns the true motion of the base."""
 
     def __init__(self, true_pose: Callable[[], Pose2D]) -> None:
         """Take what returns the true pose of the base at the last reading, world frame."""

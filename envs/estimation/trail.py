@@ -1,4 +1,4 @@
-"""Where a robot has been."""
+"""The positions that a robot has passed."""
 
 import math
 

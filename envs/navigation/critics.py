@@ -1,4 +1,4 @@
-"""What DWB asks of a trajectory: kernels that roll twists out in the robot's frame and judge where they lead.
+"""The critics of DWB: kernels that roll twists out in the robot's frame and judge where they lead.
 
 Everything lies on a square raster in the base frame, the robot in the middle of its middle cell, x along columns.
 """

@@ -1,4 +1,4 @@
-"""One navigator for everybody: drives a robot along paths, recovers when it gets nowhere, and says how it goes.
+"""The one navigator: drives a robot along paths, recovers when there is no progress, and reports the progress.
 
 Each control period: `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
 turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended (see `envs.navigation.records`).

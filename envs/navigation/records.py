@@ -1,4 +1,4 @@
-"""What a navigator keeps from step to step, what it goes by, and what it says."""
+"""Records of a navigator: its state from step to step, its numbers, and its progress."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The numbers that planning needs, in planning cells, as Numba takes them."""
+"""The numbers of planning in units of planning cells, for Numba."""
 
 import math
 from typing import NamedTuple

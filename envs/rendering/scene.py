@@ -1,4 +1,4 @@
-"""What there is to draw."""
+"""Scenes: the content of a picture."""
 
 import math
 from dataclasses import dataclass

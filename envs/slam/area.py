@@ -1,4 +1,4 @@
-"""The area estimator: what a beam says of a cell follows from where it cuts it."""
+"""The area estimator: a beam's observation of a cell follows from where it crosses it."""
 
 from numba import njit
 

@@ -1,4 +1,4 @@
-"""Drawing scans into the map."""
+"""Integrating scans into the map."""
 
 import math
 

@@ -153,7 +153,7 @@ class Coverage:
     """Counts the explored cells of the explorable area.
 
     A cell is explored once the map knows it where it is, and the true scan has seen it: the scan that made it known, or
-    one that was integrated later. A map that slides along or is bent earns nothing for what no scan saw.
+    one that was integrated later. A map that is displaced or bent gains nothing for what no scan saw.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:

@@ -93,7 +93,7 @@ class GeodesicDistance:
         """Measure the distances from everywhere.
 
         Args:
-            area: the truth.
+            area: the true free and occupied space.
             goal: the goal, world frame.
 
         Raises:
@@ -120,7 +120,7 @@ class GeodesicDistance:
 
 
 def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> Pose2D:
-    """Draw a goal with room for the robot, at least `MIN_DISTANCE` from the start as the crow flies (world frame).
+    """Draw a collision-free goal (world frame), at least `MIN_DISTANCE` from the start in a straight line.
 
     In a world too small for that, the farthest of a hundred.
     """

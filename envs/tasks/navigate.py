@@ -26,7 +26,7 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 
 
 class Navigate(Task):
-    """Drive to a goal on a known map. Ends with "reached" where the robot truly is at the goal."""
+    """Drive to a goal on a known map. Ends with "reached" when the true pose is at the goal."""
 
     reset_options = ("goal",)
 
@@ -89,7 +89,7 @@ class Navigate(Task):
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         """Return where the robot starts; see `Task`."""
         self.area = explorable_area(world, self._robot, self._resolution)
-        """What of the world can be reached, in truth."""
+        """The true part of the world that can be reached."""
         self._starts = choose_starts(
             self._start if start is None else read_start(start), world, self.area, self._robot, 1, rng
         )

@@ -116,7 +116,7 @@ def _make_slam(name: str, robot: RobotParams, resolution: float) -> Estimator:
 class _Mapper:
     """Feeds a SLAM with a scan every so often, and with motions by wheels and compass.
 
-    A SLAM that matches every scan to the one before, which it has just drawn, sticks to that one's noise.
+    A SLAM that matches every scan to the one before, which it has just integrated, follows that one's noise.
     """
 
     def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator) -> None:
@@ -134,13 +134,13 @@ class _Mapper:
         return math.atan2(mean.imag, mean.real)
 
     def begin(self, reading: Reading) -> None:
-        """Take in the first reading."""
+        """Process the first reading."""
         self._wheels.reset(reading)
         self._first_heading = self._heading = reading.heading
         self._use(reading)
 
     def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
-        """Take in the next reading, mapping at the true motion if that is given."""
+        """Process the next reading, mapping at the true motion if that is given."""
         motion = true_motion or self._wheels.update(reading)
         if true_motion is None and not math.isnan(reading.heading):
             motion = _turned(motion, reading.heading - self._heading)
@@ -149,7 +149,7 @@ class _Mapper:
         if math.hypot(self._motion.x, self._motion.y) < UPDATE_DISTANCE and abs(self._motion.theta) < UPDATE_ANGLE:
             return
         if true_motion is None and not math.isnan(reading.heading):
-            # The compass knows the heading itself; by turns alone, an error of the matcher would stay.
+            # The compass measures the heading itself; by turns alone, an error of the matcher would stay.
             turned = reading.heading - self._first_heading - self.slam.belief.pose.theta
             self._motion = self._motion._replace(theta=float(wrap_angle(turned)))
         self._use(reading)

@@ -1,4 +1,4 @@
-"""What a world is made of."""
+"""Worlds as data: walls, movers, spawns."""
 
 from bisect import bisect_right
 from dataclasses import dataclass, field

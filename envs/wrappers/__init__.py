@@ -1,1 +1,1 @@
-"""Environments around environments."""
+"""Wrappers of environments."""

@@ -80,7 +80,7 @@ class FrontierActions(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
-        """Drive until the next decision is due, without looking at what came of it; raises as `step`."""
+        """Drive until the next decision is due, without an observation or outcome; raises as `step`."""
         if not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
         self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)

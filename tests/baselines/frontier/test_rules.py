@@ -1,4 +1,4 @@
-"""How rules choose, and that explorers get to know a small world with them."""
+"""How rules choose, and that explorers explore a small world with them."""
 
 from dataclasses import replace
 
