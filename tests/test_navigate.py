@@ -30,7 +30,7 @@ INFO_KEYS = {
     "rewards",
     "is_success",
 }
-STAND = np.zeros(2, dtype=np.float32)
+STOP = np.zeros(2, dtype=np.float32)
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
@@ -118,9 +118,9 @@ def test_a_heading_can_be_asked_for():
 def test_a_further_goal_needs_no_reset():
     env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
     env.reset(seed=0)
-    env.step(STAND)
+    env.step(STOP)
     env.set_goal((-2.0, 0.5, 0.0))
-    _, _, _, _, info = env.step(STAND)
+    _, _, _, _, info = env.step(STOP)
     assert info["distance_to_goal"] == pytest.approx(1.0, abs=0.02)
     assert info["rewards"]["progress"] == pytest.approx(0.0, abs=0.02)
     assert info["time"] == pytest.approx(0.2)
