@@ -3,7 +3,9 @@
 import ctypes
 import math
 import pickle
+import select
 import signal
+import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,6 +18,9 @@ from gymnasium.vector import AutoresetMode
 
 ALIGNMENT = 64
 """Arrays begin at multiples of a cache line [bytes]."""
+PATIENCE = 0.002
+"""How long a process waits for the others before it sleeps [s]."""
+
 Extras = dict[int, dict[str, Any]]
 """By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
 
@@ -226,6 +231,17 @@ def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
     return tuple(values)
 
 
+def wait(pipe: Connection) -> None:
+    """Wait for a message for a while without sleeping: to be woken takes as long as a robot takes for its step."""
+    if not hasattr(select, "poll"):  # Windows
+        return
+    poll = select.poll()
+    poll.register(pipe.fileno(), select.POLLIN)
+    end = time.perf_counter() + PATIENCE
+    while not poll.poll(0) and time.perf_counter() < end:
+        pass
+
+
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
     """Answer a vector environment's calls until it sends b"q" or closes the pipe; what a worker process runs.
 
@@ -235,6 +251,7 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
     shard: Shard | None = None
     while True:
         try:
+            wait(pipe)
             request = pipe.recv_bytes()
         except (EOFError, ConnectionResetError):
             break

@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from envs.fused import make_shard
-from envs.shard import Extras, Memory, Shard, serve
+from envs.shard import Extras, Memory, Shard, serve, wait
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -47,8 +47,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             autoreset_mode: when a sub-environment whose episode has ended starts the next one: with the step after
                 (`NEXT_STEP`), at once (`SAME_STEP`), or when `reset` is called with a `reset_mask` (`DISABLED`).
             max_episode_steps: truncates episodes after so many steps, besides the time limit.
-            num_workers: processes that step sub-environments; 0 steps them in this one. None takes as many as there are
-                cores that this process may use, and 0 where that is one.
+            num_workers: processes that step sub-environments, this one among them; 0 is the same as 1. None takes as
+                many as there are cores that this process may use.
             context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
             **arguments: of the sub-environments.
 
@@ -66,20 +66,20 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
         if num_workers is None:
             cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-            num_workers = cores if cores > 1 else 0
-        num_workers = min(num_workers, num_envs) if num_envs > 1 else 0
+            num_workers = cores
+        num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._take_spaces(functools.partial(make_env, **arguments))
         multiprocessing_context = multiprocessing.get_context(context)
         observations = self.single_observation_space
         assert isinstance(observations, spaces.Dict)
-        shared_by = multiprocessing_context if num_workers else None
+        shared_by = multiprocessing_context if num_workers > 1 else None
         memory = Memory.of(num_envs, observations, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._has_ended = np.zeros(num_envs, dtype=np.bool_)
         self._dtype: np.dtype | None = None
-        bounds = np.linspace(0, num_envs, max(num_workers, 1) + 1).round().astype(int).tolist()
+        bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         makers = [
             functools.partial(
                 make_shard,
@@ -93,10 +93,9 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             for first, last in itertools.pairwise(bounds)
         ]
         self._bounds = bounds
-        self._shard = None if num_workers else makers[0]()
-        self._workers = []
-        for k in range(num_workers):
-            self._workers.append(_Worker(multiprocessing_context, makers[k]))
+        # This process takes the first shard itself: it has nothing else to do while the others step.
+        self._workers = [_Worker(multiprocessing_context, maker) for maker in makers[1:]]
+        self._shard = makers[0]()
         self.closed = False
 
     def reset(
@@ -150,12 +149,9 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if self.autoreset_mode == AutoresetMode.DISABLED and self._has_ended.any():
             ended = np.flatnonzero(self._has_ended).tolist()
             raise ValueError(f"sub-environments {ended} have ended; reset them with a reset_mask")
-        if self._shard is not None:
-            results = [self._shard.step()]
-        else:
-            for worker in self._workers:
-                worker.send(b"s")
-            results = _receive_all(self._workers, self._dtype)
+        for worker in self._workers:
+            worker.send(b"s")
+        results = self._gather(self._shard.step)
         arrays = self._arrays
         self._has_ended = arrays.terminated | arrays.truncated
         info = self._info(results)
@@ -189,8 +185,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the workers."""
-        if self._shard is not None:
-            self._shard.close()
+        self._shard.close()
         for worker in self._workers:
             worker.close()
 
@@ -230,11 +225,25 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Call a method of every shard, each with arguments of its own, and return the results."""
-        if self._shard is not None:
-            return [getattr(self._shard, method)(*shares[0])]
-        for worker, share in zip(self._workers, shares, strict=True):
+        for worker, share in zip(self._workers, shares[1:], strict=True):
             worker.send(pickle.dumps((method, share)))
-        return _receive_all(self._workers, self._dtype)
+        return self._gather(lambda: getattr(self._shard, method)(*shares[0]))
+
+    def _gather(self, work: Callable[[], Any]) -> list[Any]:
+        """Do this process's share, wait for the workers' and return all results.
+
+        Raises:
+            Exception: the first one, once nobody is at work any more.
+        """
+        try:
+            own = work()
+        except Exception as error:
+            own = error
+        results = [own, *(worker.receive(self._dtype) for worker in self._workers)]
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+        return results
 
     def _observations(self) -> dict[str, np.ndarray]:
         return {name: array.copy() for name, array in self._arrays.observations.items()}
@@ -278,6 +287,7 @@ class _Worker:
     def receive(self, dtype: np.dtype | None) -> Any:
         """Return the result of the last request, or its error."""
         try:
+            wait(self._pipe)
             answer = self._pipe.recv_bytes()
         except (EOFError, ConnectionResetError):
             self._process.join()
@@ -285,15 +295,6 @@ class _Worker:
         if answer[:1] == b".":
             return np.frombuffer(answer, dtype, offset=1), Extras()
         return pickle.loads(answer[1:])
-
-
-def _receive_all(workers: Sequence[_Worker], dtype: np.dtype | None) -> list[Any]:
-    """Wait for all workers; raises the first error once none is at work any more."""
-    results = [worker.receive(dtype) for worker in workers]
-    for result in results:
-        if isinstance(result, Exception):
-            raise result
-    return results
 
 
 def _stop(pipe: Any, process: Any) -> None:
