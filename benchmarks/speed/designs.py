@@ -36,7 +36,7 @@ class Design(NamedTuple):
     num_envs: int = 1
     """Environments that step together."""
     cores: int = 1
-    """Cores that they may use; from two on, a vector environment has as many worker processes."""
+    """Cores that they may use; from two on, a vector environment has as many shards."""
 
 
 class Case(NamedTuple):
