@@ -2,9 +2,11 @@
 
 import ctypes
 import math
+import os
 import pickle
 import select
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +22,14 @@ ALIGNMENT = 64
 """Arrays begin at multiples of a cache line [bytes]."""
 PATIENCE = 0.002
 """How long a process waits for the others before it sleeps [s]."""
+
+_preparing = threading.Lock()
+"""Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
+holds then, the compiler's for example, without the thread that releases them."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
+    )
 
 Extras = dict[int, dict[str, Any]]
 """By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
@@ -184,7 +194,7 @@ class Shard:
         for name, row in self._rows[i].items():
             row[...] = observation[name]
         self._steps[i], self._has_ended[i] = 0, False
-        self._preparations[i] = self._preparer.submit(env.prepare)
+        self._preparations[i] = self._preparer.submit(_prepare, env)
         return info
 
     def _close_episode(self, i: int, info: dict[str, Any], extras: Extras) -> None:
@@ -206,6 +216,11 @@ class Shard:
         names = self._dtype.names or ()
         if len(info) > len(names):
             extras[i] = {name: info[name] for name in info if name not in names} | extras.get(i, {})
+
+
+def _prepare(env: Any) -> None:
+    with _preparing:
+        env.prepare()
 
 
 def record_type(info: Mapping[str, Any]) -> np.dtype:

@@ -1,4 +1,5 @@
 import multiprocessing
+import os
 import time
 
 import gymnasium
@@ -237,3 +238,29 @@ def test_workers_end_at_once_when_closed():
     began = time.monotonic()
     env.close()
     assert time.monotonic() - began < 5.0  # waiting for one worker alone would take ten
+
+
+class SlowlyPrepared(ExploreEnv):
+    """Takes a while to prepare an episode, and says when it does."""
+
+    is_preparing = False
+
+    def prepare(self):
+        type(self).is_preparing = True
+        time.sleep(0.5)
+        type(self).is_preparing = False
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_no_process_is_forked_while_an_episode_is_being_prepared():
+    env = LidarVectorEnv(SlowlyPrepared, 1, num_workers=1, physics="kinematic", **QUICK)
+    env.reset(seed=0)
+    deadline = time.monotonic() + 5.0
+    while not SlowlyPrepared.is_preparing and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert SlowlyPrepared.is_preparing
+    if (child := os.fork()) == 0:
+        os._exit(int(SlowlyPrepared.is_preparing))
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    env.close()
