@@ -307,8 +307,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._renderer.draw(self.scene())
 
     def scene(self) -> Any:
-        """Return this moment for drawing."""
-        raise NotImplementedError
+        """Return this moment for drawing; environments that can be rendered define it."""
+        raise NotImplementedError(f"{type(self).__name__} cannot be rendered: it does not define scene()")
 
     def _painter(self) -> Any:
         """Return what makes the picture that scenes are painted in, see `envs.rendering.Renderer`; None for its own."""
