@@ -221,8 +221,8 @@ class FrontierNavigator:
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
         """Return how the drive has ended, and draw the conclusions; None while it goes on."""
         navigator = self.navigator
-        is_driving = navigator.has_goal and not navigator.is_recovering
-        if is_driving and self._has_changed and navigator.steps >= self._min_steps:
+        is_due = self._has_changed and navigator.steps >= self._min_steps
+        if is_due and navigator.has_goal and not navigator.is_recovering:
             self._has_changed = False
             if not self._is_frontier_left():
                 self._last_failed = False

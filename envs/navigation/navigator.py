@@ -11,21 +11,23 @@ turns once around on the spot; `update` returns `DRIVING`, or how the drive has 
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation.navigator_kernels import (
-    check_progress,
     compute_velocity_command,
     recover,
     set_goal,
     start_spin,
+    update,
     update_obstacles,
 )
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
 from envs.navigation.params import NavigatorParams
+from envs.navigation.pursuit import as_record
 from envs.navigation.records import DRIVING, NAVIGATOR, NavigatorNumbers
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
@@ -59,10 +61,11 @@ class Navigator:
         """
         self.params = params
         self.numbers = NavigatorNumbers.of(robot, control_period, max_time, params)
+        self._numbers = as_record(self.numbers)
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
-        self._record_array = np.zeros(1, dtype=NAVIGATOR)
+        self._records = np.zeros(1, dtype=NAVIGATOR)
         self._obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
         self._period = control_period
@@ -73,12 +76,12 @@ class Navigator:
 
     def reset(self, reading: Reading) -> None:
         """Begin an episode with its first reading."""
-        array = self._record_array
-        array[:] = 0
-        array["side"] = 1.0
-        array["stall_steps"] = array["stuck_steps"] = -1
-        array["forward"] = 1
-        self.record = array[0]
+        records = self._records
+        records[:] = 0
+        records["side"] = 1.0
+        records["stall_steps"] = records["stuck_steps"] = -1
+        records["forward"] = 1
+        self.record = records[0]
         """Of type `NAVIGATOR`."""
         self._odometry.reset(reading)
         self.sense(reading)
@@ -158,7 +161,7 @@ class Navigator:
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         count = len(path) if num_points is None else num_points
         end = goal or (float(path[count - 1, 0]), float(path[count - 1, 1]))
-        set_goal(self.record, count, end, view, keep_clocks)
+        set_goal(self._records, count, end, view, keep_clocks)
 
     def follow(self, path: np.ndarray, *, num_points: int | None = None) -> None:
         """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]; see `drive_to`."""
@@ -168,11 +171,11 @@ class Navigator:
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
-        start_spin(self.record, angle, self.numbers)
+        start_spin(self._records, angle, self._numbers)
 
     def recover(self, *, backwards: bool = True) -> None:
         """Back up (or drive on, where there is more room) and spin a little."""
-        recover(self.record, self._obstacles[: self.record["num_obstacles"]], backwards, self.numbers)
+        recover(self._records, self._obstacles[: self.record["num_obstacles"]], backwards, self._numbers)
 
     def stop(self) -> None:
         """Cancel the goal and any recovery behavior, and stop."""
@@ -186,10 +189,7 @@ class Navigator:
             reading: what the sensors say now.
             others: shape (m, 2), float64, base frame [m]: further obstacles, such as other robots.
         """
-        motion = self._odometry.update(reading)
-        self.v, self.w = motion.x / self._period, motion.theta / self._period
-        sensors = reading.ranges, self._directions, reading.bumper
-        update_obstacles(self.record, self._obstacles, sensors, tuple(motion), others[:MAX_OTHERS], self.numbers)
+        update_obstacles(self._records, self._obstacles, *self._sensors(reading), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
         """Process a reading, and check the progress of the drive.
@@ -202,13 +202,20 @@ class Navigator:
         Returns:
             `DRIVING` or one of what follows there.
         """
-        self.sense(reading, others)
-        return int(check_progress(self.record, self._obstacles, tuple(pose), reading.bumper, self.numbers))
+        sensors = self._sensors(reading)
+        state = self._records, self._obstacles
+        return int(update(*state, *sensors, others[:MAX_OTHERS], tuple(pose), self._numbers))
+
+    def _sensors(self, reading: Reading) -> tuple[Any, Any]:
+        """Return the sensors' part of the arguments of kernels, and take note of the velocity."""
+        motion = self._odometry.update(reading)
+        self.v, self.w = motion.x / self._period, motion.theta / self._period
+        return (reading.ranges, self._directions, reading.bumper), tuple(motion)
 
     def command(self, pose: Pose2D) -> Twist:
         """Return the twist for the next control period, from the pose estimate."""
         return Twist(
-            *compute_velocity_command(self.record, self._path, self._obstacles, tuple(pose), self.v, self.numbers)
+            *compute_velocity_command(self._records, self._path, self._obstacles, tuple(pose), self.v, self._numbers)
         )
 
 

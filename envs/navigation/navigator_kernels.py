@@ -16,19 +16,20 @@ from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME
 
 
 @njit(cache=True, error_model="numpy")
-def update_obstacles(record, obstacles, sensors, motion, others, numbers):
+def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
     """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
 
     Args:
-        record: of type `NAVIGATOR`, written.
-        obstacles: shape (n, 2), float64, written: the first `record.num_obstacles` are the obstacles, base
+        navigators: shape (1,), `NAVIGATOR`, written.
+        obstacles: shape (n, 2), float64, written: the first `num_obstacles` are the obstacles, base
             frame [m].
         sensors: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame
             (shape (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
         motion: pose of the base now, seen from the base at the last call: x, y [m], theta [rad].
         others: shape (m, 2), float64, base frame [m]: further obstacles, which are not remembered.
-        numbers: `NavigatorNumbers`.
+        constants: shape (1,), the fields of `NavigatorNumbers`.
     """
+    record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
     mount = numbers.mount
     kept = remember(
@@ -54,8 +55,9 @@ def update_obstacles(record, obstacles, sensors, motion, others, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def set_goal(record, num_points, goal, view, keep_clocks):
+def set_goal(navigators, num_points, goal, view, keep_clocks):
     """Begin a drive along a path of `num_points` to a goal (x, y), to look at `view` (x, y), map frame [m]."""
+    record = navigators[0]
     record.num_points = num_points
     record.index = 0
     record.goal_x, record.goal_y = goal
@@ -71,8 +73,9 @@ def set_goal(record, num_points, goal, view, keep_clocks):
 
 
 @njit(cache=True, error_model="numpy")
-def start_spin(record, angle, numbers):
+def start_spin(navigators, angle, constants):
     """Begin a turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
+    record, numbers = navigators[0], constants[0]
     record.has_goal = 0
     record.steps = 0
     record.recoveries = 0
@@ -97,20 +100,21 @@ def _is_at_goal(record, pose, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def compute_velocity_command(record, path, obstacles, pose, v_now, numbers):
+def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
     """Choose the next twist.
 
     Args:
-        record: of type `NAVIGATOR`, written.
+        navigators: shape (1,), `NAVIGATOR`, written.
         path: shape (n, 2), float64, map frame [m].
         obstacles: see `update_obstacles`.
         pose: estimate (x, y, theta), map frame [m, m, rad].
         v_now: forward speed by odometry [m/s].
-        numbers: `NavigatorNumbers`.
+        constants: shape (1,), the fields of `NavigatorNumbers`.
 
     Returns:
         Forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
     """
+    record, numbers = navigators[0], constants[0]
     follower = numbers.follower
     around = obstacles[: record.num_obstacles]
     v, w = 0.0, 0.0
@@ -136,8 +140,9 @@ def compute_velocity_command(record, path, obstacles, pose, v_now, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def recover(record, around, backwards, numbers):
+def recover(navigators, around, backwards, constants):
     """Back up, or drive on where there is more room, and spin a little, left and right in turn."""
+    record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.follower.radius, numbers.back_reach
     sign = -1.0 if backwards else 1.0
@@ -172,23 +177,24 @@ def _count_still(record, pose, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def check_progress(record, obstacles, pose, bumper, numbers):
+def check_progress(navigators, obstacles, pose, bumper, constants):
     """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
 
     Args:
-        record: of type `NAVIGATOR`, written.
+        navigators: shape (1,), `NAVIGATOR`, written.
         obstacles: see `update_obstacles`.
         pose: estimate (x, y, theta), map frame [m, m, rad].
         bumper: whether the robot touched anything.
-        numbers: `NavigatorNumbers`.
+        constants: shape (1,), the fields of `NavigatorNumbers`.
 
     Returns:
         `DRIVING` or one of what follows there.
     """
+    record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]
     record.steps += 1
     if bumper and record.back_steps == 0 and record.turn_steps == 0:
-        recover(record, around, record.forward == 1, numbers)
+        recover(navigators, around, record.forward == 1, constants)
     if record.recoveries > numbers.max_recoveries:
         return FAILED if record.has_goal else SPUN
     if record.back_steps > 0 or record.turn_steps > 0:
@@ -203,7 +209,7 @@ def check_progress(record, obstacles, pose, bumper, numbers):
         record.stuck_steps = -1
         return FAILED
     if record.stall_steps > numbers.stall_steps:
-        recover(record, around, True, numbers)
+        recover(navigators, around, True, constants)
         return DRIVING
     if record.steps >= numbers.max_steps:
         return TIME_UP
@@ -211,3 +217,10 @@ def check_progress(record, obstacles, pose, bumper, numbers):
         record.planned = record.steps
         return REPLAN
     return DRIVING
+
+
+@njit(cache=True, error_model="numpy")
+def update(navigators, obstacles, sensors, motion, others, pose, constants):
+    """Process a scan, and check the progress of the drive; see `update_obstacles` and `check_progress`."""
+    update_obstacles(navigators, obstacles, sensors, motion, others, constants)
+    return check_progress(navigators, obstacles, pose, sensors[2], constants)

@@ -8,7 +8,7 @@ carrot is pulled in before the robot slows down, so that lookahead does not cut 
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -60,7 +60,7 @@ class FollowerParams:
 
 
 class FollowerNumbers(NamedTuple):
-    """Robot and `FollowerParams` as scalars that Numba takes; units as there."""
+    """Robot and `FollowerParams` as scalars, for kernels as a record (see `as_record`); units as there."""
 
     period: float
     """Time between two commands [s]."""
@@ -112,6 +112,26 @@ class FollowerNumbers(NamedTuple):
             nearness_time=float(params.nearness_time),
             sidesteps=tuple(map(float, params.sidesteps)),
         )
+
+
+def as_record(numbers: Any) -> np.ndarray:
+    """Return a named tuple of numbers, tuples of numbers and further such tuples as a structured array, shape (1,).
+
+    Handing an array to a compiled function takes 0.3 us, a named tuple 0.1 us for each number in it.
+    """
+    values, dtype = _to_fields(numbers)
+    return np.array([values], dtype=dtype)
+
+
+def _to_fields(value: Any) -> tuple[Any, Any]:
+    """Return a value as an element of a structured array, and the type of that element."""
+    if hasattr(value, "_fields"):
+        parts = [_to_fields(part) for part in value]
+        return tuple(part for part, _ in parts), np.dtype(
+            [(name, kind) for name, (_, kind) in zip(value._fields, parts, strict=True)]
+        )
+    array = np.asarray(value)
+    return value, (array.dtype, array.shape)
 
 
 @njit(cache=True, error_model="numpy")

@@ -46,7 +46,7 @@ NAVIGATOR = np.dtype(
 
 
 class NavigatorNumbers(NamedTuple):
-    """Robot and `NavigatorParams` as scalars that Numba takes."""
+    """Robot and `NavigatorParams` as scalars, for kernels as a record: see `as_record`."""
 
     follower: FollowerNumbers
     period: float
