@@ -11,7 +11,7 @@ from envs.navigation.params import PlanningParams
 from envs.navigation.planning_kernels import OCCUPIED_FROM
 from envs.robots import RobotParams
 
-FIRST_LIMIT = 4.0
+FIRST_LIMIT = 16.0
 """Travel cost up to which the search for candidates expands at first [m]."""
 
 
