@@ -38,8 +38,22 @@ class Motion(NamedTuple):
     """Greatest turn in a step [rad]."""
 
 
+class Rasters(NamedTuple):
+    """The local costmap, and what is computed from it."""
+
+    costs: np.ndarray
+    """Shape (side, side), uint8."""
+    squared: np.ndarray
+    """Same shape, uint16: squared distance to the nearest obstacle [cells2], up to the inflation's reach."""
+    steps: np.ndarray
+    """Shape (3, side, side), int32: to the path, to the end of it in reach, and to a point a little farther on; see
+    `spread`."""
+    resolution: float
+    """Side of a cell [m]."""
+
+
 class Ending(NamedTuple):
-    """What the goal critic looks at; see `RotateToGoal` of DWB."""
+    """What the goal and alignment critics look at; see `RotateToGoal` and `PathAlign` of DWB."""
 
     is_near: bool
     """Whether the robot is within the tolerance of a goal with a heading."""
@@ -49,6 +63,10 @@ class Ending(NamedTuple):
     """Speed up to which the robot counts as stopped, and may turn [m/s]."""
     slowing_factor: float
     """Price of speed near the goal."""
+    ahead: float
+    """Distance of the point in front of the robot that alignment looks at [m]."""
+    aligns: bool
+    """Whether the robot is far enough from the goal to align with the path."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -144,18 +162,18 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
 
 
 @njit(cache=True, error_model="numpy")
-def _clearance_cost(poses, num_steps, costs, squared, resolution):
+def _clearance_cost(poses, num_steps, rasters):
     """Return the cost of a trajectory's last cell; NaN if it touches something, or leads off the raster.
 
     A robot that touches something already, by noise, may still do what does not bring it nearer.
     """
-    side = costs.shape[0]
-    cost_of, squared_of = costs.reshape(side * side), squared.reshape(side * side)
+    side = rasters.costs.shape[0]
+    cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2
     touches = cost_of[middle] >= COST_INSCRIBED
     cost = np.uint8(0)
     for k in range(num_steps):
-        cell = cell_of(poses[k, 0], poses[k, 1], side, resolution)
+        cell = cell_of(poses[k, 0], poses[k, 1], side, rasters.resolution)
         if cell < 0:
             return np.nan
         cost = cost_of[cell]
@@ -175,7 +193,7 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, motion, ending, costs, squared, resolution, steps, ahead, aligns, scores):
+def judge(twists, banned, motion, ending, rasters, scores):
     """Score twists by every critic; lower is better, NaN is out of the question.
 
     Args:
@@ -183,23 +201,19 @@ def judge(twists, banned, motion, ending, costs, squared, resolution, steps, ahe
         banned: (v < 0, v > 0, w < 0, w > 0): directions that would be to swing back and forth.
         motion: `Motion`.
         ending: `Ending`.
-        costs: shape (side, side), uint8.
-        squared: same shape, uint16: squared distance to the nearest obstacle [cells2], up to the inflation's reach.
-        resolution: side of a cell [m].
-        steps: shape (3, side, side), int32: to the path, to the end of it in reach, and to a point a little farther on.
-        ahead: distance of the point in front of the robot that alignment looks at [m].
-        aligns: whether the robot is far enough from the goal to align with the path.
+        rasters: `Rasters`.
         scores: shape (n, 7), float64, written; see `ROTATE_TO_GOAL` and its neighbours.
     """
     poses = np.empty((1000, 3))
-    to_path, to_goal, to_goal_ahead = steps[0], steps[1], steps[2]
+    to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
+    resolution, ahead = rasters.resolution, ending.ahead
     for i in range(twists.shape[0]):
         v, w = twists[i]
         scores[i] = np.nan
         if (v < 0 and banned[0]) or (v > 0 and banned[1]) or (w < 0 and banned[2]) or (w > 0 and banned[3]):
             continue
         num_steps = roll_out(v, w, motion, poses)
-        cost = _clearance_cost(poses, num_steps, costs, squared, resolution)
+        cost = _clearance_cost(poses, num_steps, rasters)
         if math.isnan(cost):
             continue
         x, y, theta = poses[num_steps - 1]
@@ -208,6 +222,6 @@ def judge(twists, banned, motion, ending, costs, squared, resolution, steps, ahe
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
         scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)
-        scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if aligns else 0.0
+        scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if ending.aligns else 0.0
         scores[i, PATH_DIST] = _steps_at(to_path, x, y, resolution, True)
         scores[i, GOAL_DIST] = _steps_at(to_goal, x, y, resolution, True)

@@ -18,7 +18,7 @@ from envs.robots import RobotParams
 from envs.simulation import Twist
 
 from .costmap import CostmapParams, Inflation
-from .critics import NUM_CRITICS, Ending, Motion, cell_of, judge, spread
+from .critics import NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,24 +168,12 @@ class DwbPlanner:
         )
         is_near = self._heading is not None and to_goal <= params.goal_tolerance
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
-        ending = Ending(is_near, heading, params.stopped_speed, params.slowing_factor)
+        ahead = params.forward_point_distance
+        ending = Ending(is_near, heading, params.stopped_speed, params.slowing_factor, ahead, to_goal > ahead)
         twists = self._samples(twist)
         self.scores = np.empty((len(twists), NUM_CRITICS))
-        ahead = params.forward_point_distance
         bans = tuple(trend.banned == sign for trend in self._oscillation for sign in (-1.0, 1.0))
-        judge(
-            twists,
-            bans,
-            motion,
-            ending,
-            costs,
-            squared,
-            params.resolution,
-            self._rasters,
-            ahead,
-            to_goal > ahead,
-            self.scores,
-        )
+        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, params.resolution), self.scores)
         totals = self.scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:

@@ -47,22 +47,21 @@ def _clear_beam(layer, x, y, dx, dy, length):
 
 
 @njit(cache=True, error_model="numpy")
-def mark_and_clear(layer, is_static, x, y, theta, angle_min, angle_increment, ranges, marking, clearing):
+def mark_and_clear(layer, is_static, sensor, beams, marking, clearing):
     """Take a scan into the obstacle layer: all beams clear first, then all hits mark.
 
     Args:
         layer: shape (height, width), int8: -1 never seen, 0 seen free, 100 marked; changed.
         is_static: same shape, bool: where hits belong to an obstacle of the static map.
-        x: column of the sensor [cells].
-        y: row of the sensor [cells].
-        theta: heading of the sensor [rad].
-        angle_min: angle of the first beam [rad].
-        angle_increment: from one beam to the next [rad].
-        ranges: shape (num_beams,), [cells]: inf for no return; NaN, or anything negative, is ignored.
+        sensor: column and row [cells], heading [rad].
+        beams: angle of the first one [rad], from one to the next [rad], and their ranges (shape (num_beams,), [cells]:
+            inf for no return; NaN, or anything negative, is ignored).
         marking: range up to which hits mark [cells].
         clearing: range up to which beams clear [cells].
     """
     height, width = layer.shape
+    x, y, theta = sensor
+    angle_min, angle_increment, ranges = beams
     for beam in range(ranges.shape[0]):
         if not ranges[beam] >= 0.0:
             continue
@@ -166,7 +165,7 @@ class LayeredCostmap:
         resolution = self.static.resolution
         marking, clearing = self._obstacles.marking_range / resolution, self._obstacles.clearing_range / resolution
         beams = lidar.angle_min, lidar.angle_increment, ranges / resolution
-        mark_and_clear(self._layer, self._is_static, x, y, sensor.theta, *beams, marking, clearing)
+        mark_and_clear(self._layer, self._is_static, (x, y, sensor.theta), beams, marking, clearing)
         self._spoil(x, y, max(marking, clearing))
 
     def mark(self, points: np.ndarray) -> None:

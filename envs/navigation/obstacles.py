@@ -40,16 +40,14 @@ def scan_points(scan, no_return, unit, cos, sin, mount_x, mount_y, points):
 
 
 @njit(cache=True, error_model="numpy")
-def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov, range_min, range_far):
+def remember(points, num_remembered, num_points, motion, mount, half_fov, range_min, range_far):
     """Carry points along with the robot's motion and keep those that the lidar no longer sees.
 
     Args:
         points: shape (n, 2), float64, base frame before the motion [m]; rewritten in the base frame after it.
         num_remembered: how many of them had been remembered before; the others come from the last scan.
         num_points: how many there are.
-        dx: motion of the base along x, in the base frame before it [m].
-        dy: motion along y [m].
-        dtheta: turn [rad].
+        motion: pose of the base now in the base frame before: x, y [m], theta [rad].
         mount: (x, y, yaw) of the lidar in the base frame.
         half_fov: half the lidar's field of view [rad].
         range_min: the lidar's least range [m].
@@ -58,6 +56,7 @@ def remember(points, num_remembered, num_points, dx, dy, dtheta, mount, half_fov
     Returns:
         How many are kept, at the start of `points`; at most `CAPACITY`.
     """
+    dx, dy, dtheta = motion
     c, s = math.cos(dtheta), math.sin(dtheta)
     kept = 0
     for k in range(num_points):

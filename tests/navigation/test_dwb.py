@@ -18,6 +18,7 @@ from envs.navigation.critics import (
     ROTATE_TO_GOAL,
     Ending,
     Motion,
+    Rasters,
     judge,
     roll_out,
     spread,
@@ -30,7 +31,7 @@ BURGER = load_robot("turtlebot3_burger")
 NOTHING = np.empty((0, 2))
 SIDE, RESOLUTION = 41, 0.05
 MIDDLE = SIDE // 2
-AWAY = Ending(False, 0.0, 0.25, 5.0)
+AWAY = Ending(False, 0.0, 0.25, 5.0, 0.1, True)
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
@@ -72,7 +73,7 @@ def scores_of(twists, *, costs=None, squared=None, banned=(False,) * 4, now=STAN
     scores = np.empty((len(twists), 7))
     twists = np.array(twists, dtype=np.float64)
     steps = np.stack([to_path, to_goal, to_goal])
-    judge(twists, banned, now, ending, costs, squared, RESOLUTION, steps, 0.1, True, scores)
+    judge(twists, banned, now, ending, Rasters(costs, squared, steps, RESOLUTION), scores)
     return scores
 
 
@@ -123,7 +124,7 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():
-    ending = Ending(True, 1.0, 0.25, 5.0)
+    ending = Ending(True, 1.0, 0.25, 5.0, 0.1, True)
     moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4, acc=1e9), ending=ending)[:, ROTATE_TO_GOAL]
     assert math.isnan(moving[0])
     assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
