@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from baselines.oracle.cover import Cover
+from baselines.oracle.cover import Cover, pack_bits, unpack_bits, views_from
 from baselines.oracle.cover_tour import search_tour
 from baselines.oracle.cover_viewpoints import Viewpoints
-from baselines.oracle.cover_views import pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192

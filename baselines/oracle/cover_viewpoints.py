@@ -1,5 +1,6 @@
 """Viewpoints all over a known map, and the shortest paths between them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,47 +88,29 @@ def _spread_out(costs, order, steps):
 
 
 @njit(cache=True, error_model="numpy")
-def _costs_from(costs, weights, block, blocks):
-    """Return the cost-to-come of some blocks from one block: shape (n,), int32, in the units of `search`."""
-    travel, _ = search(costs, weights, block[0], block[1], -1, -1)
-    costs_to_come = np.empty(len(blocks), dtype=np.int32)
-    for k in range(len(blocks)):
-        costs_to_come[k] = travel[blocks[k, 0] + 1, blocks[k, 1] + 1]
-    return costs_to_come
-
-
-@njit(cache=True, error_model="numpy")
-def _costs_between(costs, weights, blocks):
-    costs_to_come = np.empty((len(blocks), len(blocks)), dtype=np.int32)
-    for k in range(len(blocks)):
-        costs_to_come[k] = _costs_from(costs, weights, blocks[k], blocks)
-    return costs_to_come
-
-
-@njit(cache=True, error_model="numpy")
-def _find_predecessors(from_origin, lengths, near, predecessors, origin):
-    """Find the predecessor of each viewpoint on the path from an origin.
+def _find_predecessors(from_origins, lengths, near, origins):
+    """Find the predecessor of each viewpoint on the path from each origin.
 
     Args:
-        from_origin: shape (n,), float64: path length from the origin to each viewpoint [m].
+        from_origins: shape (m, n), float64: path lengths from the origins to the viewpoints [m].
         lengths: shape (n, n), float64, between viewpoints [m].
         near: shape (n, k), int32, neighbours.
-        predecessors: shape (n,), int32, written.
-        origin: written to `predecessors` where no viewpoint lies in between.
+        origins: shape (m,), int64: returned where no viewpoint lies in between.
+
+    Returns:
+        Shape (m, n), int32.
     """
-    for viewpoint in range(from_origin.size):
-        predecessors[viewpoint] = origin
-        least = DETOUR * from_origin[viewpoint]
-        for other in near[viewpoint]:
-            through = from_origin[other] + lengths[other, viewpoint]
-            if from_origin[other] < from_origin[viewpoint] and through < least and other != origin:
-                predecessors[viewpoint], least = other, through
-
-
-@njit(cache=True, error_model="numpy")
-def _find_all_predecessors(lengths, near, predecessors):
-    for k in range(lengths.shape[0]):
-        _find_predecessors(lengths[k], lengths, near, predecessors[k], k)
+    predecessors = np.empty(from_origins.shape, dtype=np.int32)
+    for row in range(len(origins)):
+        travelled = from_origins[row]
+        for viewpoint in range(travelled.size):
+            predecessors[row, viewpoint] = origins[row]
+            least = DETOUR * travelled[viewpoint]
+            for other in near[viewpoint]:
+                through = travelled[other] + lengths[other, viewpoint]
+                if travelled[other] < travelled[viewpoint] and through < least and other != origins[row]:
+                    predecessors[row, viewpoint], least = other, through
+    return predecessors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,11 +147,9 @@ class Viewpoints:
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
             return None
-        costs_to_come = _costs_from(self.block_costs, step_weights(COST_WEIGHT, False), block, self.cells // self.side)
-        lengths = _metres(costs_to_come, self.side * self.grid.resolution)
-        predecessors = np.empty(len(lengths), dtype=np.int32)
-        _find_predecessors(lengths, self.lengths, self.near, predecessors, len(lengths))
-        return lengths, predecessors
+        lengths = _path_lengths(self.block_costs, [block], self.cells // self.side, self.side * self.grid.resolution)
+        predecessors = _find_predecessors(lengths, self.lengths, self.near, np.array([len(self.cells)]))
+        return lengths[0], predecessors[0]
 
 
 def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | None:
@@ -182,8 +163,13 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
     return nearest
 
 
-def _metres(costs_to_come: np.ndarray, side: float) -> np.ndarray:
-    """Convert the units of `search` over blocks of a side [m]."""
+def _path_lengths(
+    block_costs: np.ndarray, origins: Iterable[np.ndarray], blocks: np.ndarray, side: float
+) -> np.ndarray:
+    """Measure the paths from blocks (row, column) of a side [m] to others that can be reached: shape (m, n) [m]."""
+    weights = step_weights(COST_WEIGHT, False)
+    travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in origins)
+    costs_to_come = np.array([costs[tuple(blocks.T)] for costs in travel])
     assert (costs_to_come != UNREACHED).all()
     return costs_to_come * (side / (STRAIGHT * SCALE))
 
@@ -221,9 +207,8 @@ def find_viewpoints(
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = blocks[_spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)]
     cells = best_cells[tuple(blocks.T)]
-    costs_to_come = _metres(_costs_between(block_costs, step_weights(COST_WEIGHT, False), blocks), size)
-    lengths = np.minimum(costs_to_come, costs_to_come.T)
-    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
-    predecessors = np.empty(lengths.shape, dtype=np.int32)
-    _find_all_predecessors(lengths, near, predecessors)
-    return Viewpoints(grid, cells, lengths, np.ascontiguousarray(near), predecessors, block_costs, side)
+    lengths = _path_lengths(block_costs, blocks, blocks, size)
+    lengths = np.minimum(lengths, lengths.T)
+    near = np.ascontiguousarray(np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32))
+    predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
+    return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)
