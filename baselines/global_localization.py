@@ -17,11 +17,10 @@ from PIL import Image
 from rich.console import Console
 
 from baselines import make_explorer
-from baselines.episode import Episode, Info, run, run_episode
+from baselines.episode import Info, run, run_episode
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import decide_with_navigator, make_navigator
 from envs.explore import ExploreEnv
-from envs.geometry import Pose2D
 from envs.localization import load_preset
 from envs.navigate import NavigateEnv
 from envs.navigation import crop_to_known
@@ -100,47 +99,21 @@ class Animation:
         return path
 
 
-def explore(world: str, robot: str | None, physics: str, seed: int, out: Path) -> tuple[Episode, Path, Pose2D]:
-    """Map a world by exploring it.
-
-    Args:
-        world: library world, procedural family or path.
-        robot: library robot; None for the world's usual one.
-        physics: bullet or kinematic.
-        seed: of everything.
-        out: folder for the map.
-
-    Returns:
-        The episode, the map's YAML file, and the pose of the map's frame in the world.
-    """
-    env = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
-    episode = run_episode(env, make_explorer("nearest"), seed)
-    path = save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
-    env.close()
-    return episode, path, env.start
-
-
 def map_and_navigate(
     world: str, out: Path, *, seed: int = 0, goals: int = 3, robot: str | None = None, physics: str = "bullet"
 ) -> Outcome:
-    """Explore, start at an unknown pose on the map, localize, and drive to goals.
-
-    Args:
-        world: library world or path.
-        out: folder for the map and the animation; made if missing.
-        seed: of everything.
-        goals: how many goals to drive to.
-        robot: library robot; None for the world's usual one.
-        physics: bullet or kinematic.
-    """
+    """Explore, start at an unknown pose on the map, localize, and drive to goals; takes the arguments of `main`."""
     out.mkdir(parents=True, exist_ok=True)
-    episode, map_path, map_pose = explore(world, robot, physics, seed, out)
+    exploration = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
+    episode = run_episode(exploration, make_explorer("nearest"), seed)
+    map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
+    exploration.close()
     env = NavigateEnv(
         world=world,
         robot=robot,
         physics=physics,
         map=map_path,
-        map_pose=map_pose,
+        map_pose=exploration.start,
         initial_pose="unknown",
         amcl=AMCL,
         time_limit=TIME_PER_GOAL * max(goals, 1),

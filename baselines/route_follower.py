@@ -40,9 +40,6 @@ class RouteFollower:
             pose: fused pose of the base, map frame.
         """
         navigator = self._navigator
-        if self._has_begun:
-            navigator.sense(reading)
-        else:
-            self._has_begun = True
-            navigator.reset(reading)
+        (navigator.sense if self._has_begun else navigator.reset)(reading)
+        self._has_begun = True
         return self._follower.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)

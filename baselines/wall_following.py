@@ -28,23 +28,16 @@ SPEED = 0.8
 """Share of the maximum speed."""
 TURN_RATE = 1.0
 """Yaw rate of turns, where the robot can turn that fast [rad/s]."""
-FULL_TURN = 2.0 * math.pi
-"""Net rotation after which the robot leaves a wall [rad]."""
 
 
 class WallFollower:
     """Follows walls to its right, and leaves each after a net rotation of a full turn."""
 
-    plan: np.ndarray | None = None
-    """Never plans."""
-    end_reason: str | None = None
-    """Never stops: without a map it cannot know when."""
+    end_reason = plan = None
+    """Never stops, since without a map it cannot know when; never plans."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
-        self._robot = robot
-        self._period = control_period
-        self._rng = rng
+        self._robot, self._period, self._rng = robot, control_period, rng
         self._curvatures = np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)
         self._navigator = Navigator(robot, control_period)
         self._has_begun = self._is_following = False
@@ -53,11 +46,8 @@ class WallFollower:
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist from `reading` alone; see `Explorer`."""
         navigator = self._navigator
-        if not self._has_begun:
-            self._has_begun = True
-            navigator.reset(reading)
-        else:
-            navigator.sense(reading)
+        (navigator.sense if self._has_begun else navigator.reset)(reading)
+        self._has_begun = True
         if reading.bumper and not navigator.is_recovering:
             navigator.recover(backwards=navigator.is_forward)
         self._turned += navigator.w * self._period
@@ -68,7 +58,7 @@ class WallFollower:
     def _command(self, obstacles: np.ndarray) -> Twist:
         """Return the twist along the wall, or straight on while there is none."""
         reach = self._robot.radius + REACH
-        if self._is_following and abs(self._turned) > FULL_TURN:
+        if self._is_following and abs(self._turned) > 2.0 * math.pi:
             # A random angle: the same one would lead around the same wall again.
             self._is_following = False
             self._navigator.spin(self._rng.uniform(0.4, 1.8))

@@ -36,8 +36,7 @@ class TourParams:
     """How to place viewpoints and to keep to a tour."""
 
     sizes: tuple[int, ...] = (16, 8, 3)
-    """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
-    reached. A corner that furniture hides has few, is worth little, and often lies on a later path."""
+    """See `NearestParams`. A corner that furniture hides has few cells, is worth little, often lies on a later path."""
     cover: float = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
     max_cover: float = 3.0
@@ -61,16 +60,13 @@ class Tour:
     """Takes the first stop of a short tour past the frontiers."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        """Make a rule with the given parameters."""
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode."""
         self._cover = min(self._params.cover * robot.lidar.range_max, self._params.max_cover)
         self._last: np.ndarray | None = None
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
         stops = self._stops(candidates)
         _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates.viewpoints[stops]))
         if self._last is not None:
@@ -83,11 +79,7 @@ class Tour:
         return choice
 
     def _stops(self, candidates: Candidates) -> np.ndarray:
-        """Cover the frontiers with candidates, one after the other; those that failed only where there is nothing else.
-
-        Returns:
-            Shape (n,), int64: indices of the stops.
-        """
+        """Cover the frontiers with candidates; those that failed only where there is nothing else. Returns indices."""
         left = candidates.failures == candidates.failures.min()
         stops: list[int] = []
         for k in range(len(candidates)):
@@ -99,28 +91,22 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Goes to the first stop of a short tour past the frontiers."""
+    """Goes where `Tour` says."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        """Make an explorer with the given parameters."""
         planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
         super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Measure the paths between a start (index 0) and all stops.
+    """Measure the paths between a start (x, y) (index 0) and all stops, shape (n, 2), float64 [m].
 
     Cells as large as the robot's radius do for that, and take a tenth of the time. A cell is open where any part of it
     is. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
     narrow may count as one.
 
-    Args:
-        costmap: where they are.
-        start: (x, y) [m].
-        stops: shape (n, 2), float64 [m].
-
     Returns:
-        Shape (n + 1, n + 1), float64, symmetric, finite [m].
+        Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
     """
     points = np.vstack([start, stops])
     coarse = pool(crop(costmap, points, MARGIN))
