@@ -101,11 +101,9 @@ class Episode:
     explored_fraction: float
     """Share of the explorable area that was explored at the end."""
     time_to_90: float
-    """Time until 90 % was explored [s]."""
     time_to_95: float
-    """Time until 95 % was explored [s]."""
     time_to_99: float
-    """Time until 99 % was explored [s]."""
+    """Times until 90, 95 and 99 % were explored [s]."""
     distance_to_95: float
     """Distance driven until 95 % was explored [m]."""
     area_under_curve: float

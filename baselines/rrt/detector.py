@@ -15,9 +15,7 @@ class RrtDetector:
     """One local tree per robot, one global tree, and the filter that takes their points."""
 
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode; samples are drawn from `rng`."""
-        self._params = params
-        self._rng = rng
+        self._params, self._rng = params, rng
         self.trees: list[Tree] = []
         """The local trees, then the global one; none before the first detection."""
         self.points = np.empty((0, 2))

@@ -29,13 +29,10 @@ class PointNavigator(FrontierNavigator):
     """Offers, for each valid frontier point, the frontier cell nearest to it."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams) -> None:
-        """Prepare for a robot.
+        """Prepare for a robot that is updated every `control_period` seconds.
 
-        Args:
-            robot: the robot.
-            control_period: time between two calls of `update` [s].
-            params: `max_cost` beyond which a point is invalid, `bandwidth` up to which a frontier cell belongs to a
-                point, and `view_distances`.
+        Of `params` it reads `max_cost`, beyond which a point is invalid, `bandwidth`, up to which a frontier cell
+        belongs to a point, and `view_distances`.
         """
         super().__init__(robot, control_period, planning=PlanningParams(view_distances=params.view_distances))
         self._params = params
@@ -57,11 +54,9 @@ class PointNavigator(FrontierNavigator):
         return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
 
     def _nearest_frontier(self, positions: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Return the frontier cells (row, column) nearest to points; points without one near are left out.
+        """Return the frontier cells (row, column) nearest to points (row, column), whose cells are given too.
 
-        Args:
-            positions: shape (n, 2), float64, (row, column); cell c holds [c, c + 1).
-            cells: shape (n, 2), int64, the cells that they lie in.
+        Points without one near are left out. Cell c holds [c, c + 1).
         """
         frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
         reach = int(np.ceil(radius))

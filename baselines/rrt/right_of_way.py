@@ -16,15 +16,9 @@ OUTLINE_POINTS = 16
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
-    """Return the outline of a peer as obstacles around a robot.
+    """Return the outline of a peer, of a radius [m], as obstacles: shape (16, 2), float64, the robot's base frame [m].
 
-    Args:
-        pose: of the robot, map frame.
-        peer: pose of the peer, map frame.
-        radius: of its footprint [m].
-
-    Returns:
-        Shape (16, 2), float64, base frame of the robot [m].
+    The poses of the robot and of the peer are those in the map frame.
     """
     away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
@@ -32,14 +26,7 @@ def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path.
-
-    Args:
-        position: (x, y), map frame [m].
-        path: shape (n, 2), map frame [m].
-        gap: distance from the path [m].
-        reach: how much of the path counts [m].
-    """
+    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2) [m]."""
     if len(path) == 0:
         return False
     near = path[lengths_along(path) <= reach]

@@ -19,11 +19,9 @@ class TeamEpisode:
     area_left: float
     """Explorable area that was not explored at the end [m2]."""
     time_to_90: float
-    """Time until 90 % was explored [s]."""
     time_to_95: float
-    """Time until 95 % was explored [s]."""
     time_to_99: float
-    """Time until 99 % was explored [s]."""
+    """Times until 90, 95 and 99 % were explored [s]."""
     path_length: np.ndarray
     """Shape (num_robots,), distance that each robot drove [m]."""
     collisions: np.ndarray
