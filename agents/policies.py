@@ -34,7 +34,8 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
     Raises:
         ValueError: if it is none of them.
     """
-    if isinstance(value, type) or (_is_plain_callable(value) and not _required(value)):
+    is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
+    if isinstance(value, type) or (is_function and not _required(value)):
         value = value()
     if hasattr(value, "act"):
         if missing := [name for name in PROTOCOL if name not in dir(value)]:  # properties may need a reset
@@ -42,10 +43,8 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
         return value
     if hasattr(value, "predict"):
         return CalledPolicy(value, _Predictor(value.predict), space)
-    if callable(value) and len(_required(value)) == 2:
-        return RuleExplorer(value)
     if callable(value):
-        return CalledPolicy(value, value, space)
+        return RuleExplorer(value) if len(_required(value)) == 2 else CalledPolicy(value, value, space)
     raise ValueError(f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)")
 
 
@@ -67,16 +66,8 @@ class CalledPolicy:
     def __init__(
         self, policy: Any, decide: Callable[[dict[str, np.ndarray]], Any], space: spaces.Space | None = None
     ) -> None:
-        """Take a policy.
-
-        Args:
-            policy: may have `reset(robot, control_period, rng)`, `end_reason` and `plan`.
-            decide: returns its action for an observation.
-            space: action space; actions outside a `Box` are cut to its bounds.
-        """
-        self._policy = policy
-        self._decide = decide
-        self._space = space
+        """Take a policy, what returns its action for an observation, and the action space (see `make_policy`)."""
+        self._policy, self._decide, self._space = policy, decide, space
 
     @property
     def end_reason(self) -> str | None:
@@ -89,7 +80,6 @@ class CalledPolicy:
         return getattr(self._policy, "plan", None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode; see `Explorer.reset`."""
         if isinstance(self._decide, _Predictor):
             self._decide.state = None
         elif hasattr(self._policy, "reset"):
@@ -121,10 +111,6 @@ class _Predictor:
             return result
         action, self.state = result
         return action
-
-
-def _is_plain_callable(value: Any) -> bool:
-    return callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
 
 
 def _required(function: Callable[..., Any]) -> list[str]:

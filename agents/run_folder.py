@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agents.config import TrainingConfig
-from agents.curves import draw_learning_curve
+from agents.curves import Row, draw_learning_curve
 from envs.files import dump_record, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
@@ -76,7 +76,7 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
     return run
 
 
-def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]], title: str) -> None:
+def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
