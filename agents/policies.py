@@ -41,10 +41,10 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
         if missing := [name for name in PROTOCOL if name not in dir(value)]:  # properties may need a reset
             raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
         return value
-    if hasattr(value, "predict"):
-        return CalledPolicy(value, _Predictor(value.predict), space)
-    if callable(value):
-        return RuleExplorer(value) if len(_required(value)) == 2 else CalledPolicy(value, value, space)
+    if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
+        return RuleExplorer(value)
+    if callable(value) or hasattr(value, "predict"):
+        return CalledPolicy(value, space)
     raise ValueError(f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)")
 
 
@@ -61,13 +61,17 @@ def level_of(value: Any) -> Level:
 
 
 class CalledPolicy:
-    """A policy that is called with observations; `reset`, `end_reason` and `plan` are passed on where it has them."""
+    """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3.
 
-    def __init__(
-        self, policy: Any, decide: Callable[[dict[str, np.ndarray]], Any], space: spaces.Space | None = None
-    ) -> None:
-        """Take a policy, what returns its action for an observation, and the action space (see `make_policy`)."""
-        self._policy, self._decide, self._space = policy, decide, space
+    `reset`, `end_reason` and `plan` are passed on where it has them.
+    """
+
+    def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
+        """Take a policy, and the action space; see `make_policy`."""
+        self._policy, self._space = policy, space
+        self._predicts = hasattr(policy, "predict")
+        self._takes = inspect.signature(policy.predict).parameters if self._predicts else {}
+        self._state: Any = None
 
     @property
     def end_reason(self) -> str | None:
@@ -80,36 +84,27 @@ class CalledPolicy:
         return getattr(self._policy, "plan", None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        if isinstance(self._decide, _Predictor):
-            self._decide.state = None
-        elif hasattr(self._policy, "reset"):
+        self._state = None
+        if not self._predicts and hasattr(self._policy, "reset"):
             self._policy.reset(robot, control_period, rng)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
         """Return the action for an observation, within the bounds of the action space."""
-        action = self._decide(observation)
+        action = self._predict(observation) if self._predicts else self._policy(observation)
         if isinstance(self._space, spaces.Box):
             action = np.asarray(action, dtype=self._space.dtype)
             return np.clip(action, self._space.low, self._space.high)
         return np.int64(action) if isinstance(self._space, spaces.Discrete) else action
 
-
-class _Predictor:
-    """Calls `predict` in the manner of stable-baselines3, with the arguments that the model supports."""
-
-    def __init__(self, predict: Callable[..., Any]) -> None:
-        self._predict = predict
-        self._takes = inspect.signature(predict).parameters
-        self.state: Any = None
-
-    def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self.state}
-        offered["episode_start"] = np.array([self.state is None])
+    def _predict(self, observation: dict[str, np.ndarray]) -> Any:
+        """Call `predict` with the arguments that the model supports."""
+        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self._state}
+        offered["episode_start"] = np.array([self._state is None])
         arguments = {name: value for name, value in offered.items() if name in self._takes and value is not None}
-        result = self._predict(observation, **arguments)
+        result = self._policy.predict(observation, **arguments)
         if not isinstance(result, tuple):
             return result
-        action, self.state = result
+        action, self._state = result
         return action
 
 

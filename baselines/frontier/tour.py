@@ -134,8 +134,16 @@ def crop(costmap: Costmap, points: np.ndarray, margin: float) -> Costmap:
 def pool(costmap: Costmap) -> Costmap:
     """Return a costmap of cells as large as the robot's radius, each with the cost of its cheapest part."""
     size = max(1, int(costmap.params.robot_radius / costmap.grid.resolution))
-    height, width = costmap.costs.shape
-    padded = np.pad(costmap.costs, ((0, -height % size), (0, -width % size)), constant_values=COST_UNKNOWN)
-    costs = padded.reshape(padded.shape[0] // size, size, -1, size).min(axis=(1, 3))
+    costs = blocks_of(costmap.costs, size, COST_UNKNOWN).min(axis=2)
     grid = OccupancyGrid(np.zeros(costs.shape, dtype=np.int8), size * costmap.grid.resolution, costmap.grid.origin)
     return Costmap(costs, grid, costmap.params)
+
+
+def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
+    """Return the cells of each block of side x side cells, row by row: shape (height, width, side**2).
+
+    Blocks that reach beyond the edge of `costs` (shape (height * side, width * side)) are filled up with `beyond`.
+    """
+    padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
+    height, width = padded.shape[0] // side, padded.shape[1] // side
+    return padded.reshape(height, side, width, side).swapaxes(1, 2).reshape(height, width, side**2)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from baselines.frontier.tour import blocks_of
 from envs.geometry import OccupancyGrid
 from envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
@@ -23,40 +24,11 @@ DETOUR = 1.1
 
 
 @njit(cache=True, error_model="numpy")
-def _blocks(costs, passable, side):
-    """Merge cells into blocks that are as good as their best cell.
-
-    Args:
-        costs: shape (height, width), uint8.
-        passable: same shape, bool: where the robot can get.
-        side: side of a block [cells].
-
-    Returns:
-        Costs of the blocks, uint8, lethal where no cell is passable; and their best cells, shape (..., 2), int64.
-    """
-    height, width = -(-costs.shape[0] // side), -(-costs.shape[1] // side)
-    block_costs = np.full((height, width), np.uint8(COST_LETHAL), dtype=np.uint8)
-    best_cells = np.zeros((height, width, 2), dtype=np.int64)
-    for row in range(costs.shape[0]):
-        for col in range(costs.shape[1]):
-            i, j = row // side, col // side
-            if passable[row, col] and costs[row, col] < block_costs[i, j]:
-                block_costs[i, j] = costs[row, col]
-                best_cells[i, j, 0], best_cells[i, j, 1] = row, col
-    return block_costs, best_cells
-
-
-@njit(cache=True, error_model="numpy")
 def _spread_out(costs, order, steps):
     """Choose blocks so that from each one a chosen one is at most `steps` steps away, and none are nearer together.
 
-    Args:
-        costs: shape (height, width), uint8: steps lead over blocks that are not lethal.
-        order: shape (n, 2), int64: (row, column) of the blocks, those to be preferred first.
-        steps: number of steps.
-
-    Returns:
-        Indices into `order` of the chosen ones, shape (m,), int64.
+    Steps lead over blocks whose costs, shape (height, width), are not lethal. `order`, shape (n, 2), int64, holds the
+    blocks (row, column), those to be preferred first; returns the chosen ones of them, shape (m, 2).
     """
     height, width = costs.shape
     taken = np.zeros((height, width), dtype=np.bool_)
@@ -84,21 +56,15 @@ def _spread_out(costs, order, steps):
                             visit[r, c] = k
                             queue[end, 0], queue[end, 1] = r, c
                             end += 1
-    return chosen[:num_chosen]
+    return order[chosen[:num_chosen]]
 
 
 @njit(cache=True, error_model="numpy")
 def _find_predecessors(from_origins, lengths, near, origins):
-    """Find the predecessor of each viewpoint on the path from each origin.
+    """Find the predecessor of each viewpoint on the path from each origin, shape (m, n), int32; see `Viewpoints`.
 
-    Args:
-        from_origins: shape (m, n), float64: path lengths from the origins to the viewpoints [m].
-        lengths: shape (n, n), float64, between viewpoints [m].
-        near: shape (n, k), int32, neighbours.
-        origins: shape (m,), int64: returned where no viewpoint lies in between.
-
-    Returns:
-        Shape (m, n), int32.
+    `from_origins`, shape (m, n), are the path lengths from the origins [m]. Where no viewpoint lies in between, an
+    entry of `origins`, shape (m,), is the predecessor.
     """
     predecessors = np.empty(from_origins.shape, dtype=np.int32)
     for row in range(len(origins)):
@@ -194,7 +160,8 @@ def find_viewpoints(
     passable = (field.travel[1:-1, 1:-1] != UNREACHED) & (costmap.costs < COST_INSCRIBED)
     # Blocks of this side do not join what a wall divides: the robot cannot be that near to one.
     side = min(max(1, int(0.9 * costmap.params.robot_radius / grid.resolution)), MAX_BLOCK)
-    block_costs, best_cells = _blocks(costmap.costs, passable, side)
+    cells = blocks_of(np.where(passable, costmap.costs, np.uint8(COST_LETHAL)), side, COST_LETHAL)
+    block_costs, best = cells.min(axis=2), cells.argmin(axis=2)
     first = _nearest_block(block_costs, grid.cells(np.array(start)) // side)
     if first is None:
         return None
@@ -205,8 +172,8 @@ def find_viewpoints(
     spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / max_viewpoints))
     # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
-    blocks = blocks[_spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)]
-    cells = best_cells[tuple(blocks.T)]
+    blocks = _spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)
+    cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
     lengths = _path_lengths(block_costs, blocks, blocks, size)
     lengths = np.minimum(lengths, lengths.T)
     near = np.ascontiguousarray(np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32))
