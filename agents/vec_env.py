@@ -62,12 +62,10 @@ class GymnasiumVecEnv(VecEnv):
         return self._observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions for `step_wait`."""
         space = self.action_space
         self._actions = np.clip(actions, space.low, space.high) if self._clips else actions  # type: ignore[attr-defined]
 
     def step_wait(self) -> tuple[Observations, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Step every sub-environment."""
         self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
@@ -78,11 +76,9 @@ class GymnasiumVecEnv(VecEnv):
         return self._observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
-        """Close the environment."""
         self.env.close()
 
     def get_images(self) -> list[np.ndarray | None]:
-        """Return a picture of each sub-environment."""
         pictures: Any = self.env.render()
         return list(pictures or [None] * self.num_envs)
 
@@ -94,10 +90,8 @@ class GymnasiumVecEnv(VecEnv):
         """
         if attr_name == "action_masks" and self._has_masks:
             return [None] * len(list(self._get_indices(indices)))  # only asked whether there is one
-        inner: Any = self.env.unwrapped
-        values = (
-            inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * self.num_envs
-        )
+        inner, size = self.env.unwrapped, self.num_envs
+        values = inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * size
         return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:

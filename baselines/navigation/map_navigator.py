@@ -101,11 +101,7 @@ class MapNavigator:
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_goal(self, goal: tuple[float, float], heading: float | None = None) -> None:
-        """Drive to another goal from now on.
-
-        Args:
-            goal: position (x, y), map frame [m].
-            heading: goal heading [rad]; None for any.
+        """Drive to another goal (x, y), map frame [m], from now on, and take a heading [rad] there; None for any.
 
         Raises:
             ValueError: if the goal lies in an obstacle of the map, too near to one, in unknown space or off the map.
@@ -122,10 +118,6 @@ class MapNavigator:
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist for the next control period, and update `end_reason`.
-
-        Args:
-            reading: of the sensors.
-            belief: pose estimate on the map.
 
         Raises:
             ValueError: if the reading is older than the one before.

@@ -22,11 +22,9 @@ class RrtDetector:
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
 
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
-        """Grow the trees for a control step, and filter the points.
+        """Grow the trees for a control step of the robots at (x, y), map frame [m], and filter the points.
 
-        Args:
-            grid: the map.
-            robots: positions of the robots (x, y), map frame [m]; the global tree starts at the first one.
+        The global tree starts at the first robot.
         """
         params = self._params
         if not self.trees:

@@ -72,13 +72,9 @@ class RrtRobot:
         return self._has_begun and not drive.has_goal and not drive.is_recovering and self.yielding_to is None
 
     def update(self, reading: Reading, belief: Belief, points: np.ndarray, *, is_asked: bool) -> bool:
-        """Process a reading, and tell whether the robot is to be assigned a point.
+        """Process a reading, without peers, and tell whether the robot is to be assigned one of the frontier points.
 
-        Args:
-            reading: of its sensors, without its peers.
-            belief: its pose estimate and the map.
-            points: shape (n, 2), float64, frontier points, map frame [m].
-            is_asked: whether it looks for a point even in a pause.
+        `points` have the shape (n, 2), float64, map frame [m]. A robot that `is_asked` looks for one even in a pause.
         """
         navigator = self.navigator
         navigator.points, navigator.bodies = points, self.blocking
@@ -109,9 +105,8 @@ class RrtRobot:
     def open_goals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what may be assigned: candidates that have failed only if there are no others.
 
-        Returns:
-            Shape (k, 2), float64, frontiers, map frame [m]; shape (k,), float64, costs of the paths to their viewpoints
-            [m]; shape (k,), int64, their indices among the candidates.
+        These are frontiers, shape (k, 2), map frame [m], the costs of the paths to their viewpoints [m], and their
+        indices among the candidates.
         """
         candidates = self.navigator.candidates
         indices = np.flatnonzero(candidates.failures == 0)
@@ -126,9 +121,9 @@ class RrtRobot:
 
     def wait(self) -> None:
         """Stop for a while, since others have all the points."""
+        self._has_looked_around, self.end_reason = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
-        self._has_looked_around, self.end_reason = False, None
 
     def look_around_or_end(self, patience: int) -> None:
         """Turn once around where no point is left; then end, if there has been none for `patience` steps."""

@@ -50,11 +50,7 @@ def decide_with_team(team: RrtTeam, env: ExploreTeamEnv) -> Decide:
 def run_team_episode(env: ExploreTeamEnv, team: RrtTeam, seed: int, on_step: Watch | None = None) -> TeamEpisode:
     """Let a team explore until the target coverage or the time limit is reached, or the team stops.
 
-    Args:
-        env: the environment.
-        team: decides; it gets observations and beliefs only.
-        seed: of everything: world, starts, noise, and the team's own draws.
-        on_step: called with `info` after the reset and after every step, to record pictures.
+    The seed and `on_step` are those of `baselines.episode.run_episode`; the team gets readings and beliefs only.
     """
     observation, info = env.reset(seed=seed)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.

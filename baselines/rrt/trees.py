@@ -155,12 +155,7 @@ class Tree:
         return self._points.T
 
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
-        """Grow by samples.
-
-        Args:
-            grid: the map.
-            samples: shape (n, 2), float64, map frame [m].
-            robot: position of the robot (x, y), map frame [m]; where a tree that resets starts again.
+        """Grow by samples, shape (n, 2), float64, map frame [m]; a tree that resets starts again at the robot (x, y).
 
         Returns:
             Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].
