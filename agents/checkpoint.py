@@ -40,12 +40,10 @@ class BoxRecord(BaseModel):
 
     @classmethod
     def of(cls, box: spaces.Space) -> "BoxRecord":
-        """Describe a space."""
         assert isinstance(box, spaces.Box), f"only boxes can be saved, got {box}"
         return cls(shape=box.shape, dtype=str(box.dtype), low=float(box.low.min()), high=float(box.high.max()))
 
     def space(self) -> spaces.Box:
-        """Return the space described."""
         return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
 
     def __str__(self) -> str:

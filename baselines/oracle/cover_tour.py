@@ -40,24 +40,14 @@ def _reorder(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def _best_change(cover, target, last, stop, following, prefix, rest):
-    """Find what saves most at a stop, between the stop before it and the following one (-1 for none).
+    """Find what saves most at a stop, between the last one and the following one (-1 for none).
 
-    Args:
-        cover: the viewpoints.
-        target: number of samples to see.
-        last: the stop before.
-        stop: the stop.
-        following: the stop after it.
-        prefix: shape (words,), uint64, what is known at the stop before.
-        rest: shape (words,), uint64, what is seen after the following stop.
-
-    Returns:
-        A viewpoint near to the stop to go to instead, -1 to leave it out, the stop itself where nothing is better.
+    `prefix` is what is known at the last stop, and `rest` what is seen after the following one. Returns a viewpoint
+    near to the stop to go to instead, -1 to leave it out, the stop itself where nothing is better.
     """
     best, least = stop, cover.lengths[last, stop] - LEAST_SAVING
     if following >= 0:
         least += cover.lengths[stop, following]
-    seen = np.empty_like(prefix)
     for choice in range(-1, cover.near.shape[1]):
         viewpoint = -1 if choice < 0 else cover.near[stop, choice]
         if viewpoint == last or (viewpoint == following and viewpoint >= 0):
@@ -66,8 +56,7 @@ def _best_change(cover, target, last, stop, following, prefix, rest):
         length = cover.lengths[last, turn] + (cover.lengths[turn, following] if following >= 0 else 0.0)
         if length >= least:
             continue
-        for w in range(seen.size):
-            seen[w] = prefix[w] | rest[w]
+        seen = prefix | rest
         add_views(cover, last, turn, seen)
         if following >= 0:
             add_views(cover, turn, following, seen)
@@ -118,22 +107,16 @@ def complete(cover, known, target, tour, noise, rng):
 
     Noise raises the values of viewpoints by up to a share. Returns what `search_tour` does, which says what is given.
     """
-    num_viewpoints = cover.lengths.shape[0]
-    open_words = np.empty(known.size, dtype=np.int64)
     while True:
         seen = seen_on(cover, known, tour)
         missing = target - count_bits(seen)
         if missing <= 0:
             return tour, True
-        num_open = 0
-        for w in range(seen.size):
-            if seen[w] != ~np.uint64(0):
-                open_words[num_open] = w
-                num_open += 1
+        open_words = np.flatnonzero(seen != ~np.uint64(0))
         best, best_at, best_value = -1, 0, 0.0
-        for viewpoint in range(num_viewpoints):
+        for viewpoint in range(len(cover.lengths)):
             gain = 0
-            for w in open_words[:num_open]:
+            for w in open_words:
                 gain += ones(cover.sees[viewpoint, w] & ~seen[w])
             if gain == 0:
                 continue
@@ -148,9 +131,7 @@ def complete(cover, known, target, tour, noise, rng):
                 best, best_at, best_value = viewpoint, at, value
         if best < 0:
             return tour, False
-        longer = np.empty(tour.size + 1, dtype=tour.dtype)
-        longer[:best_at], longer[best_at], longer[best_at + 1 :] = tour[:best_at], best, tour[best_at:]
-        tour = longer
+        tour = np.concatenate((tour[:best_at], np.array([best]), tour[best_at:]))
 
 
 @njit(cache=True, error_model="numpy")
