@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from agents.config import TrainingConfig
 from agents.policies import make_policy
 from agents.ppo import mean_action
-from agents.vector import Observations, make_env, make_vector
+from agents.vec_env import Observations, make_env, make_vector
 from baselines.episode import run_episode
 from envs.explore import ExploreEnv
 from envs.files import resolve

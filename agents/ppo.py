@@ -16,7 +16,7 @@ from agents.config import NetworkConfig, TrainingConfig
 from agents.curves import Row
 from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
-from agents.vector import Observations
+from agents.vec_env import Observations
 
 MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 """What Adam keeps for each weight."""

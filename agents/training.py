@@ -13,8 +13,7 @@ from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
-from agents.vec_env import GymnasiumVecEnv
-from agents.vector import make_vector
+from agents.vec_env import GymnasiumVecEnv, make_vector
 
 
 def train(
