@@ -109,7 +109,7 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
         Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
     """
     points = np.vstack([start, stops])
-    coarse = pool(crop(costmap, points, MARGIN))
+    coarse = pool(crop(costmap, points))
     cells = coarse.grid.cells(points)
     lengths = np.zeros((len(points), len(points)))
     for k in range(len(points) - 1):
@@ -119,10 +119,10 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
     return np.minimum(lengths, FAR)
 
 
-def crop(costmap: Costmap, points: np.ndarray, margin: float) -> Costmap:
-    """Return the part of a costmap within `margin` [m] of the rectangle around points, shape (n, 2) [m]."""
+def crop(costmap: Costmap, points: np.ndarray) -> Costmap:
+    """Return the part of a costmap within `MARGIN` of the rectangle around points, shape (n, 2) [m]."""
     grid = costmap.grid
-    reach = math.ceil(margin / grid.resolution)
+    reach = math.ceil(MARGIN / grid.resolution)
     cells = grid.cells(points)
     top, left = np.maximum(cells.min(axis=0) - reach, 0)
     bottom, right = cells.max(axis=0) + reach + 1

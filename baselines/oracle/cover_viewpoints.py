@@ -140,19 +140,8 @@ def _path_lengths(
     return costs_to_come * (side / (STRAIGHT * SCALE))
 
 
-def find_viewpoints(
-    costmap: Costmap, start: tuple[float, float], max_viewpoints: int = MAX_VIEWPOINTS
-) -> Viewpoints | None:
-    """Spread viewpoints over all that a robot can reach.
-
-    Args:
-        costmap: the known map, with the robot's footprint.
-        start: where the robot is (x, y), frame of the map [m].
-        max_viewpoints: roughly how many viewpoints at most.
-
-    Returns:
-        The viewpoints; None if the robot is walled in.
-    """
+def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
+    """Spread viewpoints over all of a known map that a robot at (x, y) [m] can reach; None if it is walled in."""
     field = travel_field(costmap, start)
     if field is None:
         return None
@@ -169,7 +158,7 @@ def find_viewpoints(
     block_costs[travel[1:-1, 1:-1] == UNREACHED] = COST_LETHAL
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
-    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / max_viewpoints))
+    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
     # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = _spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)

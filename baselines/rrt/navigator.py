@@ -48,26 +48,20 @@ class PointNavigator(FrontierNavigator):
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
         is_valid = ROS_COSTS[costs] <= self._params.max_cost
-        nearest = self._nearest_frontier(positions[is_valid], cells[is_valid])
+        nearest = self._nearest_frontier(positions[is_valid])
         first = np.arange(len(nearest))
         # Of no group: no point is left out because its frontier is short.
         return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
 
-    def _nearest_frontier(self, positions: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Return the frontier cells (row, column) nearest to points (row, column), whose cells are given too.
+    def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
+        """Return the frontier cell (row, column) nearest to each point; nothing for points farther than the bandwidth.
 
-        Points without one near are left out. Cell c holds [c, c + 1).
+        `positions`, shape (n, 2), are in cells: cell c holds [c, c + 1).
         """
-        frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
-        reach = int(np.ceil(radius))
-        window = np.arange(-reach, reach + 1)
-        around = cells[:, None] + np.stack(np.meshgrid(window, window, indexing="ij"), axis=-1).reshape(1, -1, 2)
-        gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
-        inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
-        rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
-        gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
-        index = np.arange(len(cells)), np.argmin(gaps, axis=1)
-        return around[index][np.isfinite(gaps[index])]
+        frontier = np.argwhere(self.map.frontier)
+        gaps = np.hypot(*np.moveaxis(frontier + 0.5 - positions[:, None], -1, 0))
+        is_near = gaps.min(axis=1, initial=np.inf) <= self._params.bandwidth / self.map.side
+        return frontier[gaps[is_near].argmin(axis=1)] if is_near.any() else frontier[:0]
 
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path anew; through peers where none leads around them: they move on, or are made to yield."""

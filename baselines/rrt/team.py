@@ -2,10 +2,10 @@
 
 Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay,
 "Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), with two and
-three robots. What `baselines.rrt.explorer` says of one robot holds for each; `docs/team.md` says how they share the work
-and who has the right of way. Where a peer that is to yield has nowhere to go, the robot yields to it; if neither can, the
-goal has failed. Peers are removed from scans before these are remembered; their footprints replace them, which move with
-them and are known also where the lidar is blind.
+three robots. What `baselines.rrt.explorer` says of one robot holds for each; `docs/team.md` says how they share the
+work and who has the right of way. Where a peer that is to yield has nowhere to go, the robot yields to it; if neither
+can, the goal has failed. Peers are removed from scans before these are remembered; their footprints replace them, which
+move with them and are known also where the lidar is blind.
 """
 
 from collections.abc import Sequence
