@@ -21,12 +21,7 @@ class RunCallback(BaseCallback):
     model: PPO
 
     def __init__(
-        self,
-        config: TrainingConfig,
-        run: Path,
-        evaluator: Evaluator,
-        evaluations: list[Row],
-        saved_steps: int | None,
+        self, config: TrainingConfig, run: Path, evaluator: Evaluator, evaluations: list[Row], saved_steps: int | None
     ) -> None:
         """Go on from the evaluations so far, to which new ones are appended.
 

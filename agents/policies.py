@@ -13,8 +13,6 @@ from envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
 """What a policy decides: twists in `Explore-v0`, or which frontier to go to in `ExploreFrontiers-v0`."""
-PROTOCOL = ("reset", "act", "end_reason", "plan")
-"""What an explorer has (`baselines.explorer.Explorer`)."""
 
 
 def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
@@ -38,7 +36,8 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
     if isinstance(value, type) or (is_function and not _required(value)):
         value = value()
     if hasattr(value, "act"):
-        if missing := [name for name in PROTOCOL if name not in dir(value)]:  # properties may need a reset
+        protocol = ("reset", "act", "end_reason", "plan")
+        if missing := [name for name in protocol if name not in dir(value)]:  # properties may need a reset
             raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
         return value
     if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:

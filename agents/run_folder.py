@@ -45,11 +45,7 @@ def find_checkpoint(path: str | Path) -> Path:
 
 
 def new_run(config: TrainingConfig, run: Path | None) -> Path:
-    """Create a run folder with the resolved configuration in it.
-
-    Args:
-        config: the experiment.
-        run: the folder; None makes `runs/<experiment>__<seed>__<time>`.
+    """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
 
     Raises:
         ValueError: if the folder holds a run already.

@@ -28,9 +28,8 @@ class Ended(NamedTuple):
     """How a loop ended."""
 
     observation: Observation
-    """The last one."""
     info: Info
-    """The last one, with `end_reason`, unless `max_steps` ended the loop."""
+    """The last ones; `info` has an `end_reason`, unless `max_steps` ended the loop."""
     decision_times: list[float]
     """Time of each decision [s]."""
 
@@ -80,14 +79,14 @@ def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """The course of an episode: one sample at the reset and one after every step."""
+    """The course of an episode, shape (n,), float64: one sample at the reset and one after every step."""
 
     time: np.ndarray
-    """Shape (n,), float64, time since the reset [s]."""
+    """Since the reset [s]."""
     path_length: np.ndarray
-    """Shape (n,), float64, true distance driven [m]."""
+    """True distance driven [m]."""
     explored_fraction: np.ndarray
-    """Shape (n,), float64, explored share of the explorable area."""
+    """Explored share of the explorable area."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,9 +112,8 @@ class Episode:
     collisions: int
     """Contacts begun."""
     position_rmse: float
-    """Root mean square error of the estimated position [m]."""
     heading_rmse: float
-    """Root mean square error of the estimated heading [rad]."""
+    """Root mean square errors of the estimated position [m] and heading [rad]."""
     map_iou: float
     """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.tasks.coverage.map_iou`)."""
     decision_ms: float

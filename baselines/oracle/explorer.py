@@ -44,7 +44,6 @@ class OracleExplorer:
     """Has the true map, and only has to drive through it. An `Omniscient`, served by `baselines.episode`."""
 
     def __init__(self) -> None:
-        """Make an explorer; `reset` and then `reveal` prepare it for an episode."""
         self._rest = NearestExplorer()
         self._coverage: Coverage | None = None
         self._is_done = False
