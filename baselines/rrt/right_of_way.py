@@ -26,7 +26,7 @@ def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2) [m]."""
+    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
     if len(path) == 0:
         return False
     near = path[lengths_along(path) <= reach]
