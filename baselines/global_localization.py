@@ -174,11 +174,9 @@ def main(
         sys.exit(2)
     console = Console(highlight=False, markup=False)
     console.print(f"explored    {100 * result.explored_fraction:.1f} % of {world}; map in {result.map_path}")
-    if np.isinf(result.time_to_localize):
-        console.print("localized   never")
-    else:
-        error_cm = 100 * result.error_when_localized
-        console.print(f"localized   after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position")
+    error_cm = 100 * result.error_when_localized
+    localized = f"after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position"
+    console.print(f"localized   {'never' if np.isinf(result.time_to_localize) else localized}")
     for k, outcome in enumerate(result.goals, 1):
         console.print(f"goal {k}      {outcome}")
     console.print(f"collisions  {result.collisions}")

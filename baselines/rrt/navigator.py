@@ -9,20 +9,13 @@ from envs.navigation.planning_map import CostLayer
 from envs.robots import RobotParams
 
 
-def _ros_costs() -> np.ndarray:
-    """Tabulate a costmap's costs on the scale on which ROS publishes costmaps: shape (256,), float64.
+def _on_ros_scale(costs: np.ndarray) -> np.ndarray:
+    """Return a costmap's costs on the scale on which ROS publishes costmaps, float64.
 
     1 to 98 near obstacles, 99 where the footprint touches one and beyond; 0 where it is free or unknown.
     """
-    costs = np.arange(256)
-    table = np.where(costs > 0, 1.0 + np.floor(97.0 * (costs - 1) / 251.0), 0.0)
-    table[costs > COST_MAX_FREE] = 99.0
-    table[COST_UNKNOWN] = 0.0
-    return table
-
-
-ROS_COSTS = _ros_costs()
-"""Costs on ROS's scale by the costs of a costmap."""
+    near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
+    return np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
 
 
 class PointNavigator(FrontierNavigator):
@@ -47,7 +40,7 @@ class PointNavigator(FrontierNavigator):
         is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
-        is_valid = ROS_COSTS[costs] <= self._params.max_cost
+        is_valid = _on_ros_scale(costs) <= self._params.max_cost
         nearest = self._nearest_frontier(positions[is_valid])
         first = np.arange(len(nearest))
         # Of no group: no point is left out because its frontier is short.
