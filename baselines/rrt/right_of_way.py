@@ -34,15 +34,10 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Find where a robot waits for another one to pass.
+    """Find where a robot waits for another one to pass: the cell (row, column) off its path that is cheapest to get to.
 
-    Args:
-        field: travel of the waiting robot, with the other one as an obstacle.
-        path: shape (n, 2), n > 0, path of the other one from its position, map frame [m].
-        radius: of either footprint [m].
-
-    Returns:
-        The cell (row, column) off the path with the lowest travel cost; None if there is none.
+    `field` is the travel of the waiting robot, with the other one as an obstacle, and `path`, shape (n, 2), n > 0, that
+    of the other one from its position, map frame [m]; both footprints have a radius [m]. None if there is no such cell.
     """
     grid = field.costmap.grid
     cells = grid.cells(path)

@@ -64,12 +64,8 @@ def steer(x0, y0, x, y, eta):
 def grid_check(data, u0, v0, u1, v1):
     """Tell what comes first in the cells that a line crosses, but for its first cell.
 
-    Args:
-        data: shape (height, width), int8, occupancy; outside of it everything is unknown.
-        u0: column of the start as a real number: cell c holds [c, c + 1).
-        v0: row of the start.
-        u1: column of the end.
-        v1: row of the end.
+    The line leads from (u0, v0) to (u1, v1), column and row as real numbers: cell c holds [c, c + 1). What lies outside
+    of `data`, shape (height, width), int8, occupancy, is unknown.
 
     Returns:
         The verdict; and where the walk ended: middle of the unknown or occupied cell, or end of the line (column, row).
@@ -142,8 +138,6 @@ class Tree:
 
         The local detector resets, the global one does not.
         """
-        if not eta >= spacing > 0:
-            raise ValueError(f"eta must be at least spacing, and spacing positive, got {eta} and {spacing}")
         self._rules = GrowthRules(eta, spacing, resets)
         self._points = np.array([[root[0]], [root[1]]], dtype=np.float64)
         self.parents = np.zeros(1, dtype=np.int32)
