@@ -140,9 +140,9 @@ def pool(costmap: Costmap) -> Costmap:
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Return the cells of each block of side x side cells, row by row: shape (height, width, side**2).
+    """Return the cells of each block of side x side cells, row by row: shape (rows of blocks, columns, side**2).
 
-    Blocks that reach beyond the edge of `costs` (shape (height * side, width * side)) are filled up with `beyond`.
+    Blocks that reach beyond the edge of `costs` (two-dimensional) are filled up with `beyond`.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

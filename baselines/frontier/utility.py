@@ -107,7 +107,7 @@ class FrontierStatus:
     candidates: np.ndarray
     """Centroids that the last choice was made from, best first, shape (n, 2), map frame [m]."""
     relaxation: int
-    """Relaxation step of the last choice, 0 for none."""
+    """Relaxation step of the last choice, from 0 for none to 5."""
     blacklist_size: int
     """Failed goals that are remembered."""
 

@@ -51,10 +51,16 @@ class PointNavigator(FrontierNavigator):
 
         `positions`, shape (n, 2), are in cells: cell c holds [c, c + 1).
         """
-        frontier = np.argwhere(self.map.frontier)
-        gaps = np.hypot(*np.moveaxis(frontier + 0.5 - positions[:, None], -1, 0))
-        is_near = gaps.min(axis=1, initial=np.inf) <= self._params.bandwidth / self.map.side
-        return frontier[gaps[is_near].argmin(axis=1)] if is_near.any() else frontier[:0]
+        frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
+        reach = int(np.ceil(radius))
+        window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
+        around = np.floor(positions).astype(np.int64)[:, None] + window
+        gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
+        inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
+        rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
+        gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
+        nearest = np.arange(len(gaps)), gaps.argmin(axis=1)
+        return around[nearest][np.isfinite(gaps[nearest])]
 
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path anew; through peers where none leads around them: they move on, or are made to yield."""
