@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from agents.checkpoint import save_checkpoint
 from agents.config import TrainingConfig
+from agents.curves import Row
 from agents.evaluation import Episode, Evaluator, summarise
 from agents.ppo import capture
 from agents.run_folder import write_evaluations
@@ -20,33 +21,15 @@ class RunCallback(BaseCallback):
     model: PPO
 
     def __init__(
-        self,
-        config: TrainingConfig,
-        run: Path,
-        evaluator: Evaluator,
-        evaluations: list[dict[str, int | float | str]],
-        saved_steps: int | None,
+        self, config: TrainingConfig, run: Path, evaluator: Evaluator, evaluations: list[Row], saved_steps: int | None
     ) -> None:
-        """Go on from earlier evaluations.
+        """Go on from the evaluations so far, to which new ones are appended.
 
-        Args:
-            config: the experiment.
-            run: its folder.
-            evaluator: measures.
-            evaluations: rows so far; new ones are appended.
-            saved_steps: steps at the checkpoint that the training goes on from; None at the start.
+        `saved_steps` are those of the checkpoint that the training goes on from; None at the start.
         """
         super().__init__()
-        self.evaluations = evaluations
-        self._config = config
-        self._run = run
-        self._evaluator = evaluator
-        self._saved_steps = saved_steps
-
-    def finish(self) -> None:
-        """Evaluate and save the final state."""
-        self._evaluate()
-        self._save()
+        self._config, self._run, self._evaluator = config, run, evaluator
+        self._evaluations, self._saved_steps = evaluations, saved_steps
 
     def _on_training_start(self) -> None:
         if self._saved_steps is None:
@@ -54,7 +37,7 @@ class RunCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         every = self._config.evaluation.every
-        past = [int(row["steps"]) for row in self.evaluations if row["policy"] == "ppo"]
+        past = [int(row["steps"]) for row in self._evaluations if row["policy"] == "ppo"]
         if not past or self.num_timesteps // every > past[-1] // every:
             self._evaluate()
         # After one more update, the last checkpoint would be older than promised.
@@ -65,13 +48,17 @@ class RunCallback(BaseCallback):
     def _on_step(self) -> bool:
         return True
 
+    def _on_training_end(self) -> None:
+        self._evaluate()
+        self._save()
+
     def _on_rollout_end(self) -> None:
         if episodes := self.model.ep_info_buffer:
             for name in ("explored_fraction", "collisions"):
                 self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
 
     def _evaluate(self) -> None:
-        if not self.evaluations:
+        if not self._evaluations:
             for name in self._config.evaluation.references:
                 self._append(name, self._evaluator.explorer(name))
         row = self._append("ppo", self._evaluator.policy(self.model.policy))
@@ -79,27 +66,25 @@ class RunCallback(BaseCallback):
         # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
         for output in self.logger.output_formats:
             output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
-        write_evaluations(self._run, self.evaluations, f"{self._config.experiment}, seed {self._config.seed}")
+        write_evaluations(self._run, self._evaluations, f"{self._config.experiment}, seed {self._config.seed}")
 
-    def _append(self, policy: str, episodes: list[Episode]) -> dict[str, int | float | str]:
-        row: dict[str, int | float | str] = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
-        self.evaluations.append(row)
+    def _append(self, policy: str, episodes: list[Episode]) -> Row:
+        row: Row = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
+        self._evaluations.append(row)
         return row
 
     def _save(self) -> None:
-        checkpoint = capture(self.model, self._config, self.evaluations)
+        checkpoint = capture(self.model, self._config, self._evaluations)
         save_checkpoint(checkpoint, self._run, self._config.checkpoints.keep)
         self._saved_steps = self.num_timesteps
 
 
 class ProgressBar(BaseCallback):
-    """Shows steps, their rate, and the explored share of recent training episodes."""
+    """Shows steps, their rate, and the explored share of recent training episodes and of the last evaluation."""
 
-    def __init__(self, total_steps: int, evaluations: list[dict[str, int | float | str]]) -> None:
-        """Show the progress to `total_steps`, and the last of `evaluations`."""
+    def __init__(self, total_steps: int, evaluations: list[Row]) -> None:
         super().__init__()
-        self._total_steps = total_steps
-        self._evaluations = evaluations
+        self._total_steps, self._evaluations = total_steps, evaluations
 
     def _on_training_start(self) -> None:
         self._bar = tqdm(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
@@ -110,8 +95,8 @@ class ProgressBar(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         shown = {}
-        if self.model.ep_info_buffer:
-            shown["explored"] = f"{safe_mean([info['explored_fraction'] for info in self.model.ep_info_buffer]):.0%}"
+        if episodes := self.model.ep_info_buffer:
+            shown["explored"] = f"{safe_mean([episode['explored_fraction'] for episode in episodes]):.0%}"
         if self._evaluations:
             shown["evaluated"] = f"{self._evaluations[-1]['explored_fraction']:.0%}"
         self._bar.set_postfix(shown, refresh=False)

@@ -16,6 +16,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from agents.config import TrainingConfig
+from agents.curves import Row
 from agents.run_folder import CheckpointError, list_checkpoints
 from envs.files import explain_errors, write_folder
 
@@ -39,12 +40,10 @@ class BoxRecord(BaseModel):
 
     @classmethod
     def of(cls, box: spaces.Space) -> "BoxRecord":
-        """Describe a space."""
         assert isinstance(box, spaces.Box), f"only boxes can be saved, got {box}"
         return cls(shape=box.shape, dtype=str(box.dtype), low=float(box.low.min()), high=float(box.high.max()))
 
     def space(self) -> spaces.Box:
-        """Return the space described."""
         return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
 
     def __str__(self) -> str:
@@ -70,7 +69,7 @@ class Record(BaseModel):
     """Action space."""
     numpy_random: tuple[str, int, int, float]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
-    evaluations: list[dict[str, int | float | str]]
+    evaluations: list[Row]
     """Rows of `evaluations.csv` so far."""
     sha256: dict[str, str] = {}
     """Checksum of each file of tensors."""
@@ -119,14 +118,22 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     Raises:
         CheckpointError: if a file is missing, cut short, altered or no JSON; names it and an older checkpoint.
     """
+    tensors = []
     try:
-        return _load(folder)
+        # Undecodable text and broken JSON are ValueErrors alike.
+        record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
+        for name in (POLICY_FILE, TRAINING_FILE):
+            content = (folder / name).read_bytes()
+            if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
+                raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
+            tensors.append(safetensors.torch.load(content))
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
     except ValidationError as error:
         raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain_errors(error, Record)[:3])}") from error
     except ValueError as error:
         raise damaged(folder, f"{RECORD_FILE}: {error}") from error
+    return Checkpoint(record, *tensors)
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:
@@ -134,18 +141,6 @@ def damaged(folder: Path, why: str) -> CheckpointError:
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
     remedy = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
     return CheckpointError(f"checkpoint {folder} is damaged: {why}; {remedy}")
-
-
-def _load(folder: Path) -> Checkpoint:
-    # Undecodable text and broken JSON are ValueErrors alike.
-    record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
-    tensors = []
-    for name in (POLICY_FILE, TRAINING_FILE):
-        content = (folder / name).read_bytes()
-        if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
-            raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
-        tensors.append(safetensors.torch.load(content))
-    return Checkpoint(record, *tensors)
 
 
 def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:
@@ -159,13 +154,6 @@ def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dic
             raise damaged(folder, f"{name} lacks the tensor {key!r}")
         if key not in needed:
             raise damaged(folder, f"{name} has an unknown tensor {key!r}")
-        have, want = given[key], needed[key]
-        if have.shape != want.shape or have.dtype != want.dtype:
-            raise damaged(
-                folder,
-                f"{name}: {key!r} is {_describe(have)}, the network of its configuration needs {_describe(want)}",
-            )
-
-
-def _describe(tensor: Tensor) -> str:
-    return f"{str(tensor.dtype).removeprefix('torch.')} {tuple(tensor.shape)}"
+        have, want = (f"{str(t.dtype).removeprefix('torch.')} {tuple(t.shape)}" for t in (given[key], needed[key]))
+        if have != want:
+            raise damaged(folder, f"{name}: {key!r} is {have}, the network of its configuration needs {want}")

@@ -5,15 +5,7 @@ import math
 import warnings
 from typing import Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from envs.files import explain_unknown, load_object
 from envs.tasks.rewards import RewardWeights
@@ -77,9 +69,8 @@ class EnvironmentConfig(Section):
     @classmethod
     def _complete_reward(cls, reward: dict[str, float]) -> dict[str, float]:
         terms = dataclasses.asdict(RewardWeights())
-        for name in reward:
-            if name not in terms:
-                raise ValueError(f"unknown term {explain_unknown(name, terms)}")
+        if unknown := [name for name in reward if name not in terms]:
+            raise ValueError(f"unknown term {explain_unknown(unknown[0], terms)}")
         return terms | reward
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from agents.config import TrainingConfig
 from envs.files import read_record
 
-Row = Mapping[str, int | float | str]
+Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
 
 
-def read_evaluations(run: Path) -> list[dict[str, int | float | str]]:
+def read_evaluations(run: Path) -> list[Row]:
     """Read `evaluations.csv` of a run folder; every column but `policy` holds numbers."""
     with open(run / "evaluations.csv", newline="") as file:
         return [
@@ -48,11 +48,9 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
                 low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
         # All runs of one experiment measure the references on the same episodes.
-        references = {
-            str(row["policy"]): float(row[measure]) for row in next(iter(runs.values())) if row["policy"] != "ppo"
-        }
-        for (name, level), style in zip(references.items(), ("--", ":", "-."), strict=False):
-            axes.axhline(level, color="0.35", linestyle=style, label=name)
+        references = [row for row in next(iter(runs.values())) if row["policy"] != "ppo"]
+        for row, style in zip(references, ("--", ":", "-."), strict=False):
+            axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
         axes.set_xlabel("environment steps [thousands]")
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0, top=1 if measure == "explored_fraction" else None)

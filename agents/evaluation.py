@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -12,9 +11,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from agents.config import TrainingConfig
 from agents.policies import make_policy
 from agents.ppo import mean_action
-from agents.vector import Observations, make_env, make_vector
+from agents.vec_env import Observations, make_env, make_vector
 from baselines.episode import run_episode
-from baselines.explorer import Explorer, ObservationPolicy
 from envs.explore import ExploreEnv
 from envs.files import resolve
 
@@ -47,10 +45,10 @@ class Evaluator:
 
     def __init__(self, config: TrainingConfig) -> None:
         self._config = config
-        self._num_episodes = config.evaluation.episodes
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
         sync = {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
-        self._vector = make_vector(config.environment.model_copy(update=sync), "test", self._num_episodes)
+        environment = config.environment.model_copy(update=sync)
+        self._vector = make_vector(environment, "test", config.evaluation.episodes)
 
     def close(self) -> None:
         """Close the environments."""
@@ -66,8 +64,14 @@ class Evaluator:
         from baselines import EXPLORERS  # brings scikit-learn, which a training without references need not load
 
         env, source = make_env(self._config.environment, "test"), resolve(name, EXPLORERS, "explorer")
-        seeds = range(self._num_episodes)
-        episodes = [run_explorer(env, make_policy(source, env.action_space), seed) for seed in seeds]
+        episodes = []
+        for seed in range(self._config.evaluation.episodes):
+            episode = run_episode(env, make_policy(source, env.action_space), seed)
+            area = cast(ExploreEnv, env.unwrapped).coverage.area.area
+            gained = (episode.explored_fraction - float(episode.curve.explored_fraction[0])) * area
+            names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
+            measures = {name: float(getattr(episode, name)) for name in names}
+            episodes.append(Episode(explored_area=episode.explored_fraction * area, gained_area=gained, **measures))
         env.close()
         return episodes
 
@@ -97,44 +101,23 @@ def run_episodes(
             now[i] = info["final_obs"][i]["motion"][ELAPSED]
         integral += fractions * (now - elapsed)
         elapsed = now
-        for i in done:
-            if i not in episodes:
-                final = {name: float(info["final_info"][name][i]) for name in _FINAL}
-                episodes[i] = Episode(
-                    explored_fraction=final["explored_fraction"],
-                    explored_area=final["explored_area"],
-                    gained_area=final["explored_area"] - float(first_area[i]),
-                    area_under_curve=float(integral[i] + fractions[i] * (1.0 - now[i])),
-                    path_length=final["path_length"],
-                    collisions=final["collisions"],
-                    success=final["is_success"],
-                )
+        for i in set(done) - episodes.keys():
+            names = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
+            final = {name: float(info["final_info"][name][i]) for name in names}
+            episodes[i] = Episode(
+                success=final.pop("is_success"),
+                gained_area=final["explored_area"] - float(first_area[i]),
+                area_under_curve=float(integral[i] + fractions[i] * (1.0 - now[i])),
+                **final,
+            )
     return [episodes[i] for i in range(vector.num_envs)]
-
-
-_FINAL = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
-
-
-def run_explorer(env: gymnasium.Env, explorer: Explorer | ObservationPolicy, seed: int) -> Episode:
-    """Run one episode with an explorer that sees observations and beliefs."""
-    episode = run_episode(env, explorer, seed)
-    area = cast(ExploreEnv, env.unwrapped).coverage.area.area
-    return Episode(
-        explored_fraction=episode.explored_fraction,
-        explored_area=episode.explored_fraction * area,
-        gained_area=(episode.explored_fraction - float(episode.curve.explored_fraction[0])) * area,
-        area_under_curve=episode.area_under_curve,
-        path_length=episode.path_length,
-        collisions=float(episode.collisions),
-        success=float(episode.success),
-    )
 
 
 def summarise(episodes: Sequence[Episode]) -> dict[str, float]:
     """Return the means over episodes, and the quartiles of the explored fraction."""
-    fractions = [episode.explored_fraction for episode in episodes]
-    summary = {"episodes": float(len(episodes))}
-    summary |= {name: float(np.mean([getattr(episode, name) for episode in episodes])) for name in Episode.__slots__}
-    for name, q in (("q25", 0.25), ("q75", 0.75)):
-        summary[f"explored_fraction_{name}"] = float(np.quantile(fractions, q))
-    return summary
+    columns = {name: [getattr(episode, name) for episode in episodes] for name in Episode.__slots__}
+    summary = {"episodes": float(len(episodes))} | {name: float(np.mean(column)) for name, column in columns.items()}
+    quartiles = {"q25": 0.25, "q75": 0.75}.items()
+    return summary | {
+        f"explored_fraction_{name}": float(np.quantile(columns["explored_fraction"], q)) for name, q in quartiles
+    }

@@ -16,23 +16,12 @@ from envs.robots import RobotParams
 class PPOExplorer:
     """Drives as a policy trained with `train.py` would. Looks at observations only."""
 
-    end_reason: str | None = None
-    """A policy never stops by itself."""
-    plan: np.ndarray | None = None
-    """A policy plans no path."""
+    end_reason = plan = None
+    """A policy never stops by itself, and plans no path."""
 
     def __init__(self, policy: ActorCriticPolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
-        """Take a policy.
-
-        Args:
-            policy: trained.
-            record: of its checkpoint.
-            name: of its checkpoint, for messages.
-            deterministic: whether to take the mean action, or to draw one as in training.
-        """
-        self._policy = policy
-        self._record = record
-        self._name = name
+        """Take a trained policy, with the record and the name of its checkpoint, for messages; see `load`."""
+        self._policy, self._record, self._name = policy, record, name
         self._deterministic = deterministic
         self._std = policy.log_std.detach().exp().numpy()
 
@@ -93,18 +82,12 @@ class PPOExplorer:
         return self._action.copy()
 
     def _decide(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        self._check(observation)
-        batch = {key: value[None] for key, value in observation.items()}
-        action = mean_action(self._policy, batch)[0]
-        if not self._deterministic:
-            action = action + self._std * self._rng.standard_normal(action.shape)
-        return np.clip(action, -1.0, 1.0).astype(np.float32)
-
-    def _check(self, observation: dict[str, np.ndarray]) -> None:
         needed = self._record.observation
         given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
         if given != {key: (box.shape, box.dtype) for key, box in needed.items()}:
-            raise CheckpointError(
-                f"{self._name} needs observations {', '.join(f'{key} {box}' for key, box in needed.items())}; "
-                f"it was given {given}"
-            )
+            boxes = ", ".join(f"{key} {box}" for key, box in needed.items())
+            raise CheckpointError(f"{self._name} needs observations {boxes}; it was given {given}")
+        action = mean_action(self._policy, {key: value[None] for key, value in observation.items()})[0]
+        if not self._deterministic:
+            action = action + self._std * self._rng.standard_normal(action.shape)
+        return np.clip(action, -1.0, 1.0).astype(np.float32)

@@ -22,15 +22,10 @@ class ExplorerFeatures(BaseFeaturesExtractor):
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
-        """Build the layers for the shapes of an observation space.
-
-        Args:
-            observation_space: with the keys `scan`, `map_near`, `map_far`, `motion`.
-            features_dim: width of the features.
-            channels: of the convolutions.
+        """Build the layers for an observation space, with features of a width and convolutions of some channels.
 
         Raises:
-            ValueError: if a key is missing, or the crops cannot be cut into patches.
+            ValueError: if `scan`, `map_near`, `map_far` or `motion` is missing, or crops cannot be cut into patches.
         """
         super().__init__(observation_space, features_dim)
         needed = ("scan", "map_near", "map_far", "motion")
@@ -63,26 +58,19 @@ class ExplorerFeatures(BaseFeaturesExtractor):
         # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
         invalid = (scan == 0).float()
         nearness = (1.0 - scan) * (1.0 - invalid)
-        return torch.cat(
-            [
-                self.map_near(observations["map_near"]),
-                self.map_far(observations["map_far"]),
-                self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)),
-                self.motion(observations["motion"]),
-            ],
-            dim=1,
-        )
+        parts = [
+            self.map_near(observations["map_near"]),
+            self.map_far(observations["map_far"]),
+            self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)),
+            self.motion(observations["motion"]),
+        ]
+        return torch.cat(parts, dim=1)
 
 
 class MapPatches(nn.Conv2d):
     """Features of the patches of a map crop."""
 
     def __init__(self, shape: tuple[int, ...], channels: int) -> None:
-        """Build the convolution for crops of a shape.
-
-        Raises:
-            ValueError: if they cannot be cut into patches.
-        """
         if len(shape) != 3 or shape[1] % PATCH or shape[2] % PATCH:
             raise ValueError(f"map crops must have shape (channels, n {PATCH}, m {PATCH}), got {shape}")
         super().__init__(shape[0], channels, PATCH, stride=PATCH)

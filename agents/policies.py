@@ -13,8 +13,6 @@ from envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
 """What a policy decides: twists in `Explore-v0`, or which frontier to go to in `ExploreFrontiers-v0`."""
-PROTOCOL = ("reset", "act", "end_reason", "plan")
-"""What an explorer has (`baselines.explorer.Explorer`)."""
 
 
 def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
@@ -34,18 +32,18 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
     Raises:
         ValueError: if it is none of them.
     """
-    if isinstance(value, type) or (_is_plain_callable(value) and not _required(value)):
+    is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
+    if isinstance(value, type) or (is_function and not _required(value)):
         value = value()
     if hasattr(value, "act"):
-        if missing := [name for name in PROTOCOL if name not in dir(value)]:  # properties may need a reset
+        protocol = ("reset", "act", "end_reason", "plan")
+        if missing := [name for name in protocol if name not in dir(value)]:  # properties may need a reset
             raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
         return value
-    if hasattr(value, "predict"):
-        return CalledPolicy(value, _Predictor(value.predict), space)
-    if callable(value) and len(_required(value)) == 2:
+    if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
         return RuleExplorer(value)
-    if callable(value):
-        return CalledPolicy(value, value, space)
+    if callable(value) or hasattr(value, "predict"):
+        return CalledPolicy(value, space)
     raise ValueError(f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)")
 
 
@@ -62,21 +60,17 @@ def level_of(value: Any) -> Level:
 
 
 class CalledPolicy:
-    """A policy that is called with observations; `reset`, `end_reason` and `plan` are passed on where it has them."""
+    """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3.
 
-    def __init__(
-        self, policy: Any, decide: Callable[[dict[str, np.ndarray]], Any], space: spaces.Space | None = None
-    ) -> None:
-        """Take a policy.
+    `reset`, `end_reason` and `plan` are passed on where it has them.
+    """
 
-        Args:
-            policy: may have `reset(robot, control_period, rng)`, `end_reason` and `plan`.
-            decide: returns its action for an observation.
-            space: action space; actions outside a `Box` are cut to its bounds.
-        """
-        self._policy = policy
-        self._decide = decide
-        self._space = space
+    def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
+        """Take a policy, and the action space; see `make_policy`."""
+        self._policy, self._space = policy, space
+        self._predicts = hasattr(policy, "predict")
+        self._takes = inspect.signature(policy.predict).parameters if self._predicts else {}
+        self._state: Any = None
 
     @property
     def end_reason(self) -> str | None:
@@ -89,42 +83,28 @@ class CalledPolicy:
         return getattr(self._policy, "plan", None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode; see `Explorer.reset`."""
-        if isinstance(self._decide, _Predictor):
-            self._decide.state = None
-        elif hasattr(self._policy, "reset"):
+        self._state = None
+        if not self._predicts and hasattr(self._policy, "reset"):
             self._policy.reset(robot, control_period, rng)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
         """Return the action for an observation, within the bounds of the action space."""
-        action = self._decide(observation)
+        action = self._predict(observation) if self._predicts else self._policy(observation)
         if isinstance(self._space, spaces.Box):
             action = np.asarray(action, dtype=self._space.dtype)
             return np.clip(action, self._space.low, self._space.high)
         return np.int64(action) if isinstance(self._space, spaces.Discrete) else action
 
-
-class _Predictor:
-    """Calls `predict` in the manner of stable-baselines3, with the arguments that the model supports."""
-
-    def __init__(self, predict: Callable[..., Any]) -> None:
-        self._predict = predict
-        self._takes = inspect.signature(predict).parameters
-        self.state: Any = None
-
-    def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self.state}
-        offered["episode_start"] = np.array([self.state is None])
+    def _predict(self, observation: dict[str, np.ndarray]) -> Any:
+        """Call `predict` with the arguments that the model supports."""
+        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self._state}
+        offered["episode_start"] = np.array([self._state is None])
         arguments = {name: value for name, value in offered.items() if name in self._takes and value is not None}
-        result = self._predict(observation, **arguments)
+        result = self._policy.predict(observation, **arguments)
         if not isinstance(result, tuple):
             return result
-        action, self.state = result
+        action, self._state = result
         return action
-
-
-def _is_plain_callable(value: Any) -> bool:
-    return callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
 
 
 def _required(function: Callable[..., Any]) -> list[str]:

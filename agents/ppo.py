@@ -11,18 +11,12 @@ from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
-from agents.checkpoint import (
-    POLICY_FILE,
-    TRAINING_FILE,
-    BoxRecord,
-    Checkpoint,
-    Record,
-    check_tensors,
-)
+from agents.checkpoint import POLICY_FILE, TRAINING_FILE, BoxRecord, Checkpoint, Record, check_tensors
 from agents.config import NetworkConfig, TrainingConfig
+from agents.curves import Row
 from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
-from agents.vector import Observations
+from agents.vec_env import Observations
 
 MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 """What Adam keeps for each weight."""
@@ -92,7 +86,7 @@ def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.nda
     return actions.cpu().numpy()
 
 
-def capture(model: PPO, config: TrainingConfig, evaluations: list[dict[str, int | float | str]]) -> Checkpoint:
+def capture(model: PPO, config: TrainingConfig, evaluations: list[Row]) -> Checkpoint:
     """Take the state of a training between two updates."""
     assert isinstance(model.observation_space, spaces.Dict)
     algorithm, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
@@ -159,13 +153,7 @@ def restore(model: PPO, checkpoint: Checkpoint, folder: Path) -> None:
 
 
 def check_spaces(record: Record, observation_space: spaces.Space, action_space: spaces.Space, name: str) -> None:
-    """Hold the spaces of an environment against those of a checkpoint.
-
-    Args:
-        record: of the checkpoint.
-        observation_space: of the environment.
-        action_space: of the environment.
-        name: of the checkpoint, for the message.
+    """Hold the spaces of an environment against those of a checkpoint of some name.
 
     Raises:
         CheckpointError: if they differ; says which space is needed and which is there.

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agents.config import TrainingConfig
-from agents.curves import draw_learning_curve
+from agents.curves import Row, draw_learning_curve
 from envs.files import dump_record, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
@@ -45,11 +45,7 @@ def find_checkpoint(path: str | Path) -> Path:
 
 
 def new_run(config: TrainingConfig, run: Path | None) -> Path:
-    """Create a run folder with the resolved configuration in it.
-
-    Args:
-        config: the experiment.
-        run: the folder; None makes `runs/<experiment>__<seed>__<time>`.
+    """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
 
     Raises:
         ValueError: if the folder holds a run already.
@@ -76,7 +72,7 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
     return run
 
 
-def write_evaluations(run: Path, rows: Sequence[dict[str, int | float | str]], title: str) -> None:
+def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")

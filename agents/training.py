@@ -8,13 +8,12 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.callbacks import ProgressBar, RunCallback
-from agents.checkpoint import Checkpoint, load_checkpoint
+from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
-from agents.vec_env import GymnasiumVecEnv
-from agents.vector import make_vector
+from agents.vec_env import GymnasiumVecEnv, make_vector
 
 
 def train(
@@ -32,9 +31,8 @@ def train(
         The run folder.
 
     Raises:
-        ValueError: if the run folder is in use.
+        ValueError: if the run folder is in use, or the environment refuses its arguments.
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
-        ValueError: if the environment refuses its arguments.
     """
     source = None if resume is None else find_checkpoint(resume)
     checkpoint = None if source is None else load_checkpoint(source)
@@ -46,11 +44,14 @@ def train(
         if checkpoint is None or source is None:
             run = new_run(config, run)
         else:
-            _check_same_network(config, checkpoint, source)
+            if config.network != (saved := checkpoint.record.config.network):
+                raise CheckpointError(
+                    f"{source} holds a network of another size: it needs network: {saved}, and not {config.network}"
+                )
             restore(model, checkpoint, source)
             run = reopen_run(config, source)
         # Where in their episodes the environments were is not kept: a resumed training starts new ones.
-        env.seed(_environment_seed(config.seed, model.num_timesteps))
+        env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
         evaluations = list(checkpoint.record.evaluations) if checkpoint else []
         # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
         purge_step = model.num_timesteps + 1 if evaluations else None
@@ -60,22 +61,8 @@ def train(
         if model.num_timesteps < total_steps:
             bar = [ProgressBar(total_steps, evaluations)] if progress else []
             model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
-            keeper.finish()
         model.logger.close()
     return run
-
-
-def _check_same_network(config: TrainingConfig, checkpoint: Checkpoint, source: Path) -> None:
-    saved = checkpoint.record.config.network
-    if config.network != saved:
-        raise CheckpointError(
-            f"{source} holds a network of another size: it needs network: {saved}, and not {config.network}"
-        )
-
-
-def _environment_seed(seed: int, steps: int) -> int:
-    """Return the seed of the first environment for a training that (re)starts at `steps`."""
-    return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1)
 
 
 class _TensorBoard(TensorBoardOutputFormat):

@@ -1,18 +1,45 @@
-"""Vector environments of Gymnasium adapted to stable-baselines3."""
+"""The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
-from typing import Any
+import multiprocessing
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.vector import Observations
+import envs  # noqa: F401  (registers the environments)
+from agents.config import EnvironmentConfig
 
+Observations = dict[str, np.ndarray]
+"""Observations of several environments, stacked along axis 0."""
 EPISODE_MEASURES = ("explored_fraction", "collisions")
 """Numbers of the last `info` that go into `infos[i]["episode"]`, where the environment has them."""
+
+
+def make_env(config: EnvironmentConfig, split: Literal["train", "test"]) -> gymnasium.Env:
+    """Make one environment on the worlds of a split."""
+    return gymnasium.make(config.id, split=split, **config.arguments)
+
+
+def make_vector(
+    config: EnvironmentConfig, split: Literal["train", "test"], num_envs: int
+) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
+    """Make several environments on the worlds of a split. One whose episode ends starts the next at once."""
+    arguments = {**config.arguments, "split": split}
+    settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    if config.vectorization != "sync":
+        # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
+        methods = multiprocessing.get_all_start_methods()
+        settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
+    if config.vectorization == "native":
+        settings["num_workers"] = config.num_workers
+        return gymnasium.make_vec(config.id, num_envs, "vector_entry_point", **settings, **arguments)
+    return gymnasium.make_vec(
+        config.id, num_envs, vectorization_mode=config.vectorization, vector_kwargs=settings, **arguments
+    )
 
 
 class GymnasiumVecEnv(VecEnv):
@@ -24,7 +51,7 @@ class GymnasiumVecEnv(VecEnv):
     `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing.
     """
 
-    def __init__(self, env: gymnasium.vector.VectorEnv, *, clip_actions: bool = False) -> None:
+    def __init__(self, env: VectorEnv, *, clip_actions: bool = False) -> None:
         """Wrap `env`.
 
         Args:
@@ -62,12 +89,10 @@ class GymnasiumVecEnv(VecEnv):
         return self._observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions for `step_wait`."""
         space = self.action_space
         self._actions = np.clip(actions, space.low, space.high) if self._clips else actions  # type: ignore[attr-defined]
 
     def step_wait(self) -> tuple[Observations, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Step every sub-environment."""
         self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
@@ -78,11 +103,9 @@ class GymnasiumVecEnv(VecEnv):
         return self._observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
-        """Close the environment."""
         self.env.close()
 
     def get_images(self) -> list[np.ndarray | None]:
-        """Return a picture of each sub-environment."""
         pictures: Any = self.env.render()
         return list(pictures or [None] * self.num_envs)
 
@@ -94,10 +117,8 @@ class GymnasiumVecEnv(VecEnv):
         """
         if attr_name == "action_masks" and self._has_masks:
             return [None] * len(list(self._get_indices(indices)))  # only asked whether there is one
-        inner: Any = self.env.unwrapped
-        values = (
-            inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * self.num_envs
-        )
+        inner, size = self.env.unwrapped, self.num_envs
+        values = inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * size
         return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:

@@ -1,5 +1,7 @@
 """Classic explorers."""
 
+from envs.files import resolve
+
 from .explorer import Explorer, Omniscient
 from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
 from .frontier.greedy_gain import GreedyGainExplorer
@@ -29,14 +31,13 @@ EXPLORERS: dict[str, type[Explorer]] = {
 
 
 def make_explorer(name: str) -> Explorer:
-    """Return a new explorer with its default parameters.
+    """Return a new explorer with its default parameters, by name or as `module:attribute`.
 
     Raises:
         ValueError: the name is unknown.
     """
-    if name not in EXPLORERS:
-        raise ValueError(f"unknown explorer {name!r}; choose one of {', '.join(EXPLORERS)}")
-    return EXPLORERS[name]()
+    explorer: Explorer = resolve(name, EXPLORERS, "explorer")()
+    return explorer
 
 
 __all__ = [

@@ -28,9 +28,8 @@ class Ended(NamedTuple):
     """How a loop ended."""
 
     observation: Observation
-    """The last one."""
     info: Info
-    """The last one, with `end_reason`, unless `max_steps` ended the loop."""
+    """The last ones; `info` has an `end_reason`, unless `max_steps` ended the loop."""
     decision_times: list[float]
     """Time of each decision [s]."""
 
@@ -80,14 +79,14 @@ def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """The course of an episode: one sample at the reset and one after every step."""
+    """The course of an episode, shape (n,), float64: one sample at the reset and one after every step."""
 
     time: np.ndarray
-    """Shape (n,), float64, time since the reset [s]."""
+    """Since the reset [s]."""
     path_length: np.ndarray
-    """Shape (n,), float64, true distance driven [m]."""
+    """True distance driven [m]."""
     explored_fraction: np.ndarray
-    """Shape (n,), float64, explored share of the explorable area."""
+    """Explored share of the explorable area."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,11 +100,9 @@ class Episode:
     explored_fraction: float
     """Share of the explorable area that was explored at the end."""
     time_to_90: float
-    """Time until 90 % was explored [s]."""
     time_to_95: float
-    """Time until 95 % was explored [s]."""
     time_to_99: float
-    """Time until 99 % was explored [s]."""
+    """Times until 90, 95 and 99 % were explored [s]."""
     distance_to_95: float
     """Distance driven until 95 % was explored [m]."""
     area_under_curve: float
@@ -115,9 +112,8 @@ class Episode:
     collisions: int
     """Contacts begun."""
     position_rmse: float
-    """Root mean square error of the estimated position [m]."""
     heading_rmse: float
-    """Root mean square error of the estimated heading [rad]."""
+    """Root mean square errors of the estimated position [m] and heading [rad]."""
     map_iou: float
     """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.tasks.coverage.map_iou`)."""
     decision_ms: float
@@ -146,16 +142,9 @@ def exploration_of(env: gymnasium.Env[Any, Any]) -> ExploreEnv:
 def begin_episode(
     env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment and then the explorer; only an `Omniscient` one gets ground truth.
+    """Reset an environment by a seed, and then the explorer, which draws from `rng`; returns what the reset does.
 
-    Args:
-        env: an `ExploreEnv`, wrapped or not.
-        explorer: to be reset.
-        seed: of the environment.
-        rng: source of the explorer's random draws.
-
-    Returns:
-        The environment's first observation and info.
+    Only an `Omniscient` explorer gets ground truth.
     """
     inner = exploration_of(env)
     observation, info = env.reset(seed=seed)
@@ -200,24 +189,13 @@ def run_episode(
         if on_step:
             on_step(info)
 
-    ended = run(env, decide_with(explorer, inner), observation, info, watch)
-    return _measure(inner, ended, np.array(samples))
-
-
-def _measure(env: ExploreEnv, ended: Ended, samples: np.ndarray) -> Episode:
-    """Summarise an episode.
-
-    Args:
-        env: the environment, at the end of the episode.
-        ended: how the episode ended.
-        samples: shape (n, 5): time [s], path length [m], explored fraction, errors of position [m] and heading [rad].
-    """
-    info, limit = ended.info, env.time_limit
-    curve = Curve(*samples[:, :3].T)
-    position_rmse, heading_rmse = np.sqrt(np.mean(samples[:, 3:] ** 2, axis=0))
+    _, info, decision_times = run(env, decide_with(explorer, inner), observation, info, watch)
+    columns = np.array(samples)
+    curve, limit = Curve(*columns[:, :3].T), inner.time_limit
+    position_rmse, heading_rmse = np.sqrt(np.mean(columns[:, 3:] ** 2, axis=0))
     known = np.trapezoid(curve.explored_fraction, curve.time)
     known += curve.explored_fraction[-1] * max(0.0, limit - curve.time[-1])
-    overlap = info["map_iou"] if "map_iou" in info else map_iou(env.belief.grid, env.coverage.area, env.start)
+    overlap = info["map_iou"] if "map_iou" in info else map_iou(inner.belief.grid, inner.coverage.area, inner.start)
     return Episode(
         explored_fraction=info["explored_fraction"],
         time_to_90=first_at(curve.time, curve.explored_fraction, 0.90),
@@ -230,12 +208,12 @@ def _measure(env: ExploreEnv, ended: Ended, samples: np.ndarray) -> Episode:
         position_rmse=float(position_rmse),
         heading_rmse=float(heading_rmse),
         map_iou=float(overlap),
-        decision_ms=1000.0 * float(np.mean(ended.decision_times)),
+        decision_ms=1000.0 * float(np.mean(decision_times)),
         success=bool(info["is_success"]),
         end_reason=info["end_reason"],
         duration=info["time"],
         time_limit=limit,
-        distance_limit=env.robot.max_v * limit,
-        area_left=env.coverage.area.area - info["explored_area"],
+        distance_limit=inner.robot.max_v * limit,
+        area_left=inner.coverage.area.area - info["explored_area"],
         curve=curve,
     )

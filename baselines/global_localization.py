@@ -17,11 +17,10 @@ from PIL import Image
 from rich.console import Console
 
 from baselines import make_explorer
-from baselines.episode import Episode, Info, run, run_episode
+from baselines.episode import Info, run, run_episode
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import decide_with_navigator, make_navigator
 from envs.explore import ExploreEnv
-from envs.geometry import Pose2D
 from envs.localization import load_preset
 from envs.navigate import NavigateEnv
 from envs.navigation import crop_to_known
@@ -100,47 +99,21 @@ class Animation:
         return path
 
 
-def explore(world: str, robot: str | None, physics: str, seed: int, out: Path) -> tuple[Episode, Path, Pose2D]:
-    """Map a world by exploring it.
-
-    Args:
-        world: library world, procedural family or path.
-        robot: library robot; None for the world's usual one.
-        physics: bullet or kinematic.
-        seed: of everything.
-        out: folder for the map.
-
-    Returns:
-        The episode, the map's YAML file, and the pose of the map's frame in the world.
-    """
-    env = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
-    episode = run_episode(env, make_explorer("nearest"), seed)
-    path = save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
-    env.close()
-    return episode, path, env.start
-
-
 def map_and_navigate(
     world: str, out: Path, *, seed: int = 0, goals: int = 3, robot: str | None = None, physics: str = "bullet"
 ) -> Outcome:
-    """Explore, start at an unknown pose on the map, localize, and drive to goals.
-
-    Args:
-        world: library world or path.
-        out: folder for the map and the animation; made if missing.
-        seed: of everything.
-        goals: how many goals to drive to.
-        robot: library robot; None for the world's usual one.
-        physics: bullet or kinematic.
-    """
+    """Explore, start at an unknown pose on the map, localize, and drive to goals; takes the arguments of `main`."""
     out.mkdir(parents=True, exist_ok=True)
-    episode, map_path, map_pose = explore(world, robot, physics, seed, out)
+    exploration = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
+    episode = run_episode(exploration, make_explorer("nearest"), seed)
+    map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
+    exploration.close()
     env = NavigateEnv(
         world=world,
         robot=robot,
         physics=physics,
         map=map_path,
-        map_pose=map_pose,
+        map_pose=exploration.start,
         initial_pose="unknown",
         amcl=AMCL,
         time_limit=TIME_PER_GOAL * max(goals, 1),
@@ -201,11 +174,9 @@ def main(
         sys.exit(2)
     console = Console(highlight=False, markup=False)
     console.print(f"explored    {100 * result.explored_fraction:.1f} % of {world}; map in {result.map_path}")
-    if np.isinf(result.time_to_localize):
-        console.print("localized   never")
-    else:
-        error_cm = 100 * result.error_when_localized
-        console.print(f"localized   after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position")
+    error_cm = 100 * result.error_when_localized
+    localized = f"after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position"
+    console.print(f"localized   {'never' if np.isinf(result.time_to_localize) else localized}")
     for k, outcome in enumerate(result.goals, 1):
         console.print(f"goal {k}      {outcome}")
     console.print(f"collisions  {result.collisions}")

@@ -10,17 +10,13 @@ from envs.simulation import Reading, Twist
 class RandomExplorer:
     """Draws forward speed and yaw rate uniformly within the robot's limits."""
 
-    end_reason: str | None = None
-    """Never stops."""
-    plan: np.ndarray | None = None
-    """Never plans."""
+    end_reason = plan = None
+    """Never stops, never plans."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
         self._robot = robot
         self._rng = rng
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`."""
         v, w = self._rng.uniform(-1.0, 1.0, 2).tolist()
         return Twist(v * self._robot.max_v, w * self._robot.max_w)

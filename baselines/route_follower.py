@@ -19,13 +19,7 @@ class RouteFollower:
     """Drives a route with the path follower, from the robot's readings and the fused pose."""
 
     def reset(self, robot: RobotParams, control_period: float, route: Route) -> None:
-        """Prepare for a route.
-
-        Args:
-            robot: the robot that will be driven.
-            control_period: time between two calls of `act` [s].
-            route: what to follow, map frame.
-        """
+        """Prepare to drive a robot along a route, map frame, with a call of `act` every `control_period` seconds."""
         self._navigator = Navigator(robot, control_period)
         self._has_begun = False
         params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
@@ -33,16 +27,8 @@ class RouteFollower:
         self._follower.set_path(route.points)
 
     def act(self, reading: Reading, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period.
-
-        Args:
-            reading: of the robot's sensors.
-            pose: fused pose of the base, map frame.
-        """
+        """Return the twist for the next control period; `pose` is the fused one of the base, map frame."""
         navigator = self._navigator
-        if self._has_begun:
-            navigator.sense(reading)
-        else:
-            self._has_begun = True
-            navigator.reset(reading)
+        (navigator.sense if self._has_begun else navigator.reset)(reading)
+        self._has_begun = True
         return self._follower.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)

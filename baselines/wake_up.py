@@ -8,9 +8,6 @@ from baselines.global_localization import main
 
 if __name__ == "__main__":
     warnings.simplefilter("default", DeprecationWarning)
-    warnings.warn(
-        "python -m baselines.wake_up is deprecated; use python -m baselines.global_localization",
-        DeprecationWarning,
-        stacklevel=1,
-    )
+    text = "python -m baselines.wake_up is deprecated; use python -m baselines.global_localization"
+    warnings.warn(text, DeprecationWarning, stacklevel=1)
     tyro.cli(main)

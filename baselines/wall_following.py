@@ -6,6 +6,7 @@ rotation of a full turn it leaves the wall, and drives straight on until it meet
 """
 
 import math
+from itertools import product
 
 import numpy as np
 
@@ -28,24 +29,18 @@ SPEED = 0.8
 """Share of the maximum speed."""
 TURN_RATE = 1.0
 """Yaw rate of turns, where the robot can turn that fast [rad/s]."""
-FULL_TURN = 2.0 * math.pi
-"""Net rotation after which the robot leaves a wall [rad]."""
 
 
 class WallFollower:
     """Follows walls to its right, and leaves each after a net rotation of a full turn."""
 
-    plan: np.ndarray | None = None
-    """Never plans."""
-    end_reason: str | None = None
-    """Never stops: without a map it cannot know when."""
+    end_reason = plan = None
+    """Never stops, since without a map it cannot know when; never plans."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
-        self._robot = robot
-        self._period = control_period
-        self._rng = rng
-        self._curvatures = np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)
+        self._robot, self._period, self._rng = robot, control_period, rng
+        self._curvatures = (np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)).tolist()
+        self._reach = robot.radius + REACH
         self._navigator = Navigator(robot, control_period)
         self._has_begun = self._is_following = False
         self._turned = 0.0
@@ -53,11 +48,8 @@ class WallFollower:
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist from `reading` alone; see `Explorer`."""
         navigator = self._navigator
-        if not self._has_begun:
-            self._has_begun = True
-            navigator.reset(reading)
-        else:
-            navigator.sense(reading)
+        (navigator.sense if self._has_begun else navigator.reset)(reading)
+        self._has_begun = True
         if reading.bumper and not navigator.is_recovering:
             navigator.recover(backwards=navigator.is_forward)
         self._turned += navigator.w * self._period
@@ -67,28 +59,27 @@ class WallFollower:
 
     def _command(self, obstacles: np.ndarray) -> Twist:
         """Return the twist along the wall, or straight on while there is none."""
-        reach = self._robot.radius + REACH
-        if self._is_following and abs(self._turned) > FULL_TURN:
+        turn = Twist(0.0, min(TURN_RATE, self._robot.max_w))
+        if self._is_following and abs(self._turned) > 2.0 * math.pi:
             # A random angle: the same one would lead around the same wall again.
             self._is_following = False
             self._navigator.spin(self._rng.uniform(0.4, 1.8))
-            return Twist(0.0, min(TURN_RATE, self._robot.max_w))
+            return turn
         if not self._is_following:
-            clearance = free_distance(obstacles, 0.0, self._robot.radius + MARGIN, reach)
-            if clearance >= reach:
-                return self._drive(0.0, clearance)
+            if self._is_free(obstacles, 0.0, MARGIN):
+                return self._drive(0.0)
             self._is_following, self._turned = True, 0.0
-        for margin in (MARGIN, TIGHT_MARGIN):
-            for curvature in self._curvatures:
-                clearance = free_distance(obstacles, curvature, self._robot.radius + margin, reach)
-                if clearance >= reach:
-                    return self._drive(float(curvature), clearance)
-        return Twist(0.0, min(TURN_RATE, self._robot.max_w))
+        arcs = product((MARGIN, TIGHT_MARGIN), self._curvatures)
+        return next((self._drive(arc) for margin, arc in arcs if self._is_free(obstacles, arc, margin)), turn)
 
-    def _drive(self, curvature: float, clearance: float) -> Twist:
-        """Return the twist along an arc of a curvature [1/m] with some clearance ahead [m]."""
+    def _is_free(self, obstacles: np.ndarray, curvature: float, margin: float) -> bool:
+        """Tell whether the robot can drive along an arc of a curvature [1/m] with a margin to all obstacles [m]."""
+        return free_distance(obstacles, curvature, self._robot.radius + margin, self._reach) >= self._reach
+
+    def _drive(self, curvature: float) -> Twist:
+        """Return the twist along a free arc of a curvature [1/m]."""
         robot = self._robot
-        v = min(SPEED * robot.max_v, math.sqrt(robot.max_acc_v * clearance))
+        v = min(SPEED * robot.max_v, math.sqrt(robot.max_acc_v * self._reach))
         limit = min(TURN_RATE, robot.max_w)
         if abs(curvature) * v > limit:
             v = limit / abs(curvature)

@@ -50,11 +50,9 @@ class ExploreLite:
     """Takes the frontier with the least of distance minus size."""
 
     def __init__(self, params: ExploreLiteParams = ExploreLiteParams()) -> None:
-        """Make a rule with the given parameters."""
         self._params = params
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
         params, x, y = self._params, belief.pose.x, belief.pose.y
         values = np.empty(len(candidates))
         for group in np.unique(candidates.groups):
@@ -68,10 +66,9 @@ class ExploreLite:
 
 
 class ExploreLiteExplorer(RuleExplorer):
-    """Goes to the frontier with the least of distance minus size."""
+    """Goes where `ExploreLite` says."""
 
     def __init__(self, params: ExploreLiteParams = ExploreLiteParams()) -> None:
-        """Make an explorer with the given parameters."""
         lengths = params.min_frontier_size, CELL * params.min_cells
         planning = PlanningParams(min_lengths=lengths, max_extent=SPACING)
         super().__init__(ExploreLite(params), max_time=1.0 / params.planner_frequency, planning=planning)

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from envs.estimation import Belief
-from envs.navigation import Candidates, FrontierNavigator, NavigatorParams, PlanningParams
+from envs.navigation import Candidates, FrontierNavigator, PlanningParams
 from envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
@@ -21,11 +21,10 @@ class FrontierRule(Protocol):
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
         """Return the index of the candidate to drive to; there is at least one."""
-        ...
 
 
 class RuleExplorer:
-    """Explores as a rule says; an `Explorer`."""
+    """An `Explorer` that drives as a rule says."""
 
     def __init__(
         self,
@@ -34,7 +33,6 @@ class RuleExplorer:
         max_time: float = 4.0,
         max_candidates: int | None = None,
         planning: PlanningParams = PlanningParams(),
-        params: NavigatorParams = NavigatorParams(),
     ) -> None:
         """Make an explorer; `reset` prepares it for an episode.
 
@@ -44,20 +42,12 @@ class RuleExplorer:
                 there, the frontier is gone, or it has failed.
             max_candidates: how many frontiers the rule is offered at most, the cheapest to get to; None for all.
             planning: what is offered, and how paths are planned.
-            params: how the drives go.
         """
-        self.rule = rule
-        self.max_time = max_time
-        self.max_candidates = max_candidates
+        self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning = planning
-        self.params = params
-        self._navigator: FrontierNavigator | None = None
-        self._end_reason: str | None = None
-
-    @property
-    def end_reason(self) -> str | None:
+        self.end_reason: str | None = None
         """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
-        return self._end_reason
+        self._navigator: FrontierNavigator | None = None
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -65,56 +55,47 @@ class RuleExplorer:
         return self._navigator.plan if self._navigator is not None and self._has_begun else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
         self._navigator = FrontierNavigator(
-            robot,
-            control_period,
-            max_candidates=self.max_candidates,
-            max_time=self.max_time,
-            planning=self.planning,
-            params=self.params,
+            robot, control_period, max_candidates=self.max_candidates, max_time=self.max_time, planning=self.planning
         )
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
         self._has_begun = False
-        self._end_reason = None
+        self.end_reason = None
         # Frontiers that the robot has turned away from since the last drive that came to an end.
         self._left: list[np.ndarray] = []
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`.
-
-        Raises:
-            RuntimeError: before the first `reset`.
-        """
+        """Return the twist; see `Explorer`. Raises a RuntimeError before the first `reset`."""
         navigator = self._navigator
         if navigator is None:
             raise RuntimeError("call reset before act")
-        if self._end_reason is not None:
+        if self.end_reason is not None:
             return Twist(0.0, 0.0)
-        if not self._has_begun:
+        if self._has_begun:
+            outcome = navigator.update(reading, belief)
+        else:
             self._has_begun = True
             navigator.begin(reading, belief)
             outcome = ARRIVED if len(navigator.candidates) else None
             if outcome is None:
                 navigator.look_around()
-        else:
-            outcome = navigator.update(reading, belief)
-        if outcome is not None and len(navigator.candidates) == 0:
-            self._end_reason = navigator.end_reason
-            return Twist(0.0, 0.0)
         if outcome is not None:
-            navigator.choose(self._choose(navigator.candidates, belief, outcome))
+            if len(navigator.candidates) == 0:
+                self.end_reason = navigator.end_reason
+                return Twist(0.0, 0.0)
+            navigator.choose(self._choose(navigator, belief, outcome))
         return navigator.command(belief)
 
-    def _choose(self, candidates: Candidates, belief: Belief, outcome: str) -> int:
+    def _choose(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
         """Ask the rule; during a drive a goal that the robot has turned away from is not turned to again."""
+        candidates = navigator.candidates
         choice, current = self.rule(candidates, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:
             self._left.clear()
         elif current >= 0 and choice != current:
             gaps = [math.dist(candidates.frontiers[choice], left) for left in self._left]
-            if min(gaps, default=math.inf) <= self.params.retry_radius:
+            if min(gaps, default=math.inf) <= navigator.params.retry_radius:
                 return current
             self._left.append(candidates.frontiers[current])
         return choice

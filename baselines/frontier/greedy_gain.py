@@ -13,17 +13,14 @@ class GreedyGain:
     """Takes the frontier with the most unknown area in the lidar's range; of equal ones the cheaper."""
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode."""
         self._range = robot.lidar.range_max
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
         return least(-visible_gains(candidates.costmap.grid, candidates.viewpoints, self._range), candidates)
 
 
 class GreedyGainExplorer(RuleExplorer):
-    """Goes to the frontier with the most unknown area in the lidar's range."""
+    """Goes where `GreedyGain` says."""
 
     def __init__(self) -> None:
-        """Make an explorer."""
         super().__init__(GreedyGain(), max_time=COMMITTED)

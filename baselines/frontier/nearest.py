@@ -30,7 +30,6 @@ class NearestExplorer(RuleExplorer):
     """Goes to the frontier that is cheapest to get to."""
 
     def __init__(self, params: NearestParams = NearestParams()) -> None:
-        """Make an explorer with the given parameters."""
         lengths = tuple(CELL * size for size in params.sizes)
         planning = PlanningParams(min_lengths=lengths, view_distances=params.view_distances)
         super().__init__(nearest, max_candidates=4, planning=planning)

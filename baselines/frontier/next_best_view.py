@@ -31,8 +31,7 @@ class NextBestViewParams:
     max_range: float = 8.0
     """How far a view is taken to reach at most, where the lidar sees farther [m]."""
     sizes: tuple[int, ...] = (8, 3)
-    """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
-    reached."""
+    """See `NearestParams`."""
 
     def __post_init__(self) -> None:
         if self.num_samples < 1:
@@ -49,16 +48,13 @@ class NextBestView:
     """Takes the view that promises most per length of path."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
-        """Make a rule with the given parameters."""
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode."""
         self._range = min(robot.lidar.range_max, self._params.max_range)
         self._rng = rng
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
         values, drawn = np.full(len(candidates), np.inf), np.arange(len(candidates))
         if len(drawn) > self._params.num_samples:
             drawn = np.sort(self._rng.choice(drawn, self._params.num_samples, replace=False))
@@ -69,9 +65,8 @@ class NextBestView:
 
 
 class NextBestViewExplorer(RuleExplorer):
-    """Goes to the view that promises most per length of path."""
+    """Goes where `NextBestView` says."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
-        """Make an explorer with the given parameters."""
         planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
         super().__init__(NextBestView(params), max_time=COMMITTED, planning=planning)

@@ -1,4 +1,4 @@
-"""Short open tours: from a start past every stop, ending anywhere."""
+"""Short open tours, from a start past every stop, and the changes by which those of the oracle are shortened too."""
 
 import numpy as np
 from numba import njit
@@ -12,8 +12,8 @@ def tour_length(lengths, tour):
     """Sum the lengths along a tour.
 
     Args:
-        lengths: shape (n + 1, n + 1), float64: between the start (index 0) and the stops.
-        tour: shape (n + 1,), int64: indices in their order, the start first.
+        lengths: shape (n, n), float64: between the start and the stops.
+        tour: shape (size,), int64: indices in their order, the start first.
     """
     total = 0.0
     for k in range(len(tour) - 1):
@@ -22,55 +22,51 @@ def tour_length(lengths, tour):
 
 
 @njit(cache=True, error_model="numpy")
-def _step(lengths, tour, k, other):
-    """Return the length from an index to the `k`-th stop; nothing follows the last one."""
-    return lengths[other, tour[k]] if k < len(tour) else 0.0
+def changed(tour, i, k, j):
+    """Return a tour with its stretches i..k and k + 1..j swapped (or-opt, Or 1976); i..j reversed if k < i (2-opt)."""
+    other = tour.copy()
+    if k < i:
+        other[i : j + 1] = tour[i : j + 1][::-1]
+    else:
+        other[i : i + j - k] = tour[k + 1 : j + 1]
+        other[i + j - k : j + 1] = tour[i : k + 1]
+    return other
 
 
-@njit(cache=True, error_model="numpy")
-def _reverse(tour, first, last):
-    """Turn the stretch from `first` to `last` round."""
-    while first < last:
-        tour[first], tour[last] = tour[last], tour[first]
-        first, last = first + 1, last - 1
+@njit(cache=True, error_model="numpy", inline="always")
+def is_shorter(lengths, tour, i, k, j, least):
+    """Tell whether `changed(tour, i, k, j)` saves more than `least`; never where both stretches have over three stops.
+
+    `lengths` are symmetric, and nothing follows the last stop.
+    """
+    if min(k - i, j - k - 1) > 2:
+        return False
+    before = lengths[tour[i - 1], tour[i]]
+    if k < i:
+        first, last, after = tour[j], tour[i], 0.0
+    else:
+        first, last, after = tour[k + 1], tour[k], lengths[tour[j], tour[i]]
+        before += lengths[last, first]
+    after += lengths[tour[i - 1], first]
+    if j + 1 < len(tour):
+        before += lengths[tour[j], tour[j + 1]]
+        after += lengths[last, tour[j + 1]]
+    return after < before - least
 
 
 @njit(cache=True, error_model="numpy")
 def _improve(lengths, tour, num_fixed):
-    """Reverse stretches (2-opt) and move up to three stops elsewhere (or-opt, Or 1976) until neither shortens the tour.
-
-    Args:
-        lengths: shape (n + 1, n + 1), float64, symmetric.
-        tour: shape (n + 1,), int64, changed.
-        num_fixed: indices at the tour's beginning that stay where they are.
-    """
-    size = len(tour)
+    """Shorten a tour by 2-opt and or-opt until neither can; its first `num_fixed` indices stay where they are."""
     improved = True
     while improved:
         improved = False
-        for i in range(num_fixed, size - 1):
-            for j in range(i + 1, size):
-                before = lengths[tour[i - 1], tour[i]] + _step(lengths, tour, j + 1, tour[j])
-                after = lengths[tour[i - 1], tour[j]] + _step(lengths, tour, j + 1, tour[i])
-                if after < before - IMPROVEMENT:
-                    _reverse(tour, i, j)
-                    improved = True
-        # A stretch that is swapped with its neighbour has moved; 2-opt decides on its direction.
-        for i in range(num_fixed, size - 1):
-            for j in range(i + 1, size):
-                for k in range(i, j):
-                    if min(k - i, j - k - 1) > 2:
-                        continue
-                    # i..k and k + 1..j are swapped.
-                    before = lengths[tour[i - 1], tour[i]] + lengths[tour[k], tour[k + 1]]
-                    before += _step(lengths, tour, j + 1, tour[j])
-                    after = lengths[tour[i - 1], tour[k + 1]] + lengths[tour[j], tour[i]]
-                    after += _step(lengths, tour, j + 1, tour[k])
-                    if after < before - IMPROVEMENT:
-                        _reverse(tour, i, k)
-                        _reverse(tour, k + 1, j)
-                        _reverse(tour, i, j)
-                        improved = True
+        for swaps in (False, True):
+            for i in range(num_fixed, len(tour) - 1):
+                for j in range(i + 1, len(tour)):
+                    for k in range(i if swaps else i - 1, j if swaps else i):
+                        if is_shorter(lengths, tour, i, k, j, IMPROVEMENT):
+                            tour[:] = changed(tour, i, k, j)
+                            improved = True
 
 
 @njit(cache=True, error_model="numpy")
@@ -94,12 +90,8 @@ def best_tours(lengths):
         left[0] = left[first] = False
         tour[1] = first
         for k in range(2, size):
-            nearest, least = -1, np.inf
-            for stop in range(1, size):
-                if left[stop] and lengths[tour[k - 1], stop] < least:
-                    nearest, least = stop, lengths[tour[k - 1], stop]
-            tour[k] = nearest
-            left[nearest] = False
+            tour[k] = np.argmin(np.where(left, lengths[tour[k - 1]], np.inf))
+            left[tour[k]] = False
         _improve(lengths, tour, 2)
         totals[first - 1] = tour_length(lengths, tour)
     return tours, totals

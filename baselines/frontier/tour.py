@@ -36,8 +36,7 @@ class TourParams:
     """How to place viewpoints and to keep to a tour."""
 
     sizes: tuple[int, ...] = (16, 8, 3)
-    """Least number of touching frontier cells of 5 cm; the next one is taken when nothing of the size before can be
-    reached. A corner that furniture hides has few, is worth little, and often lies on a later path."""
+    """See `NearestParams`. A corner that furniture hides has few cells, is worth little, often lies on a later path."""
     cover: float = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
     max_cover: float = 3.0
@@ -61,16 +60,13 @@ class Tour:
     """Takes the first stop of a short tour past the frontiers."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        """Make a rule with the given parameters."""
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode."""
         self._cover = min(self._params.cover * robot.lidar.range_max, self._params.max_cover)
         self._last: np.ndarray | None = None
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
         stops = self._stops(candidates)
         _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates.viewpoints[stops]))
         if self._last is not None:
@@ -83,11 +79,7 @@ class Tour:
         return choice
 
     def _stops(self, candidates: Candidates) -> np.ndarray:
-        """Cover the frontiers with candidates, one after the other; those that failed only where there is nothing else.
-
-        Returns:
-            Shape (n,), int64: indices of the stops.
-        """
+        """Cover the frontiers with candidates; those that failed only where there is nothing else. Returns indices."""
         left = candidates.failures == candidates.failures.min()
         stops: list[int] = []
         for k in range(len(candidates)):
@@ -99,31 +91,25 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Goes to the first stop of a short tour past the frontiers."""
+    """Goes where `Tour` says."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        """Make an explorer with the given parameters."""
         planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
         super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Measure the paths between a start (index 0) and all stops.
+    """Measure the paths between a start (x, y) (index 0) and all stops, shape (n, 2), float64 [m].
 
     Cells as large as the robot's radius do for that, and take a tenth of the time. A cell is open where any part of it
     is. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
     narrow may count as one.
 
-    Args:
-        costmap: where they are.
-        start: (x, y) [m].
-        stops: shape (n, 2), float64 [m].
-
     Returns:
-        Shape (n + 1, n + 1), float64, symmetric, finite [m].
+        Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
     """
     points = np.vstack([start, stops])
-    coarse = pool(crop(costmap, points, MARGIN))
+    coarse = pool(crop(costmap, points))
     cells = coarse.grid.cells(points)
     lengths = np.zeros((len(points), len(points)))
     for k in range(len(points) - 1):
@@ -133,10 +119,10 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
     return np.minimum(lengths, FAR)
 
 
-def crop(costmap: Costmap, points: np.ndarray, margin: float) -> Costmap:
-    """Return the part of a costmap within `margin` [m] of the rectangle around points, shape (n, 2) [m]."""
+def crop(costmap: Costmap, points: np.ndarray) -> Costmap:
+    """Return the part of a costmap within `MARGIN` of the rectangle around points, shape (n, 2) [m]."""
     grid = costmap.grid
-    reach = math.ceil(margin / grid.resolution)
+    reach = math.ceil(MARGIN / grid.resolution)
     cells = grid.cells(points)
     top, left = np.maximum(cells.min(axis=0) - reach, 0)
     bottom, right = cells.max(axis=0) + reach + 1
@@ -148,8 +134,16 @@ def crop(costmap: Costmap, points: np.ndarray, margin: float) -> Costmap:
 def pool(costmap: Costmap) -> Costmap:
     """Return a costmap of cells as large as the robot's radius, each with the cost of its cheapest part."""
     size = max(1, int(costmap.params.robot_radius / costmap.grid.resolution))
-    height, width = costmap.costs.shape
-    padded = np.pad(costmap.costs, ((0, -height % size), (0, -width % size)), constant_values=COST_UNKNOWN)
-    costs = padded.reshape(padded.shape[0] // size, size, -1, size).min(axis=(1, 3))
+    costs = blocks_of(costmap.costs, size, COST_UNKNOWN).min(axis=2)
     grid = OccupancyGrid(np.zeros(costs.shape, dtype=np.int8), size * costmap.grid.resolution, costmap.grid.origin)
     return Costmap(costs, grid, costmap.params)
+
+
+def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
+    """Return the cells of each block of side x side cells, row by row: shape (rows of blocks, columns, side**2).
+
+    Blocks that reach beyond the edge of `costs` (two-dimensional) are filled up with `beyond`.
+    """
+    padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
+    height, width = padded.shape[0] // side, padded.shape[1] // side
+    return padded.reshape(height, side, width, side).swapaxes(1, 2).reshape(height, width, side**2)

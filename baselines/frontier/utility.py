@@ -11,12 +11,14 @@ one is chosen at once. Two things had to be settled anew:
 - *Share explored.* The report divides the free cells by all cells of the map, and its map ends where observations end.
   Ours grows ahead of them, so the rectangle around everything observed replaces the map.
 - *Starvation.* The report's distances suit a warehouse; in a small world nothing passes its filters. When no candidate
-  is left, the filters are relaxed step by step (`RELAXED`), and the last step takes whatever there is.
+  is left, the filters are relaxed step by step (`FrontierParams.relaxed`), and the last step takes whatever there is.
 """
 
 import logging
 import math
 from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import Any
 
 import numpy as np
 from sklearn.cluster import DBSCAN
@@ -78,25 +80,20 @@ class FrontierParams:
         if self.max_blacklist_size < 1:
             raise ValueError(f"max_blacklist_size must be at least 1, got {self.max_blacklist_size}")
 
-    def relaxed(self, step: int) -> "FrontierParams":
-        """Return the params after relaxation step 0 (none) to `RELAXED`."""
-        params = self
-        if step >= 1:
-            params = replace(params, min_frontier_size=params.min_frontier_size_final)
-        if step >= 2:
-            params = replace(params, obstacle_clearance=0.0)
-        if step >= 3:
-            params = replace(params, min_goal_distance=0.0)
-        if step >= 4:
-            params = replace(params, goal_tolerance=1.0)
-        if step >= 5:
-            params = replace(params, blacklist_radius=0.0)
-        return params
+    def relaxed(self) -> list["FrontierParams"]:
+        """Return these params and those after each relaxation step.
 
-
-RELAXED = 5
-"""Relaxation steps, in this order: clusters of the final size; no clearance beyond the robot's footprint; goals near
-the robot; frontiers seen from up to a metre away; goals that failed before."""
+        The steps: clusters of the final size; no clearance beyond the robot's footprint; goals near the robot;
+        frontiers seen from up to a metre away; goals that failed before.
+        """
+        steps: tuple[dict[str, Any], ...] = (
+            {"min_frontier_size": self.min_frontier_size_final},
+            {"obstacle_clearance": 0.0},
+            {"min_goal_distance": 0.0},
+            {"goal_tolerance": 1.0},
+            {"blacklist_radius": 0.0},
+        )
+        return list(accumulate(steps, lambda params, step: replace(params, **step), initial=self))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +107,7 @@ class FrontierStatus:
     candidates: np.ndarray
     """Centroids that the last choice was made from, best first, shape (n, 2), map frame [m]."""
     relaxation: int
-    """Relaxation step of the last choice, from 0 to `RELAXED`."""
+    """Relaxation step of the last choice, from 0 for none to 5."""
     blacklist_size: int
     """Failed goals that are remembered."""
 
@@ -119,40 +116,30 @@ class FrontierUtility:
     """Takes the cluster of frontier cells with the greatest information gain over the distance."""
 
     def __init__(self, params: FrontierParams = FrontierParams()) -> None:
-        """Make a rule with the given parameters."""
-        self._params = params
+        self._params, self._steps = params, params.relaxed()
         self._clear()
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode."""
         self._clear()
 
     def _clear(self) -> None:
         self._blacklist: list[tuple[float, float]] = []
-        self._goal: tuple[float, float] | None = None
-        self._status = FrontierStatus(0.0, None, np.empty((0, 2)), 0, 0)
-
-    @property
-    def status(self) -> FrontierStatus:
+        self.status = FrontierStatus(0.0, None, np.empty((0, 2)), 0, 0)
         """State of the exploration at the last choice."""
-        return self._status
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        """Return the choice."""
-        if candidates.last_failed and self._goal is not None:
-            self._blacklist.append(self._goal)
+        if candidates.last_failed and self.status.goal is not None:
+            self._blacklist.append(self.status.goal)
             del self._blacklist[: -self._params.max_blacklist_size]
         grid = crop_to_known(candidates.costmap.grid)
-        share = _free_share(grid)
-        choice, centroids, step = 0, np.empty((0, 2)), RELAXED
-        for step in range(RELAXED + 1):
-            found, centroids = self._best(candidates, grid, belief, self._params.relaxed(step), share)
-            if found is not None:
-                choice = found
+        share = np.count_nonzero((grid.data >= 0) & (grid.data < FREE_BELOW)) / grid.data.size
+        for step in range(len(self._steps)):
+            choice, centroids = self._best(candidates, grid, belief, self._steps[step], share)
+            if choice is not None:
                 break
+        choice = choice or 0
         x, y = candidates.frontiers[choice].tolist()
-        self._goal = (x, y)
-        self._status = FrontierStatus(share, self._goal, centroids, step, len(self._blacklist))
+        self.status = FrontierStatus(share, (x, y), centroids, step, len(self._blacklist))
         LOGGER.info(
             "%.0f %% explored, goal (%.2f, %.2f), %d candidates at relaxation %d, %d blacklisted",
             *(100.0 * share, x, y, len(centroids), step, len(self._blacklist)),
@@ -188,19 +175,16 @@ class FrontierUtility:
 
     def _is_blacklisted(self, points: np.ndarray, radius: float) -> np.ndarray:
         """Tell which points (shape (n, 2) [m]) lie within `radius` [m] of a goal that failed: shape (n,), bool."""
-        if not self._blacklist or len(points) == 0:
-            return np.zeros(len(points), dtype=bool)
-        gaps = points[:, None] - np.array(self._blacklist)
+        gaps = points[:, None] - np.array(self._blacklist).reshape(-1, 2)
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
 
 
 class FrontierExplorer(RuleExplorer):
-    """Goes where the information gain over the distance is greatest."""
+    """Goes where `FrontierUtility` says."""
 
     rule: FrontierUtility
 
     def __init__(self, params: FrontierParams = FrontierParams()) -> None:
-        """Make an explorer with the given parameters."""
         super().__init__(FrontierUtility(params), max_time=COMMITTED)
 
     @property
@@ -226,11 +210,6 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     # A frontier crosses half as many cells that are twice as large.
     min_samples = max(1, round(size * CELL / candidates.costmap.grid.resolution))
     return cells, owners, DBSCAN(eps=tolerance + 1e-9, min_samples=min_samples).fit(cells).labels_
-
-
-def _free_share(grid: OccupancyGrid) -> float:
-    """Return how many of a map's cells are known to be free."""
-    return np.count_nonzero((grid.data >= 0) & (grid.data < FREE_BELOW)) / grid.data.size
 
 
 def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) -> np.ndarray:

@@ -13,50 +13,39 @@ OCCUPIED_FROM = 50
 
 
 @njit(cache=True, error_model="numpy")
-def _count_visible(data, row, col, reach, seen):
-    """Count the unknown cells that straight lines from the centre of a cell meet before anything occupied.
+def _count_visible(data, cells, reach):
+    """Count the unknown cells that straight lines from the centres of cells meet before anything occupied.
 
-    The rays end one cell apart on a circle, and are sampled once per cell.
+    The rays end one cell apart on a circle, and are sampled once per cell. Around each cell they are followed in a
+    window of their own, in which what lies beyond the edge of the map is unknown.
 
     Args:
         data: shape (height, width), int8, occupancy.
-        row: row of the viewpoint.
-        col: column of the viewpoint.
+        cells: shape (n, 2), int64, (row, column) of the viewpoints.
         reach: length of the rays [cells].
-        seen: shape (height, width), bool, all false before and after.
+
+    Returns:
+        Shape (n,), int64.
     """
-    height, width = data.shape
+    counts = np.zeros(len(cells), dtype=np.int64)
+    window = np.empty((2 * reach + 1, 2 * reach + 1), dtype=np.int8)
     num_rays = math.ceil(2.0 * math.pi * reach)
-    count = 0
-    top, bottom = max(row - reach, 0), min(row + reach + 1, height)
-    left, right = max(col - reach, 0), min(col + reach + 1, width)
-    for k in range(num_rays):
-        angle = 2.0 * math.pi * k / num_rays
-        d_row, d_col = math.sin(angle), math.cos(angle)
-        for step in range(1, reach + 1):
-            r, c = cell_along(row, col, d_row, d_col, step)
-            if r < 0 or c < 0 or r >= height or c >= width or data[r, c] >= OCCUPIED_FROM:
-                break
-            if data[r, c] < 0 and not seen[r, c]:
-                seen[r, c] = True
-                count += 1
-    seen[top:bottom, left:right] = False
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def _gains(data, cells, reach):
-    counts = np.empty(cells.shape[0], dtype=np.int64)
-    window = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int8)
-    seen = np.zeros(window.shape, dtype=np.bool_)
-    height, width = data.shape
-    for k in range(cells.shape[0]):
-        row, col = cells[k]
+    for n in range(len(cells)):
+        row, col = cells[n]
         window[:] = -1
-        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+        for r in range(max(row - reach, 0), min(row + reach + 1, data.shape[0])):
+            for c in range(max(col - reach, 0), min(col + reach + 1, data.shape[1])):
                 window[r - row + reach, c - col + reach] = data[r, c]
-        counts[k] = _count_visible(window, reach, reach, reach, seen)
+        for k in range(num_rays):
+            angle = 2.0 * math.pi * k / num_rays
+            d_row, d_col = math.sin(angle), math.cos(angle)
+            for step in range(1, reach + 1):
+                r, c = cell_along(reach, reach, d_row, d_col, step)
+                if window[r, c] >= OCCUPIED_FROM:
+                    break
+                if window[r, c] < 0:
+                    window[r, c] = 0  # counted once
+                    counts[n] += 1
     return counts
 
 
@@ -71,5 +60,5 @@ def visible_gains(grid: OccupancyGrid, points: np.ndarray, max_range: float) -> 
     Returns:
         Shape (n,), float64 [m2].
     """
-    gains: np.ndarray = _gains(grid.data, grid.cells(points), round(max_range / grid.resolution))
-    return gains * grid.resolution**2
+    counts: np.ndarray = _count_visible(grid.data, grid.cells(points), round(max_range / grid.resolution))
+    return counts * grid.resolution**2

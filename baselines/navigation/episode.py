@@ -29,9 +29,8 @@ class Drive:
     path_length: float
     """Distance driven [m]."""
     position_rmse: float
-    """Root mean square error of the estimated position [m]."""
     heading_rmse: float
-    """Root mean square error of the estimated heading [rad]."""
+    """Root mean square errors of the estimated position [m] and heading [rad]."""
     recoveries: int
     """Number of recovery behaviors."""
     control_us: float
@@ -68,11 +67,7 @@ def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
 def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on_step: Watch | None = None) -> Drive:
     """Reset an environment and drive until the goal or the time limit is reached, or the navigator fails.
 
-    Args:
-        env: the environment, without wrappers.
-        seed: of everything.
-        params: of the navigator.
-        on_step: called with `info` after the reset and after every step, to record pictures.
+    The seed is that of everything; `on_step` is called with `info` after the reset and after every step.
     """
     observation, info = env.reset(seed=seed)
     distance, errors, decision_times = info["way_to_goal"], list[np.ndarray](), [0.0]

@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from baselines.navigation.params import DEFAULTS, MapNavigatorParams, Progress
+from baselines.navigation.params import DEFAULTS, MapNavigatorParams
 from baselines.navigation.reactive_driving import ReactiveDriver
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
@@ -57,9 +58,7 @@ class MapNavigator:
             rng: source of the heading bias of reactive driving.
             params: how to drive.
         """
-        self._robot = robot
-        self._period = control_period
-        self._params = params
+        self._robot, self._period, self._params = robot, control_period, params
         radius = robot.radius + params.padding
         self._costs = CostmapParams(radius, radius + params.inflation, params.cost_scaling_factor)
         self.layers = LayeredCostmap(grid, self._costs)
@@ -75,8 +74,7 @@ class MapNavigator:
         self._planner = make_local_planner(params.local_planner, robot, control_period)
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self._time = -math.inf
-        self._steps = 0
-        self._lost_steps = self._blind_steps = 0
+        self._steps = self._lost_steps = self._blind_steps = 0
         self._was_localized = False
         self._forget_goal()
 
@@ -84,10 +82,8 @@ class MapNavigator:
         self.goal: tuple[float, float] | None = None
         """Where to drive (x, y), map frame [m]."""
         self._heading: float | None = None
-        self.progress = Progress.IDLE
-        """State of the drive there."""
         self.end_reason: str | None = None
-        """Why it has ended: "reached", "no_path", "stuck", "lost" or "blind"; None while it has not."""
+        """Why the drive there has ended: "reached", "no_path", "stuck", "lost" or "blind"; None while it has not."""
         self.num_recoveries = 0
         """Number of recovery behaviors since this goal was set."""
         self._has_path = self._has_planned = False
@@ -95,16 +91,17 @@ class MapNavigator:
         self._share: float | None = None
 
     @property
+    def is_driving(self) -> bool:
+        """Whether there is a goal, and the drive there has not ended."""
+        return self.goal is not None and self.end_reason is None
+
+    @property
     def plan(self) -> np.ndarray | None:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
-        return self._planner.remaining if self.progress is Progress.DRIVING and self._has_path else None
+        return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_goal(self, goal: tuple[float, float], heading: float | None = None) -> None:
-        """Drive to another goal from now on.
-
-        Args:
-            goal: position (x, y), map frame [m].
-            heading: goal heading [rad]; None for any.
+        """Drive to another goal (x, y), map frame [m], from now on, and take a heading [rad] there; None for any.
 
         Raises:
             ValueError: if the goal lies in an obstacle of the map, too near to one, in unknown space or off the map.
@@ -118,14 +115,9 @@ class MapNavigator:
         check_goal(costmap, goal, tolerance=params.goal_tolerance, allow_unknown=params.allow_unknown)
         self._forget_goal()
         self.goal, self._heading = goal, heading
-        self.progress = Progress.DRIVING
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist for the next control period, and update `progress`.
-
-        Args:
-            reading: of the sensors.
-            belief: pose estimate on the map.
+        """Return the twist for the next control period, and update `end_reason`.
 
         Raises:
             ValueError: if the reading is older than the one before.
@@ -136,22 +128,23 @@ class MapNavigator:
 
     def _decide(self, reading: Reading, belief: Belief) -> Twist:
         pose, navigator = belief.pose, self._navigator
-        is_failed = self._sense(reading, pose)
-        if self._is_blind(reading.ranges) or self.progress is not Progress.DRIVING:
+        has_failed = self._sense(reading, pose)
+        if self._is_blind(reading.ranges) or not self.is_driving:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
             navigator.recover(backwards=navigator.is_forward)
-        if is_failed or navigator.num_recoveries > self._counted:
+        if has_failed or navigator.num_recoveries > self._counted:
             self._count_recovery(reading, pose)
-        if self.progress is not Progress.DRIVING:
+        if not self.is_driving:
             return STOP
         if navigator.is_recovering:
             return navigator.command(pose)
         if self._is_lost(belief.is_lost):
             return self._reactive_driver.command(navigator.obstacles)
-        if self.progress is not Progress.DRIVING:
+        if not self.is_driving:
             return STOP
-        self._integrate(pose, reading.ranges)
+        if self._is_due(self._params.update_period):
+            self.layers.update(pose, reading.ranges, self._robot.lidar)
         return self._drive(pose)
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
@@ -161,27 +154,27 @@ class MapNavigator:
                 f"time went backwards: the reading is of {reading.time:.2f} s, the one before was of {self._time:.2f} "
                 "s; make a new navigator for a new episode"
             )
-        is_first = math.isinf(self._time)
-        self._time = reading.time
+        is_first, self._time = math.isinf(self._time), reading.time
         self._steps += 1
-        if is_first:
-            self._navigator.reset(reading)
-        elif self._has_path and self.progress is Progress.DRIVING:
+        if self._has_path and self.is_driving and not is_first:
             return self._navigator.update(reading, pose) == FAILED
-        else:
-            self._navigator.sense(reading)
+        (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
+
+    def _is_due(self, period: float) -> bool:
+        """Tell whether it is time for what is done once in a period [s]."""
+        return self._steps % max(1, round(period / self._period)) == 0
 
     def _drive(self, pose: Pose2D) -> Twist:
         """Return the twist that follows the path; plans first where that is due."""
-        params = self._params
-        if self._is_at_goal(pose):
-            self._end(Progress.REACHED, "reached")
-            return STOP
-        due = self._steps % max(1, round(params.check_period / self._period)) == 0
-        if (not self._has_path or (due and not self._is_path_good(pose))) and not self._find_path(pose):
-            return STOP
         navigator = self._navigator
+        if self._is_at_goal(pose):
+            self.end_reason = "reached"
+            return STOP
+        if self._has_path and self._is_due(self._params.check_period):
+            self._has_path = self._is_path_good(pose)
+        if not self._has_path and not self._find_path(pose):
+            return STOP
         return self._planner.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
@@ -202,20 +195,23 @@ class MapNavigator:
 
         A goal that the map alone has no path to has failed; one that scans have closed the path to is tried again.
         """
-        for forget in (False, True):
-            if forget:
+        assert self.goal is not None
+        params = self._params
+        tolerance, allow_unknown = params.goal_tolerance, params.allow_unknown
+        for forget, self._share in product((False, True), (None, *params.tight_radii)):
+            if forget and self._share is None:
                 self.layers.clear()
-            for share in (None, *self._params.tight_radii):
-                self._share = share
-                path = self._plan(pose)
-                if path is not None:
-                    self._planner.set_path(path, self._heading)
-                    self._navigator.drive_to(path, keep_clocks=self._has_planned)
-                    if not self._has_planned:
-                        self._counted = 0
-                    self._has_path = self._has_planned = True
-                    return True
-        self._end(Progress.FAILED, "no_path")
+            costmap = self._costmap
+            path = plan_path(costmap, pose[:2], self.goal, tolerance=tolerance, allow_unknown=allow_unknown)
+            if path is not None:
+                path = smooth_path(costmap, path, allow_unknown=allow_unknown)
+                self._planner.set_path(path, self._heading)
+                self._navigator.drive_to(path, keep_clocks=self._has_planned)
+                if not self._has_planned:
+                    self._counted = 0
+                self._has_path = self._has_planned = True
+                return True
+        self.end_reason = "no_path"
         return False
 
     @property
@@ -226,13 +222,6 @@ class MapNavigator:
             return costmap
         return make_costmap(costmap.grid, replace(self._costs, robot_radius=self._share * self._robot.radius))
 
-    def _plan(self, pose: Pose2D) -> np.ndarray | None:
-        assert self.goal is not None
-        params, costmap = self._params, self._costmap
-        tolerance, allow_unknown = params.goal_tolerance, params.allow_unknown
-        path = plan_path(costmap, pose[:2], self.goal, tolerance=tolerance, allow_unknown=allow_unknown)
-        return None if path is None else smooth_path(costmap, path, allow_unknown=allow_unknown)
-
     def _count_recovery(self, reading: Reading, pose: Pose2D) -> None:
         """Clear the marks around a robot that recovers, and plan anew afterwards; too many times, and it is stuck."""
         navigator = self._navigator
@@ -241,7 +230,7 @@ class MapNavigator:
         self._counted = navigator.num_recoveries
         self.num_recoveries += 1
         if self.num_recoveries > self._params.max_recoveries:
-            self._end(Progress.FAILED, "stuck")
+            self.end_reason = "stuck"
             return
         self.layers.clear_around(pose.x, pose.y, CLEARED_RADIUS)
         if reading.bumper:
@@ -262,22 +251,14 @@ class MapNavigator:
             return False
         self._lost_steps += 1
         if lost_for >= self._params.lost_time:
-            self._end(Progress.FAILED, "lost")
-        is_driving_reactively = lost_for >= 0.0 and self.progress is Progress.DRIVING
+            self.end_reason = "lost"
+        is_driving_reactively = lost_for >= 0.0 and self.is_driving
         self._has_path &= not is_driving_reactively
         return is_driving_reactively
 
     def _is_blind(self, ranges: np.ndarray) -> bool:
         """Tell whether no beam measured anything; ends the drive after a while."""
         self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
-        if self._blind_steps * self._period > self._params.blind_time and self.progress is Progress.DRIVING:
-            self._end(Progress.FAILED, "blind")
+        if self._blind_steps * self._period > self._params.blind_time and self.is_driving:
+            self.end_reason = "blind"
         return self._blind_steps > 0
-
-    def _integrate(self, pose: Pose2D, ranges: np.ndarray) -> None:
-        """Integrate a scan into the costmap now and then."""
-        if self._steps % max(1, round(self._params.update_period / self._period)) == 0:
-            self.layers.update(pose, ranges, self._robot.lidar)
-
-    def _end(self, progress: Progress, reason: str) -> None:
-        self.progress, self.end_reason = progress, reason

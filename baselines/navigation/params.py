@@ -1,6 +1,5 @@
-"""Parameters of the navigator on a known map, and what it reports."""
+"""Parameters of the navigator on a known map."""
 
-import enum
 from dataclasses import dataclass
 
 from envs.navigation import NavigatorParams, PlanningParams
@@ -52,16 +51,3 @@ class MapNavigatorParams:
 
 
 DEFAULTS = MapNavigatorParams()
-
-
-class Progress(enum.Enum):
-    """State of the drive to a goal."""
-
-    IDLE = enum.auto()
-    """There is no goal."""
-    DRIVING = enum.auto()
-    """The robot drives to its goal."""
-    REACHED = enum.auto()
-    """Its estimated pose is at the goal."""
-    FAILED = enum.auto()
-    """The goal was given up; `MapNavigator.end_reason` says why."""

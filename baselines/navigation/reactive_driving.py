@@ -28,19 +28,10 @@ class ReactiveDriver:
     """Drives along the arc with most clearance; a random heading bias keeps it from driving in circles."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a robot.
-
-        Args:
-            robot: limits and footprint.
-            control_period: time between two calls of `command` [s].
-            rng: source of the heading bias.
-        """
-        self._robot = robot
-        self._period = control_period
-        self._rng = rng
-        self._bias = 0.0
+        """Prepare for a robot that is commanded every `control_period` seconds; `rng` draws the heading bias."""
+        self._robot, self._period, self._rng = robot, control_period, rng
+        self._bias = self._turning = 0.0
         self._bias_steps = 0
-        self._turning = 0.0
 
     def command(self, obstacles: np.ndarray) -> Twist:
         """Return the twist for the next period; `obstacles` has the shape (n, 2), base frame [m]."""
@@ -55,8 +46,7 @@ class ReactiveDriver:
             return self._turn()
         self._turning = 0.0
         best = int(np.argmax(clearance - 0.1 * reach * np.abs(np.array(CURVATURES) - self._bias)))
-        brake = robot.max_acc_v
-        v = min(SPEED * robot.max_v, math.sqrt(brake * max(clearance[best] - 0.05, 0.0)))
+        v = min(SPEED * robot.max_v, math.sqrt(robot.max_acc_v * max(clearance[best] - 0.05, 0.0)))
         if v < 0.1 * robot.max_v:
             left, right = (self._clearance_beside(obstacles, side) for side in (1.0, -1.0))
             self._turning = 1.0 if left + self._bias >= right else -1.0

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from baselines.oracle.cover import Cover
+from baselines.oracle.cover import Cover, pack_bits, unpack_bits, views_from
 from baselines.oracle.cover_tour import search_tour
 from baselines.oracle.cover_viewpoints import Viewpoints
-from baselines.oracle.cover_views import pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
@@ -47,9 +46,7 @@ class CoverPlanner:
             target_coverage: share of the area to see.
             rng: source of chance.
         """
-        self.area = area
-        """What there is to see."""
-        self.viewpoints = viewpoints
+        self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
         num_explorable = np.count_nonzero(area.explorable)
@@ -69,11 +66,9 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Take note that the robot has been at a viewpoint, and will see no more from there.
+        """Take note that the robot has been at a viewpoint, its next stop or not, and will see no more from there.
 
-        Args:
-            viewpoint: the next stop, or one that it passes by.
-            seen: shape of the explorable area, bool: what is known now.
+        `seen`, of the shape of the explorable area, bool, says what is known now.
         """
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
@@ -83,16 +78,10 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour.
+        """Update the tour of a robot at (x, y), world frame [m].
 
-        Args:
-            x: position of the robot, world frame [m].
-            y: position of the robot, world frame [m].
-            seen: shape of the explorable area, bool: what is known already.
-            num_rounds: how long to look for a shorter tour.
-
-        Returns:
-            Whether what there is to see suffices for the target coverage.
+        `seen`, of the shape of the explorable area, bool, says what is known already, and `num_rounds` how long to look
+        for a shorter tour. Returns whether what there is to see suffices for the target coverage.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:
@@ -111,9 +100,8 @@ class CoverPlanner:
         # Samples represent all that is wanted, and as large a share of them may be left out.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
-        tour, enough = search_tour(
-            self._cover(*paths), pack_bits(known), len(known) - num_left, tour, num_rounds, self._rng
-        )
+        cover, target = self._cover(*paths), len(known) - num_left
+        tour, enough = search_tour(cover, pack_bits(known), target, tour, num_rounds, self._rng)
         self.stops = tour[1:].tolist()
         if enough and num_allowed >= 0:
             return True
@@ -123,15 +111,10 @@ class CoverPlanner:
         return self.plan(x, y, seen, num_rounds)
 
     def next_viewpoints(self, x: float, y: float, distance: float) -> list[int]:
-        """Return where to drive next: the stops within a distance along the tour, or the viewpoint that ends it.
+        """Return where to drive next from (x, y): the stops within a distance [m], or the viewpoint that ends it.
 
         The paths between stops lead through other viewpoints, and may be slightly longer than the shortest ones; a goal
         that is near enough keeps the robot on them.
-
-        Args:
-            x: position of the robot, world frame [m].
-            y: position of the robot, world frame [m].
-            distance: how far to look ahead [m].
         """
         viewpoints: list[int] = []
         here, points, travelled = np.array([x, y]), self.viewpoints.points, 0.0
@@ -150,11 +133,7 @@ class CoverPlanner:
         return viewpoints
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
-        """Return which samples need not be seen, shape (s,), bool; draws new ones when few of them are left.
-
-        Args:
-            wanted: shape of the explorable area, bool: what is to be seen.
-        """
+        """Return which samples of what is wanted need not be seen, shape (s,), bool; draws new ones if few are left."""
         known: np.ndarray = ~wanted[tuple(self._samples.T)]
         num_left = np.count_nonzero(~known)
         if num_left > len(known) // 2 or (0 < len(known) < MAX_SAMPLES and num_left > 0):
@@ -169,16 +148,14 @@ class CoverPlanner:
     def _cover(self, from_robot: np.ndarray, predecessors: np.ndarray) -> Cover:
         """Return the viewpoints with the robot as the last one of them."""
         size = len(self.viewpoints.cells)
-        lengths = np.zeros((size + 1, size + 1))
-        lengths[:size, :size] = self.viewpoints.lengths
+        lengths = np.pad(self.viewpoints.lengths, (0, 1))
         lengths[size, :size] = lengths[:size, size] = from_robot
-        lengths += STOP_COST
         # Nothing leads back to the robot.
-        chain = np.full((size + 1, size + 1), size, dtype=np.int32)
-        chain[:size, :size] = self.viewpoints.predecessors
+        chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
         # A viewpoint that is used up is no other's neighbour, so that no stop is moved there.
-        near = np.zeros((size + 1, self.viewpoints.near.shape[1]), dtype=np.int32)
-        near[:size] = np.where(self._used[self.viewpoints.near], np.arange(size)[:, None], self.viewpoints.near)
-        sees = np.concatenate([self._sees, np.zeros((1, self._sees.shape[1]), dtype=np.uint64)])
-        return Cover(lengths, chain, near, sees)
+        near = np.where(
+            self._used[self.viewpoints.near], np.arange(size, dtype=np.int32)[:, None], self.viewpoints.near
+        )
+        one_more = ((0, 1), (0, 0))
+        return Cover(lengths + STOP_COST, chain, np.pad(near, one_more), np.pad(self._sees, one_more))

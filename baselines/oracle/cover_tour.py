@@ -8,7 +8,8 @@ of the stops (Schrimpf et al., "Record Breaking Optimization Results Using the R
 import numpy as np
 from numba import njit
 
-from baselines.oracle.cover import add_views, count_bits, length_of, ones, seen_on
+from baselines.frontier.open_tour import changed, is_shorter, tour_length
+from baselines.oracle.cover import add_views, count_bits, ones, seen_on
 
 LEAST_SAVING = 1e-6
 """A change that saves less than this is none: it would be rounding."""
@@ -23,66 +24,30 @@ SHORT_DETOUR = 0.2
 
 
 @njit(cache=True, error_model="numpy")
-def _step(cover, tour, k, other):
-    """Return the length from a viewpoint to the `k`-th stop; nothing follows the last one."""
-    return cover.lengths[other, tour[k]] if k < tour.size else 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def _reorder(cover, known, target, tour):
-    """Reverse stretches (2-opt) and let neighbouring ones of up to three stops swap (or-opt) where that helps.
-
-    Changes `tour`; returns whether it did. What is seen on the paths changes with the order, and must remain enough.
-    """
-    changed = False
-    size = tour.size
-    for i in range(1, size - 1):
-        for j in range(i + 1, size):
-            before = cover.lengths[tour[i - 1], tour[i]] + _step(cover, tour, j + 1, tour[j])
-            after = cover.lengths[tour[i - 1], tour[j]] + _step(cover, tour, j + 1, tour[i])
-            if after < before - LEAST_SAVING:
-                other = tour.copy()
-                other[i : j + 1] = tour[i : j + 1][::-1]
-                if count_bits(seen_on(cover, known, other)) >= target:
-                    tour[:] = other
-                    changed = True
-            for k in range(i, j):
-                if min(k - i, j - k - 1) > 2:
-                    continue
-                before = cover.lengths[tour[i - 1], tour[i]] + cover.lengths[tour[k], tour[k + 1]]
-                before += _step(cover, tour, j + 1, tour[j])
-                after = cover.lengths[tour[i - 1], tour[k + 1]] + cover.lengths[tour[j], tour[i]]
-                after += _step(cover, tour, j + 1, tour[k])
-                if after < before - LEAST_SAVING:
-                    other = tour.copy()
-                    other[i : i + j - k] = tour[k + 1 : j + 1]
-                    other[i + j - k : j + 1] = tour[i : k + 1]
+    """Shorten a tour by 2-opt and or-opt where enough is still seen on the paths; returns whether it has changed."""
+    has_changed = False
+    for i in range(1, tour.size - 1):
+        for j in range(i + 1, tour.size):
+            for k in range(i - 1, j):
+                if is_shorter(cover.lengths, tour, i, k, j, LEAST_SAVING):
+                    other = changed(tour, i, k, j)
                     if count_bits(seen_on(cover, known, other)) >= target:
                         tour[:] = other
-                        changed = True
-    return changed
+                        has_changed = True
+    return has_changed
 
 
 @njit(cache=True, error_model="numpy")
 def _best_change(cover, target, last, stop, following, prefix, rest):
-    """Find what saves most at a stop: leaving it out, or a viewpoint near to it instead.
+    """Find what saves most at a stop, between the last one and the following one (-1 for none).
 
-    Args:
-        cover: the viewpoints.
-        target: number of samples to see.
-        last: the stop before.
-        stop: the stop.
-        following: the stop after it, -1 for none.
-        prefix: shape (words,), uint64, what is known at the stop before.
-        rest: shape (words,), uint64, what is seen after the next stop.
-
-    Returns:
-        The viewpoint to go to instead, -1 to leave the stop out, the stop itself where nothing is better.
+    `prefix` is what is known at the last stop, and `rest` what is seen after the following one. Returns a viewpoint
+    near to the stop to go to instead, -1 to leave it out, the stop itself where nothing is better.
     """
     best, least = stop, cover.lengths[last, stop] - LEAST_SAVING
     if following >= 0:
         least += cover.lengths[stop, following]
-    seen = np.empty_like(prefix)
     for choice in range(-1, cover.near.shape[1]):
         viewpoint = -1 if choice < 0 else cover.near[stop, choice]
         if viewpoint == last or (viewpoint == following and viewpoint >= 0):
@@ -91,8 +56,7 @@ def _best_change(cover, target, last, stop, following, prefix, rest):
         length = cover.lengths[last, turn] + (cover.lengths[turn, following] if following >= 0 else 0.0)
         if length >= least:
             continue
-        for w in range(seen.size):
-            seen[w] = prefix[w] | rest[w]
+        seen = prefix | rest
         add_views(cover, last, turn, seen)
         if following >= 0:
             add_views(cover, turn, following, seen)
@@ -126,21 +90,14 @@ def _pull_in(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def improve(cover, known, target, tour):
-    """Shorten a tour on which enough is seen, until neither order nor stops can be bettered; return it.
-
-    Args:
-        cover: the viewpoints.
-        known: shape (words,), uint64, what is known without any tour.
-        target: number of samples to know in the end.
-        tour: shape (size,), int64, the start first.
-    """
+    """Shorten a tour on which enough is seen, until neither order nor stops can be bettered; see `search_tour`."""
     tour = tour.copy()
     while True:
-        before = length_of(cover, tour)
+        before = tour_length(cover.lengths, tour)
         while _reorder(cover, known, target, tour):
             pass
         tour = _pull_in(cover, known, target, tour)
-        if length_of(cover, tour) >= before - LEAST_SAVING:
+        if tour_length(cover.lengths, tour) >= before - LEAST_SAVING:
             return tour
 
 
@@ -148,33 +105,18 @@ def improve(cover, known, target, tour):
 def complete(cover, known, target, tour, noise, rng):
     """Insert stops into a tour until enough is seen: each time the one that shows most for its detour.
 
-    Args:
-        cover: the viewpoints.
-        known: shape (words,), uint64, what is known without any tour.
-        target: number of samples to know in the end.
-        tour: shape (size,), int64, the start first.
-        noise: by how much noise raises the value of a viewpoint, as a share.
-        rng: random generator.
-
-    Returns:
-        The tour, and whether enough is seen on it; if not, nothing more can be.
+    Noise raises the values of viewpoints by up to a share. Returns what `search_tour` does, which says what is given.
     """
-    num_viewpoints = cover.lengths.shape[0]
-    open_words = np.empty(known.size, dtype=np.int64)
     while True:
         seen = seen_on(cover, known, tour)
         missing = target - count_bits(seen)
         if missing <= 0:
             return tour, True
-        num_open = 0
-        for w in range(seen.size):
-            if seen[w] != ~np.uint64(0):
-                open_words[num_open] = w
-                num_open += 1
+        open_words = np.flatnonzero(seen != ~np.uint64(0))
         best, best_at, best_value = -1, 0, 0.0
-        for viewpoint in range(num_viewpoints):
+        for viewpoint in range(len(cover.lengths)):
             gain = 0
-            for w in open_words[:num_open]:
+            for w in open_words:
                 gain += ones(cover.sees[viewpoint, w] & ~seen[w])
             if gain == 0:
                 continue
@@ -189,9 +131,7 @@ def complete(cover, known, target, tour, noise, rng):
                 best, best_at, best_value = viewpoint, at, value
         if best < 0:
             return tour, False
-        longer = np.empty(tour.size + 1, dtype=tour.dtype)
-        longer[:best_at], longer[best_at], longer[best_at + 1 :] = tour[:best_at], best, tour[best_at:]
-        tour = longer
+        tour = np.concatenate((tour[:best_at], np.array([best]), tour[best_at:]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -200,11 +140,8 @@ def _ruin(cover, tour, rng):
     num_stops = tour.size - 1
     num_removed = 1 + int(rng.random() * min(MAX_REMOVED, num_stops))
     middle = tour[1 + int(rng.random() * num_stops)]
-    gaps = np.empty(num_stops)
-    for k in range(num_stops):
-        gaps[k] = cover.lengths[middle, tour[k + 1]]
     kept = np.ones(tour.size, dtype=np.bool_)
-    kept[1 + np.argsort(gaps, kind="mergesort")[:num_removed]] = False
+    kept[1 + np.argsort(cover.lengths[middle][tour[1:]], kind="mergesort")[:num_removed]] = False
     return tour[kept]
 
 
@@ -227,7 +164,7 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
     if not enough:
         target = count_bits(seen_on(cover, known, tour))
     best = present = improve(cover, known, target, tour)
-    best_length = length_of(cover, best)
+    best_length = tour_length(cover.lengths, best)
     for k in range(num_rounds):
         if present.size < 2:
             break
@@ -235,7 +172,7 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
         if not other_enough:
             continue
         other = improve(cover, known, target, other)
-        length = length_of(cover, other)
+        length = tour_length(cover.lengths, other)
         if length < best_length - LEAST_SAVING:
             best, best_length = other, length
         if length <= best_length * (1.0 + DEVIATION * (1.0 - k / num_rounds)):

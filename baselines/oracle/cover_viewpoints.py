@@ -1,10 +1,12 @@
 """Viewpoints all over a known map, and the shortest paths between them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
+from baselines.frontier.tour import blocks_of
 from envs.geometry import OccupancyGrid
 from envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
@@ -22,40 +24,11 @@ DETOUR = 1.1
 
 
 @njit(cache=True, error_model="numpy")
-def _blocks(costs, passable, side):
-    """Merge cells into blocks that are as good as their best cell.
-
-    Args:
-        costs: shape (height, width), uint8.
-        passable: same shape, bool: where the robot can get.
-        side: side of a block [cells].
-
-    Returns:
-        Costs of the blocks, uint8, lethal where no cell is passable; and their best cells, shape (..., 2), int64.
-    """
-    height, width = -(-costs.shape[0] // side), -(-costs.shape[1] // side)
-    block_costs = np.full((height, width), np.uint8(COST_LETHAL), dtype=np.uint8)
-    best_cells = np.zeros((height, width, 2), dtype=np.int64)
-    for row in range(costs.shape[0]):
-        for col in range(costs.shape[1]):
-            i, j = row // side, col // side
-            if passable[row, col] and costs[row, col] < block_costs[i, j]:
-                block_costs[i, j] = costs[row, col]
-                best_cells[i, j, 0], best_cells[i, j, 1] = row, col
-    return block_costs, best_cells
-
-
-@njit(cache=True, error_model="numpy")
 def _spread_out(costs, order, steps):
     """Choose blocks so that from each one a chosen one is at most `steps` steps away, and none are nearer together.
 
-    Args:
-        costs: shape (height, width), uint8: steps lead over blocks that are not lethal.
-        order: shape (n, 2), int64: (row, column) of the blocks, those to be preferred first.
-        steps: number of steps.
-
-    Returns:
-        Indices into `order` of the chosen ones, shape (m,), int64.
+    Steps lead over blocks whose costs, shape (height, width), are not lethal. `order`, shape (n, 2), int64, holds the
+    blocks (row, column), those to be preferred first; returns the chosen ones of them, shape (m, 2).
     """
     height, width = costs.shape
     taken = np.zeros((height, width), dtype=np.bool_)
@@ -83,51 +56,27 @@ def _spread_out(costs, order, steps):
                             visit[r, c] = k
                             queue[end, 0], queue[end, 1] = r, c
                             end += 1
-    return chosen[:num_chosen]
+    return order[chosen[:num_chosen]]
 
 
 @njit(cache=True, error_model="numpy")
-def _costs_from(costs, weights, block, blocks):
-    """Return the cost-to-come of some blocks from one block: shape (n,), int32, in the units of `search`."""
-    travel, _ = search(costs, weights, block[0], block[1], -1, -1)
-    costs_to_come = np.empty(len(blocks), dtype=np.int32)
-    for k in range(len(blocks)):
-        costs_to_come[k] = travel[blocks[k, 0] + 1, blocks[k, 1] + 1]
-    return costs_to_come
+def _find_predecessors(from_origins, lengths, near, origins):
+    """Find the predecessor of each viewpoint on the path from each origin, shape (m, n), int32; see `Viewpoints`.
 
-
-@njit(cache=True, error_model="numpy")
-def _costs_between(costs, weights, blocks):
-    costs_to_come = np.empty((len(blocks), len(blocks)), dtype=np.int32)
-    for k in range(len(blocks)):
-        costs_to_come[k] = _costs_from(costs, weights, blocks[k], blocks)
-    return costs_to_come
-
-
-@njit(cache=True, error_model="numpy")
-def _find_predecessors(from_origin, lengths, near, predecessors, origin):
-    """Find the predecessor of each viewpoint on the path from an origin.
-
-    Args:
-        from_origin: shape (n,), float64: path length from the origin to each viewpoint [m].
-        lengths: shape (n, n), float64, between viewpoints [m].
-        near: shape (n, k), int32, neighbours.
-        predecessors: shape (n,), int32, written.
-        origin: written to `predecessors` where no viewpoint lies in between.
+    `from_origins`, shape (m, n), are the path lengths from the origins [m]. Where no viewpoint lies in between, an
+    entry of `origins`, shape (m,), is the predecessor.
     """
-    for viewpoint in range(from_origin.size):
-        predecessors[viewpoint] = origin
-        least = DETOUR * from_origin[viewpoint]
-        for other in near[viewpoint]:
-            through = from_origin[other] + lengths[other, viewpoint]
-            if from_origin[other] < from_origin[viewpoint] and through < least and other != origin:
-                predecessors[viewpoint], least = other, through
-
-
-@njit(cache=True, error_model="numpy")
-def _find_all_predecessors(lengths, near, predecessors):
-    for k in range(lengths.shape[0]):
-        _find_predecessors(lengths[k], lengths, near, predecessors[k], k)
+    predecessors = np.empty(from_origins.shape, dtype=np.int32)
+    for row in range(len(origins)):
+        travelled = from_origins[row]
+        for viewpoint in range(travelled.size):
+            predecessors[row, viewpoint] = origins[row]
+            least = DETOUR * travelled[viewpoint]
+            for other in near[viewpoint]:
+                through = travelled[other] + lengths[other, viewpoint]
+                if travelled[other] < travelled[viewpoint] and through < least and other != origins[row]:
+                    predecessors[row, viewpoint], least = other, through
+    return predecessors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,11 +113,9 @@ class Viewpoints:
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
             return None
-        costs_to_come = _costs_from(self.block_costs, step_weights(COST_WEIGHT, False), block, self.cells // self.side)
-        lengths = _metres(costs_to_come, self.side * self.grid.resolution)
-        predecessors = np.empty(len(lengths), dtype=np.int32)
-        _find_predecessors(lengths, self.lengths, self.near, predecessors, len(lengths))
-        return lengths, predecessors
+        lengths = _path_lengths(self.block_costs, [block], self.cells // self.side, self.side * self.grid.resolution)
+        predecessors = _find_predecessors(lengths, self.lengths, self.near, np.array([len(self.cells)]))
+        return lengths[0], predecessors[0]
 
 
 def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | None:
@@ -182,25 +129,19 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
     return nearest
 
 
-def _metres(costs_to_come: np.ndarray, side: float) -> np.ndarray:
-    """Convert the units of `search` over blocks of a side [m]."""
+def _path_lengths(
+    block_costs: np.ndarray, origins: Iterable[np.ndarray], blocks: np.ndarray, side: float
+) -> np.ndarray:
+    """Measure the paths from blocks (row, column) of a side [m] to others that can be reached: shape (m, n) [m]."""
+    weights = step_weights(COST_WEIGHT, False)
+    travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in origins)
+    costs_to_come = np.array([costs[tuple(blocks.T)] for costs in travel])
     assert (costs_to_come != UNREACHED).all()
     return costs_to_come * (side / (STRAIGHT * SCALE))
 
 
-def find_viewpoints(
-    costmap: Costmap, start: tuple[float, float], max_viewpoints: int = MAX_VIEWPOINTS
-) -> Viewpoints | None:
-    """Spread viewpoints over all that a robot can reach.
-
-    Args:
-        costmap: the known map, with the robot's footprint.
-        start: where the robot is (x, y), frame of the map [m].
-        max_viewpoints: roughly how many viewpoints at most.
-
-    Returns:
-        The viewpoints; None if the robot is walled in.
-    """
+def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
+    """Spread viewpoints over all of a known map that a robot at (x, y) [m] can reach; None if it is walled in."""
     field = travel_field(costmap, start)
     if field is None:
         return None
@@ -208,7 +149,8 @@ def find_viewpoints(
     passable = (field.travel[1:-1, 1:-1] != UNREACHED) & (costmap.costs < COST_INSCRIBED)
     # Blocks of this side do not join what a wall divides: the robot cannot be that near to one.
     side = min(max(1, int(0.9 * costmap.params.robot_radius / grid.resolution)), MAX_BLOCK)
-    block_costs, best_cells = _blocks(costmap.costs, passable, side)
+    cells = blocks_of(np.where(passable, costmap.costs, np.uint8(COST_LETHAL)), side, COST_LETHAL)
+    block_costs, best = cells.min(axis=2), cells.argmin(axis=2)
     first = _nearest_block(block_costs, grid.cells(np.array(start)) // side)
     if first is None:
         return None
@@ -216,14 +158,13 @@ def find_viewpoints(
     block_costs[travel[1:-1, 1:-1] == UNREACHED] = COST_LETHAL
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
-    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / max_viewpoints))
+    spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
     # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
-    blocks = blocks[_spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)]
-    cells = best_cells[tuple(blocks.T)]
-    costs_to_come = _metres(_costs_between(block_costs, step_weights(COST_WEIGHT, False), blocks), size)
-    lengths = np.minimum(costs_to_come, costs_to_come.T)
-    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
-    predecessors = np.empty(lengths.shape, dtype=np.int32)
-    _find_all_predecessors(lengths, near, predecessors)
-    return Viewpoints(grid, cells, lengths, np.ascontiguousarray(near), predecessors, block_costs, side)
+    blocks = _spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)
+    cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
+    lengths = _path_lengths(block_costs, blocks, blocks, size)
+    lengths = np.minimum(lengths, lengths.T)
+    near = np.ascontiguousarray(np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32))
+    predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
+    return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)

@@ -44,7 +44,6 @@ class OracleExplorer:
     """Has the true map, and only has to drive through it. An `Omniscient`, served by `baselines.episode`."""
 
     def __init__(self) -> None:
-        """Make an explorer; `reset` and then `reveal` prepare it for an episode."""
         self._rest = NearestExplorer()
         self._coverage: Coverage | None = None
         self._is_done = False
@@ -60,9 +59,7 @@ class OracleExplorer:
         return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
-        self._robot = robot
-        self._rng = rng
+        self._robot, self._rng = robot, rng
         self._navigator = Navigator(robot, control_period)
         self._rest.reset(robot, control_period, rng)
         self._decision_steps = max(1, round(DECISION_PERIOD / control_period))
@@ -76,17 +73,11 @@ class OracleExplorer:
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
         """Take the ground truth; see `Omniscient`."""
-        self._start = coverage.start
-        self._target_coverage = target_coverage
-        self._coverage = coverage
+        self._coverage, self._target_coverage, self._start = coverage, target_coverage, coverage.start
         self._truth = TrueMap(coverage.area.walls, coverage.start)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`.
-
-        Raises:
-            RuntimeError: the explorer has not been given the ground truth.
-        """
+        """Return the twist; see `Explorer`. Raises a RuntimeError where ground truth has not been given."""
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
         if self._is_done:
@@ -108,11 +99,8 @@ class OracleExplorer:
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
         """Plan what is left of the tour, and drive to its next stops; False if there are none."""
-        num_rounds = ROUNDS
-        if self._planner is None:
-            self._planner = self._prepare(planning, coverage)
-            num_rounds = FIRST_ROUNDS
-        planner = self._planner
+        num_rounds = ROUNDS if self._planner else FIRST_ROUNDS
+        planner = self._planner = self._planner or self._prepare(planning, coverage)
         if planner is None:
             return False
         x, y, _ = self._start.compose(belief.pose)
@@ -154,9 +142,7 @@ class OracleExplorer:
         """Drive on along the tour; False if there is no path."""
         x, y, _ = self._start.compose(pose)
         viewpoints = planner.next_viewpoints(x, y, LOOKAHEAD)
-        points = [
-            (float(x), float(y)) for x, y in self._start.inverse().transform(planner.viewpoints.points[viewpoints])
-        ]
+        points = list(map(tuple, self._start.inverse().transform(planner.viewpoints.points[viewpoints]).tolist()))
         for level in range(planning.max_level + 1):
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], points[0], tolerance=GOAL_TOLERANCE)
@@ -164,8 +150,7 @@ class OracleExplorer:
                 continue
             goal = viewpoints[0]
             for viewpoint, point in zip(viewpoints[1:], points[1:]):
-                corner = float(path[-1, 0]), float(path[-1, 1])
-                more = plan_path(costmap, corner, point, tolerance=GOAL_TOLERANCE)
+                more = plan_path(costmap, tuple(path[-1].tolist()), point, tolerance=GOAL_TOLERANCE)
                 if more is None or _turn(path, more) > SHARP_TURN:
                     break
                 path = np.concatenate([path, more[1:]])

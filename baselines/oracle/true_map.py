@@ -9,14 +9,8 @@ class TrueMap:
     """The true walls in the map frame, to complete an estimated map with."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Take the true walls.
-
-        Args:
-            walls: the true map, world frame.
-            start: pose of the map frame's origin in the world frame.
-        """
-        self._walls = walls
-        self._start = start
+        """Take the true map, world frame, and the pose of the map frame's origin in it."""
+        self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
@@ -41,14 +35,11 @@ class TrueMap:
             resolution, origin = grid.resolution, np.array(grid.origin)
             low = np.floor((corners.min(axis=0) - origin) / resolution)
             width, height = np.ceil((corners.max(axis=0) - origin) / resolution).astype(int) - low.astype(int)
-            empty = OccupancyGrid(
-                np.full((height, width), OCCUPIED, dtype=np.int8),
-                resolution,
-                tuple((origin + low * resolution).tolist()),
-            )
-            centers = empty.centers(np.argwhere(empty.data >= 0))
+            x, y = (origin + low * resolution).tolist()
+            data = np.full((height, width), OCCUPIED, dtype=np.int8)
+            self._grid = OccupancyGrid(data, resolution, (x, y))
+            centers = self._grid.centers(np.argwhere(data >= 0))
             cells = self._walls.cells(self._start.transform(centers))
             inside = self._walls.contains(cells)
-            empty.data.reshape(-1)[inside] = self._walls.data[tuple(cells[inside].T)]
-            self._grid = empty
+            data.reshape(-1)[inside] = self._walls.data[tuple(cells[inside].T)]
         return self._grid

@@ -7,11 +7,10 @@ import numpy as np
 from baselines.rrt.filter import information_gain
 from baselines.rrt.params import RrtParams
 from envs.geometry import OccupancyGrid
+from envs.navigation import NO_POINTS
 
 UNASSIGNED = -1
 """In place of a point, for a robot that gets none."""
-NONE_TAKEN = np.empty((0, 2))
-"""No other robot has a point."""
 
 
 def assign(
@@ -20,7 +19,7 @@ def assign(
     points: np.ndarray,
     costs: np.ndarray,
     params: RrtParams,
-    taken: np.ndarray = NONE_TAKEN,
+    taken: np.ndarray = NO_POINTS,
 ) -> np.ndarray:
     """Assign points: again and again the robot and the point of the highest revenue, until either is used up.
 

@@ -15,20 +15,16 @@ class RrtDetector:
     """One local tree per robot, one global tree, and the filter that takes their points."""
 
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
-        """Prepare for an episode; samples are drawn from `rng`."""
-        self._params = params
-        self._rng = rng
+        self._params, self._rng = params, rng
         self.trees: list[Tree] = []
         """The local trees, then the global one; none before the first detection."""
         self.points = np.empty((0, 2))
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
 
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
-        """Grow the trees for a control step, and filter the points.
+        """Grow the trees for a control step of the robots at (x, y), map frame [m], and filter the points.
 
-        Args:
-            grid: the map.
-            robots: positions of the robots (x, y), map frame [m]; the global tree starts at the first one.
+        The global tree starts at the first robot.
         """
         params = self._params
         if not self.trees:

@@ -22,20 +22,15 @@ import numpy as np
 
 from baselines.rrt.params import RrtParams
 from baselines.rrt.team import RrtTeam
-from baselines.rrt.trees import Tree
 from envs.estimation import Belief
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
 
 class RrtExplorer:
-    """Drives to the frontier point of the highest revenue among those that two random trees have found.
-
-    It is a team of one robot.
-    """
+    """Drives to the frontier point of the highest revenue that two random trees have found: a team of one robot."""
 
     def __init__(self, params: RrtParams = RrtParams()) -> None:
-        """Make an explorer with the given parameters."""
         self._team = RrtTeam(params)
 
     @property
@@ -53,15 +48,8 @@ class RrtExplorer:
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
         return self._team.points
 
-    @property
-    def trees(self) -> list[Tree]:
-        """The local and the global tree; none before the first step."""
-        return self._team.trees
-
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `Explorer`."""
         self._team.reset(robot, control_period, 1, rng)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`."""
         return self._team.act([reading], [belief])[0]

@@ -18,14 +18,9 @@ TOLERANCE = 1e-3
 
 @njit(cache=True, error_model="numpy")
 def _converge(points, bandwidth):
-    """Move from each point to the mean of the points around it, until that stays.
+    """Move from each point (shape (n, 2), float64, in the order of x) to the mean of those around it, until that stays.
 
-    Args:
-        points: shape (n, 2), float64, in the order of their x.
-        bandwidth: radius of what counts as around.
-
-    Returns:
-        The converged means, shape (n, 2), float64, and the number of points around each, shape (n,), int64.
+    Returns the means, shape (n, 2), float64, and the number of points around each, shape (n,), int64.
     """
     means, counts = points.copy(), np.zeros(len(points), dtype=np.int64)
     xs = points[:, 0].copy()
@@ -79,14 +74,7 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
 def _count_unknown(data, cells, others, radius):
     """Count the unknown cells within `radius` cells of both cells of a pair; outside of the array all are unknown.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        cells: shape (n, 2), int64, (row, column).
-        others: shape (n, 2), int64, the other cell of each pair.
-        radius: of both discs [cells].
-
-    Returns:
-        Shape (n,), int64.
+    `cells` and `others` have the shape (n, 2), int64, (row, column); what is returned has the shape (n,), int64.
     """
     height, width = data.shape
     counts = np.zeros(len(cells), dtype=np.int64)

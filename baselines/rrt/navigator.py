@@ -9,33 +9,23 @@ from envs.navigation.planning_map import CostLayer
 from envs.robots import RobotParams
 
 
-def _ros_costs() -> np.ndarray:
-    """Tabulate a costmap's costs on the scale on which ROS publishes costmaps: shape (256,), float64.
+def _on_ros_scale(costs: np.ndarray) -> np.ndarray:
+    """Return a costmap's costs on the scale on which ROS publishes costmaps, float64.
 
     1 to 98 near obstacles, 99 where the footprint touches one and beyond; 0 where it is free or unknown.
     """
-    costs = np.arange(256)
-    table = np.where(costs > 0, 1.0 + np.floor(97.0 * (costs - 1) / 251.0), 0.0)
-    table[costs > COST_MAX_FREE] = 99.0
-    table[COST_UNKNOWN] = 0.0
-    return table
-
-
-ROS_COSTS = _ros_costs()
-"""Costs on ROS's scale by the costs of a costmap."""
+    near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
+    return np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
 
 
 class PointNavigator(FrontierNavigator):
     """Offers, for each valid frontier point, the frontier cell nearest to it."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams) -> None:
-        """Prepare for a robot.
+        """Prepare for a robot that is updated every `control_period` seconds.
 
-        Args:
-            robot: the robot.
-            control_period: time between two calls of `update` [s].
-            params: `max_cost` beyond which a point is invalid, `bandwidth` up to which a frontier cell belongs to a
-                point, and `view_distances`.
+        Of `params` it reads `max_cost`, beyond which a point is invalid, `bandwidth`, up to which a frontier cell
+        belongs to a point, and `view_distances`.
         """
         super().__init__(robot, control_period, planning=PlanningParams(view_distances=params.view_distances))
         self._params = params
@@ -50,29 +40,27 @@ class PointNavigator(FrontierNavigator):
         is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
-        is_valid = ROS_COSTS[costs] <= self._params.max_cost
-        nearest = self._nearest_frontier(positions[is_valid], cells[is_valid])
+        is_valid = _on_ros_scale(costs) <= self._params.max_cost
+        nearest = self._nearest_frontier(positions[is_valid])
         first = np.arange(len(nearest))
         # Of no group: no point is left out because its frontier is short.
         return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
 
-    def _nearest_frontier(self, positions: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Return the frontier cells (row, column) nearest to points; points without one near are left out.
+    def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
+        """Return the frontier cell (row, column) nearest to each point; nothing for points farther than the bandwidth.
 
-        Args:
-            positions: shape (n, 2), float64, (row, column); cell c holds [c, c + 1).
-            cells: shape (n, 2), int64, the cells that they lie in.
+        `positions`, shape (n, 2), are in cells: cell c holds [c, c + 1).
         """
         frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
         reach = int(np.ceil(radius))
-        window = np.arange(-reach, reach + 1)
-        around = cells[:, None] + np.stack(np.meshgrid(window, window, indexing="ij"), axis=-1).reshape(1, -1, 2)
+        window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
+        around = np.floor(positions).astype(np.int64)[:, None] + window
         gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
         inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
         rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
         gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
-        index = np.arange(len(cells)), np.argmin(gaps, axis=1)
-        return around[index][np.isfinite(gaps[index])]
+        nearest = np.arange(len(gaps)), gaps.argmin(axis=1)
+        return around[nearest][np.isfinite(gaps[nearest])]
 
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path anew; through peers where none leads around them: they move on, or are made to yield."""

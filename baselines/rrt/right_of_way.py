@@ -16,15 +16,9 @@ OUTLINE_POINTS = 16
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
-    """Return the outline of a peer as obstacles around a robot.
+    """Return the outline of a peer, of a radius [m], as obstacles: shape (16, 2), float64, the robot's base frame [m].
 
-    Args:
-        pose: of the robot, map frame.
-        peer: pose of the peer, map frame.
-        radius: of its footprint [m].
-
-    Returns:
-        Shape (16, 2), float64, base frame of the robot [m].
+    The poses of the robot and of the peer are those in the map frame.
     """
     away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
@@ -32,14 +26,7 @@ def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path.
-
-    Args:
-        position: (x, y), map frame [m].
-        path: shape (n, 2), map frame [m].
-        gap: distance from the path [m].
-        reach: how much of the path counts [m].
-    """
+    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
     if len(path) == 0:
         return False
     near = path[lengths_along(path) <= reach]
@@ -47,15 +34,10 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Find where a robot waits for another one to pass.
+    """Find where a robot waits for another one to pass: the cell (row, column) off its path that is cheapest to get to.
 
-    Args:
-        field: travel of the waiting robot, with the other one as an obstacle.
-        path: shape (n, 2), n > 0, path of the other one from its position, map frame [m].
-        radius: of either footprint [m].
-
-    Returns:
-        The cell (row, column) off the path with the lowest travel cost; None if there is none.
+    `field` is the travel of the waiting robot, with the other one as an obstacle, and `path`, shape (n, 2), n > 0, that
+    of the other one from its position, map frame [m]; both footprints have a radius [m]. None if there is no such cell.
     """
     grid = field.costmap.grid
     cells = grid.cells(path)

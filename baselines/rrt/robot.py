@@ -1,7 +1,5 @@
 """One robot that explores by frontier points: drives to the point that it is assigned, yields, and waits."""
 
-import math
-
 import numpy as np
 
 from baselines.rrt.navigator import PointNavigator
@@ -28,14 +26,7 @@ class RrtRobot:
     """Decides how to get to the point that it is assigned. Sees readings and beliefs, never ground truth."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
-        """Prepare for an episode.
-
-        Args:
-            robot: the robot.
-            control_period: time between two calls of `update` [s].
-            params: of the exploration.
-            index: of the robot in its team.
-        """
+        """Prepare for an episode of a robot with an index in its team, updated every `control_period` seconds."""
         self.index = index
         self.navigator = PointNavigator(robot, control_period, params)
         self.end_reason: str | None = None
@@ -46,11 +37,9 @@ class RrtRobot:
         """Outlines of the peers that plans lead around, and of those that they lead through; base frame [m]."""
         self.idle_steps = 0
         """Control steps without a point."""
-        self._radius = robot.radius
-        self._period = control_period
+        self._radius, self._period = robot.radius, control_period
         self._has_begun = self._has_looked_around = False
-        self._pause_steps = 0
-        self._wait_steps = 0
+        self._pause_steps = self._wait_steps = 0
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -83,13 +72,9 @@ class RrtRobot:
         return self._has_begun and not drive.has_goal and not drive.is_recovering and self.yielding_to is None
 
     def update(self, reading: Reading, belief: Belief, points: np.ndarray, *, is_asked: bool) -> bool:
-        """Process a reading, and tell whether the robot is to be assigned a point.
+        """Process a reading, without peers, and tell whether the robot is to be assigned one of the frontier points.
 
-        Args:
-            reading: of its sensors, without its peers.
-            belief: its pose estimate and the map.
-            points: shape (n, 2), float64, frontier points, map frame [m].
-            is_asked: whether it looks for a point even in a pause.
+        `points` have the shape (n, 2), float64, map frame [m]. A robot that `is_asked` looks for one even in a pause.
         """
         navigator = self.navigator
         navigator.points, navigator.bodies = points, self.blocking
@@ -112,11 +97,6 @@ class RrtRobot:
             return False
         return navigator.update(reading, belief, others) is not None
 
-    @property
-    def speed(self) -> float:
-        """Forward speed by odometry [m/s]."""
-        return self.navigator.navigator.v
-
     def learn(self, belief: Belief) -> None:
         """Take note of what another robot's scan has changed in the map."""
         if self._has_begun:
@@ -125,9 +105,8 @@ class RrtRobot:
     def open_goals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what may be assigned: candidates that have failed only if there are no others.
 
-        Returns:
-            Shape (k, 2), float64, frontiers, map frame [m]; shape (k,), float64, costs of the paths to their viewpoints
-            [m]; shape (k,), int64, their indices among the candidates.
+        These are frontiers, shape (k, 2), map frame [m], the costs of the paths to their viewpoints [m], and their
+        indices among the candidates.
         """
         candidates = self.navigator.candidates
         indices = np.flatnonzero(candidates.failures == 0)
@@ -142,9 +121,9 @@ class RrtRobot:
 
     def wait(self) -> None:
         """Stop for a while, since others have all the points."""
+        self._has_looked_around, self.end_reason = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
-        self._has_looked_around, self.end_reason = False, None
 
     def look_around_or_end(self, patience: int) -> None:
         """Turn once around where no point is left; then end, if there has been none for `patience` steps."""
@@ -154,14 +133,6 @@ class RrtRobot:
         elif self.idle_steps >= patience:
             self.end_reason = self.navigator.end_reason
             self.navigator.stop()
-
-    def restart_progress(self) -> None:
-        """Measure progress anew from here."""
-        self.navigator.navigator.restart_progress()
-
-    def fail(self) -> None:
-        """Give the point up as one that cannot be reached."""
-        self.navigator.fail()
 
     def yield_to(self, other: "RrtRobot", pose: Pose2D) -> bool:
         """Drop the own goal and drive off the path of another robot; False if there is nowhere to go."""
@@ -182,5 +153,5 @@ class RrtRobot:
         if self.navigator.navigator.has_goal:
             return False
         self._wait_steps += 1
-        is_off = not is_beside(pose[:2], path, 2.0 * self._radius + PASSED_CLEARANCE, math.inf)
+        is_off = not is_beside(pose[:2], path, 2.0 * self._radius + PASSED_CLEARANCE)
         return is_off or self._wait_steps * self._period > MAX_WAIT

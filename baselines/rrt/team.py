@@ -2,15 +2,10 @@
 
 Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay,
 "Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), with two and
-three robots. What `baselines.rrt.explorer` says of one robot holds for each; besides:
-
-- *Assignment.* Points are assigned whenever a robot has none: to all robots without one together. The others keep
-  theirs, and what those will see there is no gain any more. A robot for which no point is left waits.
-- *Right of way.* A robot's plans lead around peers of lower index, and through those of higher index or without a
-  point: these yield. A robot blocked by such a peer makes it drive off its path, and wait there until it has passed.
-  Where the peer has nowhere to go, the robot yields to it; if neither can, the goal has failed.
-- *Peers as obstacles.* Robots share their estimated poses. Peers are removed from scans before these are
-  remembered; their footprints replace them, which move with them and are known also where the lidar is blind.
+three robots. What `baselines.rrt.explorer` says of one robot holds for each; `docs/team.md` says how they share the
+work and who has the right of way. Where a peer that is to yield has nowhere to go, the robot yields to it; if neither
+can, the goal has failed. Peers are removed from scans before these are remembered; their footprints replace them, which
+move with them and are known also where the lidar is blind.
 """
 
 from collections.abc import Sequence
@@ -22,7 +17,6 @@ from baselines.rrt.detector import RrtDetector
 from baselines.rrt.params import TEAM_PARAMS, RrtParams
 from baselines.rrt.right_of_way import is_beside, outline
 from baselines.rrt.robot import RrtRobot
-from baselines.rrt.trees import Tree
 from envs.estimation import Belief
 from envs.estimation.peers import PeerFilter
 from envs.geometry import Pose2D
@@ -44,7 +38,6 @@ class RrtTeam:
     """Explores with one or several robots."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
-        """Make a team with the given parameters."""
         self._params = params
         self._team: list[RrtRobot] = []
 
@@ -79,11 +72,6 @@ class RrtTeam:
     def points(self) -> np.ndarray:
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
         return self._detector.points
-
-    @property
-    def trees(self) -> list[Tree]:
-        """The local trees and the global one; none before the first step."""
-        return self._detector.trees
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
@@ -130,7 +118,6 @@ class RrtTeam:
         """Assign points to robots that have none, all together (`assign`); those that get none wait, or end."""
         if not due:
             return
-        is_driving = any(robot.target is not None for robot in self._team)
         columns: dict[tuple[float, float], int] = {}
         goals = [robot.open_goals() for robot in due]
         for frontiers, _, _ in goals:
@@ -148,7 +135,7 @@ class RrtTeam:
         for robot, (frontiers, _, indices), point in zip(due, goals, chosen, strict=True):
             if point != UNASSIGNED:
                 robot.choose(int(indices[(frontiers == points[point]).all(axis=1).argmax()]))
-        is_driving |= bool((chosen != UNASSIGNED).any())
+        is_driving = any(robot.target is not None for robot in self._team)
         for robot in due:
             if robot.target is None:
                 robot.wait() if is_driving else robot.look_around_or_end(self._params.patience)
@@ -164,7 +151,7 @@ class RrtTeam:
         obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
         for peer in peers:
             here = self._poses[peer.index]
-            ahead = here.compose(Pose2D(peer.speed * PREDICTION_TIME, 0.0, 0.0))
+            ahead = here.compose(Pose2D(peer.navigator.navigator.v * PREDICTION_TIME, 0.0, 0.0))
             obstacles[peer.precedence > robot.precedence] += [
                 outline(pose, here, radius),
                 outline(pose, ahead, radius),
@@ -183,10 +170,7 @@ class RrtTeam:
                 continue
             if not is_beside(self._poses[peer.index][:2], path, gap, BLOCKING_REACH):
                 continue
-            robot.restart_progress()
-            if peer.yield_to(robot, self._poses[peer.index]):
-                return
-            if peer.plan is not None and robot.yield_to(peer, self._poses[robot.index]):
-                return
-            robot.fail()
+            robot.navigator.navigator.restart_progress()
+            if not (peer.yield_to(robot, self._poses[peer.index]) or robot.yield_to(peer, self._poses[robot.index])):
+                robot.navigator.fail()
             return

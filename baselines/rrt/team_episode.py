@@ -19,11 +19,9 @@ class TeamEpisode:
     area_left: float
     """Explorable area that was not explored at the end [m2]."""
     time_to_90: float
-    """Time until 90 % was explored [s]."""
     time_to_95: float
-    """Time until 95 % was explored [s]."""
     time_to_99: float
-    """Time until 99 % was explored [s]."""
+    """Times until 90, 95 and 99 % were explored [s]."""
     path_length: np.ndarray
     """Shape (num_robots,), distance that each robot drove [m]."""
     collisions: np.ndarray
@@ -52,11 +50,7 @@ def decide_with_team(team: RrtTeam, env: ExploreTeamEnv) -> Decide:
 def run_team_episode(env: ExploreTeamEnv, team: RrtTeam, seed: int, on_step: Watch | None = None) -> TeamEpisode:
     """Let a team explore until the target coverage or the time limit is reached, or the team stops.
 
-    Args:
-        env: the environment.
-        team: decides; it gets observations and beliefs only.
-        seed: of everything: world, starts, noise, and the team's own draws.
-        on_step: called with `info` after the reset and after every step, to record pictures.
+    The seed and `on_step` are those of `baselines.episode.run_episode`; the team gets readings and beliefs only.
     """
     observation, info = env.reset(seed=seed)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.

@@ -22,23 +22,15 @@ from envs.geometry import OccupancyGrid
 from envs.geometry.lines import next_cell, start_walk
 from envs.navigation.frontiers import FREE_BELOW
 
-UNKNOWN_AHEAD = -1
-"""GridCheck: the step enters unknown space before it meets an obstacle."""
-BLOCKED = 0
-"""GridCheck: an obstacle comes first."""
-CLEAR = 1
-"""GridCheck: the step stays in free space."""
+UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
+"""GridCheck: the step enters unknown space before it meets an obstacle, an obstacle comes first, all cells are free."""
 
 
 @njit(cache=True, error_model="numpy")
 def nearest(vertices, count, x, y):
-    """Return the index of the vertex nearest to (x, y) among the first `count`; the first of equals.
+    """Return the index of the vertex nearest to (x, y) among the first `count` > 0; the first of equals.
 
-    Args:
-        vertices: shape (2, capacity), float32, x and y [m].
-        count: how many of them there are, at least 1.
-        x: position [m].
-        y: position [m].
+    `vertices` has the shape (2, capacity), float32.
     """
     xs, ys = vertices[0, :count], vertices[1, :count]
     best, index = np.float32(np.inf), 0
@@ -72,16 +64,11 @@ def steer(x0, y0, x, y, eta):
 def grid_check(data, u0, v0, u1, v1):
     """Tell what comes first in the cells that a line crosses, but for its first cell.
 
-    Args:
-        data: shape (height, width), int8, occupancy; outside of it everything is unknown.
-        u0: column of the start as a real number: cell c holds [c, c + 1).
-        v0: row of the start.
-        u1: column of the end.
-        v1: row of the end.
+    The line leads from (u0, v0) to (u1, v1), column and row as real numbers: cell c holds [c, c + 1). What lies outside
+    of `data`, shape (height, width), int8, occupancy, is unknown.
 
     Returns:
-        -1 if an unknown cell comes before any occupied one, 0 if an occupied one comes first, otherwise 1; and where
-        the walk ended: middle of the unknown or occupied cell, or the end of the line (column, row).
+        The verdict; and where the walk ended: middle of the unknown or occupied cell, or end of the line (column, row).
     """
     height, width = data.shape
     walk = start_walk(u0, v0, u1, v1)
@@ -113,7 +100,7 @@ def grow(data, samples, rules, robot, vertices, parents, count, found):
     Args:
         data: shape (height, width), int8, occupancy.
         samples: shape (n, 2), float64, (column, row).
-        rules: a `GrowthRules`.
+        rules: `GrowthRules`.
         robot: (column, row) where a tree that resets starts again.
         vertices: shape (2, capacity), float32, columns and rows, written.
         parents: shape (capacity,), int32, written: index of each vertex's parent; the root is its own.
@@ -147,16 +134,10 @@ class Tree:
     """A detector: a tree that grows through free space and returns the points where it would enter unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Start with a root only.
+        """Start with the root alone, at (x, y), map frame [m]; the rules are those of `GrowthRules`.
 
-        Args:
-            root: position of the root (x, y), map frame [m].
-            eta: longest step [m].
-            spacing: least distance of a new vertex from the nearest one [m].
-            resets: whether it starts again at the robot after each find (the local detector) or stays (the global one).
+        The local detector resets, the global one does not.
         """
-        if not eta >= spacing > 0:
-            raise ValueError(f"eta must be at least spacing, and spacing positive, got {eta} and {spacing}")
         self._rules = GrowthRules(eta, spacing, resets)
         self._points = np.array([[root[0]], [root[1]]], dtype=np.float64)
         self.parents = np.zeros(1, dtype=np.int32)
@@ -168,12 +149,7 @@ class Tree:
         return self._points.T
 
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
-        """Grow by samples.
-
-        Args:
-            grid: the map.
-            samples: shape (n, 2), float64, map frame [m].
-            robot: position of the robot (x, y), map frame [m]; where a tree that resets starts again.
+        """Grow by samples, shape (n, 2), float64, map frame [m]; a tree that resets starts again at the robot (x, y).
 
         Returns:
             Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].

@@ -13,8 +13,7 @@ import torch
 from agents.checkpoint import load_checkpoint, save_checkpoint
 from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
-from agents.vec_env import GymnasiumVecEnv
-from agents.vector import make_vector
+from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import writing as files
 
 

@@ -7,8 +7,7 @@ import torch
 from agents.explorer import PPOExplorer
 from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
-from agents.vec_env import GymnasiumVecEnv
-from agents.vector import make_env, make_vector
+from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from tests.agents.fake_env import BEAMS
 
 

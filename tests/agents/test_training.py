@@ -18,7 +18,7 @@ from agents.evaluation import run_episodes
 from agents.explorer import PPOExplorer
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
-from agents.vector import make_env, make_vector
+from agents.vec_env import make_env, make_vector
 from baselines.episode import run_episode
 from envs.files import dump_record, parse_record, read_record
 

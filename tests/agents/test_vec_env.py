@@ -9,8 +9,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import EnvironmentConfig
-from agents.vec_env import GymnasiumVecEnv
-from agents.vector import make_vector
+from agents.vec_env import GymnasiumVecEnv, make_vector
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
 KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
