@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from envs.estimation import Belief
-from envs.navigation import Candidates, FrontierNavigator, PlanningParams
+from envs.navigation import Candidates, FrontierNavigator, NavigatorParams, PlanningParams
 from envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
@@ -33,6 +33,7 @@ class RuleExplorer:
         max_time: float = 4.0,
         max_candidates: int | None = None,
         planning: PlanningParams = PlanningParams(),
+        params: NavigatorParams = NavigatorParams(),
     ) -> None:
         """Make an explorer; `reset` prepares it for an episode.
 
@@ -42,9 +43,10 @@ class RuleExplorer:
                 there, the frontier is gone, or it has failed.
             max_candidates: how many frontiers the rule is offered at most, the cheapest to get to; None for all.
             planning: what is offered, and how paths are planned.
+            params: how the drives go.
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
-        self.planning = planning
+        self.planning, self.params = planning, params
         self.end_reason: str | None = None
         """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
         self._navigator: FrontierNavigator | None = None
@@ -56,7 +58,12 @@ class RuleExplorer:
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._navigator = FrontierNavigator(
-            robot, control_period, max_candidates=self.max_candidates, max_time=self.max_time, planning=self.planning
+            robot,
+            control_period,
+            max_candidates=self.max_candidates,
+            max_time=self.max_time,
+            planning=self.planning,
+            params=self.params,
         )
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
