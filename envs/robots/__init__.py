@@ -11,24 +11,16 @@ from .params import (
     OdometryParams,
     RobotParams,
 )
-from .records import DriveRecord, ImuRecord, LidarRecord, RobotRecord, pack_robot, robot_record, unpack_robot
 
 __all__ = [
     "ROBOT_NAMES",
     "BodyParams",
     "Caster",
     "DriveParams",
-    "DriveRecord",
     "ImuParams",
-    "ImuRecord",
     "LidarParams",
-    "LidarRecord",
     "Mount",
     "OdometryParams",
     "RobotParams",
-    "RobotRecord",
     "load_robot",
-    "pack_robot",
-    "robot_record",
-    "unpack_robot",
 ]
