@@ -4,7 +4,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import REACH, Plan, Rect, choose_size, units
+from .plan import MARGIN, REACH, Plan, Rect, Size, units
 
 _OUTER, _INNER = 3, 2
 """Thickness of outer and inner walls [units]."""
@@ -14,15 +14,8 @@ _DOOR_ROOM = 16
 """How far before a door the floor stays empty [units]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a flat or an office, furnished.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 4 m each [m]; drawn from 8 x 7 to 14 x 12 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    size = choose_size(rng, size, 4.0, (8.0, 7.0), (14.0, 12.0))
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a flat or an office of the given outer size [m], furnished."""
     plan = Plan(size, _OUTER)
     floor = (_OUTER, _OUTER, plan.width - _OUTER, plan.height - _OUTER)
     is_office = min(size) >= 7.5 and rng.random() < 0.5
@@ -33,7 +26,7 @@ def generate(seed: int, size: tuple[float, float] | None = None) -> World:
     kinds = _kinds(rng, rooms, is_office)
     for room, kind in zip(rooms + corridors, kinds + ["corridor"] * len(corridors)):
         _furnish(rng, plan, room, kind)
-    return plan.build(f"rooms-{seed}", rng, "An office." if is_office else "A flat.")
+    return plan.build(name, rng, "An office." if is_office else "A flat.")
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
@@ -177,12 +170,12 @@ def _furnish(rng: np.random.Generator, plan: Plan, room: Rect, kind: str) -> Non
     elif kind == "meeting":
         length = min(int(rng.integers(40, 90)), longer - 40)
         if length >= 32:
-            plan.put_amidst(rng, furniture.conference(rng, length), room, attempts=8)
+            plan.put_somewhere(rng, furniture.conference(rng, length), room, MARGIN, attempts=8)
     elif kind == "office" and area > units(4.6) ** 2:
         for _ in range(area // units(4.4) ** 2):
-            plan.put_amidst(rng, furniture.cluster(rng), room)
+            plan.put_somewhere(rng, furniture.cluster(rng), room, MARGIN)
     if kind in ("kitchen", "living") and area > units(3.6) ** 2:
-        plan.put_amidst(rng, furniture.table(rng), room)
+        plan.put_somewhere(rng, furniture.table(rng), room, MARGIN)
     pieces = furniture.WALL_FURNITURE[kind]
     count = max(1, min(len(pieces), round(area / units(1.6) ** 2)))
     for make in pieces[:count]:

@@ -4,21 +4,14 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import Item, Plan, Rect, choose_size, units
+from .plan import MARGIN, Item, Plan, Rect, Size, extent, units
 
 _WALL = 4
 """Thickness of the outer walls [units]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a warehouse whose aisles are about 1.6 to 4 m wide.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 6 m each [m]; drawn from 16 x 12 to 30 x 22 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    size = choose_size(rng, size, 6.0, (16.0, 12.0), (30.0, 22.0))
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a warehouse of the given outer size [m], whose aisles are about 1.6 to 4 m wide."""
     plan = Plan(size, _WALL)
     floor = (_WALL, _WALL, plan.width - _WALL, plan.height - _WALL)
     plan.settle()
@@ -28,7 +21,7 @@ def generate(seed: int, size: tuple[float, float] | None = None) -> World:
     _put_racks(rng, plan, storage, floor)
     _put_columns(rng, plan, floor)
     _put_goods(rng, plan, floor, loading)
-    return plan.build(f"warehouse-{seed}", rng)
+    return plan.build(name, rng)
 
 
 def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
@@ -49,7 +42,7 @@ def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
 def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -> None:
     """Fill a zone with parallel rows of racks along x or y, cut by cross aisles."""
     side = 0 if rng.random() < 0.65 else 3  # the wall that the rows lie along
-    length, depth = (zone[2] - zone[0], zone[3] - zone[1])[:: 1 if side == 0 else -1]
+    length, depth = extent(zone, side)
     bay, cross = int(rng.integers(46, 57)), int(rng.integers(34, 50))
     blocks = max(1, round(length / units(rng.uniform(8.0, 14.0))))
     bays = (length - (blocks + 1) * cross) // (blocks * bay)
@@ -94,7 +87,7 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -
     wall = ((0, depth - 2, door, depth), (door + 20, depth - 2, width, depth))
     item = Item(width, depth, rects=(*wall, (0, 0, 2, depth - 2), (width - 2, 0, width, depth - 2)))
     side = int(rng.integers(4))
-    slack = (zone[2] - zone[0] if side % 2 == 0 else zone[3] - zone[1]) - width
+    slack = extent(zone, side)[0] - width
     if slack >= 0:
         plan.put(item, zone, side, int(rng.choice([0, slack])), whole=floor)
 
@@ -114,7 +107,7 @@ def _put_columns(rng: np.random.Generator, plan: Plan, floor: Rect) -> None:
 def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect) -> None:
     """Put rows of pallets and a few racks into the loading zone, and stray things everywhere."""
     side = int(rng.integers(4))
-    length, depth = (loading[2] - loading[0], loading[3] - loading[1])[:: 1 if side % 2 == 0 else -1]
+    length, depth = extent(loading, side)
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))
     most = min(6, (depth - 60) // step)
     for along in range(gap, length - 24 - gap, 24 + gap):
@@ -123,8 +116,8 @@ def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect)
             pallets = Item(24, step * count, rects=tuple((0, step * k, 24, step * k + 16) for k in range(count)))
             plan.put(pallets, loading, side, along, int(rng.integers(20, 30)), floor)
     for _ in range(3):
-        plan.put_somewhere(rng, furniture.rack(rng), loading, floor)
+        plan.put_somewhere(rng, furniture.rack(rng), loading, whole=floor)
     for make in (furniture.chest, furniture.plant, furniture.chest):
-        plan.put_amidst(rng, make(rng), floor)
+        plan.put_somewhere(rng, make(rng), floor, MARGIN)
     for _ in range(int(rng.integers(1, 4))):
-        plan.put_amidst(rng, furniture.block(1.2, 0.8), loading, whole=floor)
+        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN, floor)
