@@ -1,6 +1,7 @@
 """The whole picture: two panels of the same world at the same scale, numbers above, a legend below."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
@@ -9,7 +10,7 @@ import pygame
 from . import style
 from .glyphs import draw_mark
 from .panels import SUPERSAMPLING, EstimatePanel, TruthPanel, new_surface
-from .scene import Scene
+from .scene import Moment, Scene
 from .view import View
 
 GAP = 16
@@ -59,6 +60,26 @@ class Typesetter:
         """Write something large, anchored like a label."""
         return _blit(surface, self._large.render(text, True, style.INK), anchor)
 
+    def header(self, surface: pygame.Surface, scene: Moment, box: pygame.Rect, *errors: tuple[str, str]) -> None:
+        """Write world and robot at the left of a box, and collisions, errors (label, value) and time at its right."""
+        name, right = scene.world.name, box.right
+        self.number(surface, name if len(name) < 27 else f"{name[:25]}…", topleft=(box.left, 14))
+        self.label(surface, scene.robot.name, topleft=(box.left, 46))
+        time = f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"
+        for label, value in (("collisions", f"{scene.collisions}"), *errors, ("time", time)):
+            self.number(surface, value, topright=(right, 14))
+            self.label(surface, label, topright=(right, 46))
+            right -= 124
+
+    def legend(
+        self, surface: pygame.Surface, box: pygame.Rect, entries: Iterable[tuple[str, style.Colour, str]]
+    ) -> None:
+        """Explain below a box what is drawn in it: text, colour and kind of mark."""
+        x, y = box.left, box.bottom + FOOTER // 2
+        for text, colour, mark in entries:
+            draw_mark(surface, x, y, colour, mark)
+            x = self.label(surface, text, midleft=(x + 22, y)).right + 14
+
 
 def _blit(surface: pygame.Surface, text: pygame.Surface, anchor: dict[str, tuple[int, int]]) -> pygame.Rect:
     return surface.blit(text, text.get_rect(**anchor))
@@ -93,16 +114,13 @@ class Picture:
         self._background.fill(style.PAPER)
         for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
             self._text.title(self._background, title, bottomleft=(box.left, box.top - 8))
-            x, y = box.left, box.bottom + FOOTER // 2
-            for text, colour, mark in legend:
-                draw_mark(self._background, x, y, colour, mark)
-                x = self._text.label(self._background, text, midleft=(x + 22, y)).right + 14
+            self._text.legend(self._background, box, legend)
 
     def _draw_header(self, scene: Scene) -> None:
-        frame, text, (left, middle, right) = self._frame, self._text, (GAP, self._boxes[1].left, self._boxes[1].right)
-        name = scene.world.name
-        text.number(frame, name if len(name) < 27 else f"{name[:25]}…", topleft=(left, 14))
-        text.label(frame, scene.robot.name, topleft=(left, 46))
+        frame, text, middle = self._frame, self._text, self._boxes[1].left
+        position, heading = scene.pose_error
+        errors = ("heading error", f"{math.degrees(heading):.1f}°"), ("position error", f"{100 * position:.1f} cm")
+        text.header(frame, scene, self._boxes[0].union(self._boxes[1]), *errors)
 
         share = min(max(scene.explored_fraction, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
@@ -112,17 +130,6 @@ class Picture:
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
-
-        position, heading = scene.pose_error
-        for label, value in (
-            ("collisions", f"{scene.collisions}"),
-            ("heading error", f"{math.degrees(heading):.1f}°"),
-            ("position error", f"{100 * position:.1f} cm"),
-            ("time", f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"),
-        ):
-            text.number(frame, value, topright=(right, 14))
-            text.label(frame, label, topright=(right, 46))
-            right -= 124
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
         """Draw a bar of a round length below the left panel."""
