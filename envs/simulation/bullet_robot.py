@@ -70,11 +70,11 @@ class BulletRobot:
         self.update_state()
         self._row[MEAN_W] = 0.0
 
-    def plan(self, command: tuple[float, float], normals: np.ndarray) -> None:
+    def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Plan what the wheels do during the next control period.
 
         Args:
-            command: twist (v, w), finite [m/s, rad/s].
+            command: shape (2,), float64, twist (v, w), finite [m/s, rad/s].
             normals: shape (n,), float64, standard normal draws; the first two are for the slip of the wheels.
         """
         row, rates, slips = self._row, self._rates, self._slips

@@ -1,36 +1,8 @@
 """What both physics share of a robot's drive: the controller between the commanded twist and the wheels."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 from numba import njit
-
-from .simulator import Twist
-
-
-def check_number(num_robots: int, **arguments: Sequence[Any]) -> None:
-    """Refuse arguments that do not hold one entry per robot.
-
-    Raises:
-        ValueError: names the first of them.
-    """
-    for name, values in arguments.items():
-        if len(values) != num_robots:
-            raise ValueError(f"{name} must have one entry per robot, {num_robots} in all, got {len(values)}")
-
-
-def check_commands(commands: Sequence[Twist]) -> list[tuple[float, float]]:
-    """Return the commands as plain floats.
-
-    Raises:
-        ValueError: one holds NaN or infinity.
-    """
-    checked = [(float(v), float(w)) for v, w in commands]
-    for v, w in checked:
-        if not (math.isfinite(v) and math.isfinite(w)):
-            raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
-    return checked
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,28 +8,14 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import RobotParams
 from envs.worlds import World
 
-from .contact import check_starts, push_out, select_near
-from .drive import check_commands, check_number, plan_wheels
+from .base import BaseSimulator
+from .contact import push_out, select_near
+from .drive import plan_wheels
 from .records import unpack_robot
-from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, Sensors, sense, with_peers
-from .simulator import Reading, RobotState, Twist
-from .state import (
-    COMMANDED_V,
-    COMMANDED_W,
-    LEFT_ANGLE,
-    MEAN_W,
-    RIGHT_ANGLE,
-    STATE_SIZE,
-    THETA,
-    V,
-    W,
-    X,
-    Y,
-    robot_states,
-)
+from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, sense, with_peers
+from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, V, W, X, Y
 
 
 class Obstacles(NamedTuple):
@@ -138,56 +124,15 @@ def step_robots(states, commands, draws, numbers, segments, before, after, range
     sense(states, draws, numbers, segments, after, ranges, others)
 
 
-class KinematicSimulator:
+class KinematicSimulator(BaseSimulator):
     """Robots in a world, moved by `advance`. Needs no PyBullet."""
 
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
-        self.sensors = Sensors(robot, control_period, num_robots)
-        self._radius, self._period = robot.radius, float(control_period)
-        self.rows = np.zeros((num_robots, STATE_SIZE))
-        """Shape (num_robots, 11), float64: the robots' states; see `state`."""
-        self.commands = np.zeros((num_robots, 2))
-        self.steps = 0
-        self._states: list[RobotState] | None = None
-        self._world: World | None = None
-        self.rngs: Sequence[np.random.Generator] = ()
-        self.circles = np.empty((0, 3))
-
-    @property
-    def states(self) -> list[RobotState]:
-        """Ground truth of each robot; see `Simulator`."""
-        if self._states is None:
-            self._states = robot_states(self.rows)
-        return self._states
-
-    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
-        """Place the robots at rest and return their first readings; see `Simulator`."""
-        check_number(len(self.rows), poses=poses, rngs=rngs)
-        check_starts(poses, self._radius, world)
-        self._world, self.rngs, self.circles = world, rngs, world.circles_at(0.0)
-        self.go_to(0)
-        self.rows[:] = 0.0
+    def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
-        self.sensors.draw(rngs)
-        self.sensors.draw_biases(self.rows)
-        self.sensors.others[:, TOUCHED] = 0.0
-        self.sensors.sense(self.rows, world.segments, self.circles)
-        return self.sensors.readings(0.0)
 
-    def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive for one control period; see `Simulator`."""
-        world, sensors = self._world, self.sensors
-        if world is None:
-            raise RuntimeError("call reset before step")
-        check_number(len(self.rows), commands=commands)
-        self.commands[:] = check_commands(commands)
-        sensors.draw(self.rngs)
-        self.steps += 1
-        self._states = None
-        time, before = self.steps * self._period, self.circles
-        if world.movers:
-            self.circles = world.circles_at(time)
+    def _move(self, world: World, before: np.ndarray) -> None:
+        sensors = self.sensors
         step_robots(
             self.rows,
             self.commands,
@@ -199,11 +144,3 @@ class KinematicSimulator:
             sensors.ranges,
             sensors.others,
         )
-        return sensors.readings(time)
-
-    def go_to(self, steps: int) -> None:
-        """Take note that `rows` and `sensors` have been stepped to so many steps after the reset."""
-        self.steps, self._states = steps, None
-
-    def close(self) -> None:
-        """Release what the simulator holds: nothing."""
