@@ -139,7 +139,8 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
         linkJointTypes=[bullet.JOINT_REVOLUTE] * 2 + [bullet.JOINT_FIXED] * (1 + casters),
         linkJointAxis=[[0.0, 1.0, 0.0]] * count,
     )
-    rolling = _ROTOR * body.mass * radius**2
+    rolling = [_ROTOR * body.mass * radius**2] * 3
+    inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
     # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
     # more weight rests, would drag it along the wall, faster than it can drive.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
@@ -153,10 +154,8 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
             angularDamping=0.0,
             jointDamping=0.0,
         )
-        if link in WHEEL_LINKS:
-            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=[rolling] * 3)
-        if link == CHASSIS_LINK:
-            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=_inertia(body))
+        if link in inertias:
+            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=inertias[link])
         group, mask = (CHASSIS, OBSTACLES | CHASSIS) if link == CHASSIS_LINK else (ROLLING, GROUND)
         bullet.setCollisionFilterGroupMask(robot_id, link, group, mask)
     return robot_id

@@ -32,6 +32,11 @@ def units(metres: float) -> int:
     return round(metres / UNIT)
 
 
+def mirror(rect: Rect) -> Rect:
+    """Return a rectangle with x and y exchanged."""
+    return rect[1], rect[0], rect[3], rect[2]
+
+
 def extent(room: Rect, side: int) -> tuple[int, int]:
     """Return how far a room reaches along a wall and away from it: 0 south, 1 east, 2 north, 3 west."""
     width, height = room[2] - room[0], room[3] - room[1]

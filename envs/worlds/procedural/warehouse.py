@@ -4,7 +4,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import MARGIN, Item, Plan, Rect, Size, extent, units
+from .plan import MARGIN, Item, Plan, Rect, Size, extent, mirror, units
 
 _WALL = 4
 """Thickness of the outer walls [units]."""
@@ -27,15 +27,13 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
     """Return the loading zone, at one end of the longer side, and the storage zone."""
     x0, y0, x1, y1 = floor
-    lengthwise = x1 - x0 >= y1 - y0
-    cut = int((x1 - x0 if lengthwise else y1 - y0) * rng.uniform(0.18, 0.32))
+    if x1 - x0 < y1 - y0:
+        loading, storage = _divide(rng, mirror(floor))
+        return mirror(loading), mirror(storage)
+    cut = int((x1 - x0) * rng.uniform(0.18, 0.32))
     first = rng.random() < 0.5
-    if lengthwise:
-        line = x0 + cut if first else x1 - cut
-        near, far = (x0, y0, line, y1), (line, y0, x1, y1)
-    else:
-        line = y0 + cut if first else y1 - cut
-        near, far = (x0, y0, x1, line), (x0, line, x1, y1)
+    line = x0 + cut if first else x1 - cut
+    near, far = (x0, y0, line, y1), (line, y0, x1, y1)
     return (near, far) if first else (far, near)
 
 
