@@ -97,7 +97,10 @@ class Picture:
         self._panels: list[TruthPanel | EstimatePanel] = [TruthPanel(large), EstimatePanel(large)]
         self._text = Typesetter()
         self._background, self._frame = new_surface(size), new_surface(size)
-        self._draw_background()
+        self._background.fill(style.PAPER)
+        for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
+            self._text.title(self._background, title, bottomleft=(box.left, box.top - 8))
+            self._text.legend(self._background, box, legend)
 
     def paint(self, scene: Scene) -> pygame.Surface:
         """Draw a scene; the surface is used again for the next one."""
@@ -109,12 +112,6 @@ class Picture:
         self._draw_scale(view.scale / SUPERSAMPLING)
         self._draw_header(scene)
         return self._frame
-
-    def _draw_background(self) -> None:
-        self._background.fill(style.PAPER)
-        for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
-            self._text.title(self._background, title, bottomleft=(box.left, box.top - 8))
-            self._text.legend(self._background, box, legend)
 
     def _draw_header(self, scene: Scene) -> None:
         frame, text, middle = self._frame, self._text, self._boxes[1].left

@@ -65,9 +65,17 @@ class Item:
 class Plan:
     """A floor plan: walls first, then doors, then `settle`, then bodies."""
 
-    def __init__(self, size: Size, wall: int) -> None:
-        """Start with four outer walls of thickness `wall` [units] around an empty floor of outer `size` [m]."""
+    def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
+        """Start with four outer walls around an empty floor.
+
+        Args:
+            size: outer size [m].
+            wall: thickness of the outer walls [units].
+            is_open: whether rooms are zones of one floor, without walls between them.
+        """
         self.width, self.height = units(size[0]), units(size[1])
+        self.floor: Rect = (wall, wall, self.width - wall, self.height - wall)
+        self._is_open = is_open
         self.solid = np.ones((self.height, self.width), dtype=bool)
         self.solid[wall:-wall, wall:-wall] = False
         self.blocked = np.empty_like(self.solid)
@@ -80,8 +88,8 @@ class Plan:
         """Work out where a robot can be among the walls; call it once they are complete."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
 
-    def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0, whole: Rect | None = None) -> bool:
-        """Put an item into a room, if it fits and what is left of the floor stays in one piece.
+    def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
+        """Put an item into a room, if it fits and the rest of the room, or of an open floor, stays in one piece.
 
         Args:
             item: what to put.
@@ -89,7 +97,6 @@ class Plan:
             side: wall that the item turns its back to: 0 south, 1 east, 2 north, 3 west.
             along: distance from the room's lower or left corner, along the wall.
             gap: distance from the wall.
-            whole: the floor that must stay in one piece; `room` by default, which suffices where walls surround it.
 
         Returns:
             Whether the item was put.
@@ -112,7 +119,7 @@ class Plan:
         for a, b, c, d in grown:
             self.blocked[max(b, 0) : d, max(a, 0) : c] = True
         # If the surroundings hang together without a detour, so does all else; only otherwise the whole is looked at.
-        x0_whole, y0_whole, x1_whole, y1_whole = whole or room
+        x0_whole, y0_whole, x1_whole, y1_whole = self.floor if self._is_open else room
         if not is_one_piece(around) and not is_one_piece(self.blocked[y0_whole:y1_whole, x0_whole:x1_whole]):
             around[:] = before
             return False
@@ -123,13 +130,7 @@ class Plan:
         return True
 
     def put_somewhere(
-        self,
-        rng: np.random.Generator,
-        item: Item,
-        room: Rect,
-        margin: int = 0,
-        whole: Rect | None = None,
-        attempts: int = 4,
+        self, rng: np.random.Generator, item: Item, room: Rect, margin: int = 0, attempts: int = 4
     ) -> None:
         """Put an item into a room, trying a few positions: away from its walls by `margin`, or else its back to one."""
         for _ in range(attempts):
@@ -140,7 +141,7 @@ class Plan:
             if slack_along >= 0 and slack_away >= 0:
                 along = margin + int(rng.integers(slack_along + 1))
                 gap = margin + int(rng.integers(slack_away + 1)) if margin else 0
-                if self.put(item, room, side, along, gap, whole):
+                if self.put(item, room, side, along, gap):
                     return
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:

@@ -17,9 +17,8 @@ _DOOR_ROOM = 16
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
     """Return a flat or an office of the given outer size [m], furnished."""
     plan = Plan(size, _OUTER)
-    floor = (_OUTER, _OUTER, plan.width - _OUTER, plan.height - _OUTER)
     is_office = min(size) >= 7.5 and rng.random() < 0.5
-    rooms, corridors = _office(rng, floor) if is_office else (_split(rng, floor, units(3.4)), [])
+    rooms, corridors = _office(rng, plan.floor) if is_office else (_split(rng, plan.floor, units(3.4)), [])
     plan.solid[:] = True
     for x0, y0, x1, y1 in rooms + corridors:
         plan.solid[y0:y1, x0:x1] = False

@@ -12,15 +12,14 @@ _WALL = 4
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
     """Return a warehouse of the given outer size [m], whose aisles are about 1.6 to 4 m wide."""
-    plan = Plan(size, _WALL)
-    floor = (_WALL, _WALL, plan.width - _WALL, plan.height - _WALL)
+    plan = Plan(size, _WALL, is_open=True)
     plan.settle()
-    loading, storage = _divide(rng, floor)
+    loading, storage = _divide(rng, plan.floor)
     if min(size) >= 11 and rng.random() < 0.6:
-        _put_office(rng, plan, loading, floor)
-    _put_racks(rng, plan, storage, floor)
-    _put_columns(rng, plan, floor)
-    _put_goods(rng, plan, floor, loading)
+        _put_office(rng, plan, loading)
+    _put_racks(rng, plan, storage)
+    _put_columns(rng, plan)
+    _put_goods(rng, plan, loading)
     return plan.build(name, rng)
 
 
@@ -37,7 +36,7 @@ def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
     return (near, far) if first else (far, near)
 
 
-def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -> None:
+def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
     """Fill a zone with parallel rows of racks along x or y, cut by cross aisles."""
     side = 0 if rng.random() < 0.65 else 3  # the wall that the rows lie along
     length, depth = extent(zone, side)
@@ -50,7 +49,7 @@ def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) ->
         for block in range(blocks):
             for first, last in _stretches(rng, bays, empty):
                 item = Item((last - first) * bay, thickness, rects=((0, 0, (last - first) * bay, thickness),))
-                plan.put(item, zone, side, cross + block * (cross + bays * bay) + first * bay, away, floor)
+                plan.put(item, zone, side, cross + block * (cross + bays * bay) + first * bay, away)
 
 
 def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
@@ -78,7 +77,7 @@ def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple
     return list(zip(edges[::2], edges[1::2]))
 
 
-def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -> None:
+def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
     """Put a small office with a door into a corner of a zone."""
     width, depth = int(rng.integers(56, 80)), int(rng.integers(50, 66))
     door = int(rng.integers(6, width - 28))
@@ -87,22 +86,22 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -
     side = int(rng.integers(4))
     slack = extent(zone, side)[0] - width
     if slack >= 0:
-        plan.put(item, zone, side, int(rng.choice([0, slack])), whole=floor)
+        plan.put(item, zone, side, int(rng.choice([0, slack])))
 
 
-def _put_columns(rng: np.random.Generator, plan: Plan, floor: Rect) -> None:
+def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
     """Put columns on a lattice, where nothing else is."""
     if rng.random() < 0.3:
         return
-    x0, y0, x1, y1 = floor
+    x0, y0, x1, y1 = plan.floor
     step_x, step_y = (round((b - a) / max(2, round((b - a) / units(6.0)))) for a, b in ((x0, x1), (y0, y1)))
     column = furniture.block(0.4, 0.4)
     for x in range(x0 + step_x, x1 - 20, step_x):
         for y in range(y0 + step_y, y1 - 20, step_y):
-            plan.put(column, floor, 0, x - 4 - x0, y - 4 - y0)
+            plan.put(column, plan.floor, 0, x - 4 - x0, y - 4 - y0)
 
 
-def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect) -> None:
+def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
     """Put rows of pallets and a few racks into the loading zone, and stray things everywhere."""
     side = int(rng.integers(4))
     length, depth = extent(loading, side)
@@ -112,10 +111,10 @@ def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect)
         count = int(rng.integers(most + 1)) if most > 0 else 0
         if count:
             pallets = Item(24, step * count, rects=tuple((0, step * k, 24, step * k + 16) for k in range(count)))
-            plan.put(pallets, loading, side, along, int(rng.integers(20, 30)), floor)
+            plan.put(pallets, loading, side, along, int(rng.integers(20, 30)))
     for _ in range(3):
-        plan.put_somewhere(rng, furniture.rack(rng), loading, whole=floor)
+        plan.put_somewhere(rng, furniture.rack(rng), loading)
     for make in (furniture.chest, furniture.plant, furniture.chest):
-        plan.put_somewhere(rng, make(rng), floor, MARGIN)
+        plan.put_somewhere(rng, make(rng), plan.floor, MARGIN)
     for _ in range(int(rng.integers(1, 4))):
-        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN, floor)
+        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN)
