@@ -17,7 +17,7 @@ from .state import STATE_SIZE
 
 
 class BaseSimulator:
-    """A `Simulator` but for the physics, which `_place` robots in worlds and `_move` them."""
+    """A `Simulator` without physics: subclasses implement `_place` and `_move`."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
         self.sensors = Sensors(robot, control_period, num_robots)
@@ -27,7 +27,7 @@ class BaseSimulator:
         """Shape (num_robots, 2), float64: commanded twists [m/s, rad/s]."""
         self.rngs: Sequence[np.random.Generator] = ()
         self.circles = np.empty((0, 3))
-        """What `World.circles_at` returns for now."""
+        """What `World.circles_at` returns for the present time."""
         self.steps = 0
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
