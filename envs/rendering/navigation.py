@@ -52,7 +52,7 @@ class NavigationPicture:
         position_error = "position error", f"{100 * math.hypot(error.x, error.y):.0f} cm"
         self._text.header(self._frame, scene, self._box, position_error)
         status = "Not localized" if scene.is_lost else "Localized"
-        self._text.title(self._frame, status, topleft=(self._box.left, 70))
+        self._text.write(self._frame, status, "title", topleft=(self._box.left, 70))
         self._text.legend(self._frame, self._box, LEGEND)
         return self._frame
 
