@@ -7,7 +7,8 @@ import numpy as np
 from benchmarks.speed.halls import Hall
 from envs.geometry import Pose2D
 from envs.robots import LidarParams, RobotParams
-from envs.simulation.bullet_bodies import CHASSIS_LINK, GROUND, ROLLING, WHEEL_LINKS, build_robot, import_pybullet
+from envs.simulation.bullet_bodies import CHASSIS_LINK, GROUND, ROLLING, WHEEL_LINKS, build_robot
+from envs.simulation.bullet_client import BulletClient
 
 PHYSICS_HZ = 240
 """PyBullet's usual rate [1/s]."""
@@ -17,39 +18,36 @@ class NaivePhysics:
     """A robot in a hall: one static body per box and per pillar."""
 
     def __init__(self, hall: Hall, robot: RobotParams, control_period: float) -> None:
-        self._bullet = import_pybullet()
+        self._bullet = BulletClient()
         self._robot = robot
         self._period = control_period
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
-        self._bullet.setTimeStep(1.0 / PHYSICS_HZ, physicsClientId=self._client)
+        self._bullet.setGravity(0.0, 0.0, -9.81)
+        self._bullet.setTimeStep(1.0 / PHYSICS_HZ)
         self._build(hall)
-        self._body = build_robot(self._bullet, self._client, robot)
+        self._body = build_robot(self._bullet, robot)
 
     def _build(self, hall: Hall) -> None:
-        bullet, client, height = self._bullet, self._client, hall.world.height
-        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
-        plane = bullet.createMultiBody(0.0, plane, physicsClientId=client)
-        bullet.setCollisionFilterGroupMask(plane, -1, GROUND, ROLLING, physicsClientId=client)
+        bullet, height = self._bullet, hall.world.height
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
+        plane = bullet.createMultiBody(0.0, plane)
+        bullet.setCollisionFilterGroupMask(plane, -1, GROUND, ROLLING)
         for box in hall.boxes:
             half_extents = [0.5 * box.length, 0.5 * box.width, 0.5 * height]
-            shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=client)
+            shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half_extents)
             position, yaw = [box.x, box.y, 0.5 * height], bullet.getQuaternionFromEuler([0.0, 0.0, box.yaw])
-            bullet.createMultiBody(0.0, shape, -1, position, yaw, physicsClientId=client)
+            bullet.createMultiBody(0.0, shape, -1, position, yaw)
         for x, y, radius in hall.world.circles.tolist():
-            shape = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=client
-            )
-            bullet.createMultiBody(0.0, shape, -1, [x, y, 0.5 * height], physicsClientId=client)
+            shape = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=height)
+            bullet.createMultiBody(0.0, shape, -1, [x, y, 0.5 * height])
 
     def reset(self, pose: Pose2D) -> None:
         """Put the robot at rest at `pose`."""
         position = [pose.x, pose.y, self._robot.drive.wheel_radius]
         orientation = self._bullet.getQuaternionFromEuler([0.0, 0.0, pose.theta])
-        self._bullet.resetBasePositionAndOrientation(self._body, position, orientation, physicsClientId=self._client)
-        self._bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3, physicsClientId=self._client)
+        self._bullet.resetBasePositionAndOrientation(self._body, position, orientation)
+        self._bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3)
         for wheel in WHEEL_LINKS:
-            self._bullet.resetJointState(self._body, wheel, 0.0, 0.0, physicsClientId=self._client)
+            self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
         self._v = self._w = 0.0
 
     def step(self, v: float, w: float) -> bool:
@@ -65,20 +63,19 @@ class NaivePhysics:
             self._bullet.VELOCITY_CONTROL,
             targetVelocities=[(self._v - aside) / assumed.wheel_radius, (self._v + aside) / assumed.wheel_radius],
             forces=[robot.drive.max_torque] * 2,
-            physicsClientId=self._client,
         )
         for _ in range(round(PHYSICS_HZ * self._period)):
-            self._bullet.stepSimulation(physicsClientId=self._client)
-        return len(self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK, physicsClientId=self._client)) > 0
+            self._bullet.stepSimulation()
+        return len(self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)) > 0
 
     def pose(self) -> Pose2D:
         """Return the true pose."""
-        (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
+        (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         return Pose2D(x, y, self._bullet.getEulerFromQuaternion(orientation)[2])
 
     def ticks(self) -> tuple[int, int]:
         """Return the encoders' cumulative counts, left and right."""
-        left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS, physicsClientId=self._client)
+        left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS)
         per_radian = self._robot.odometry.ticks_per_rev / (2.0 * math.pi)
         return math.floor(left[0] * per_radian), math.floor(right[0] * per_radian)
 
@@ -91,13 +88,13 @@ class NaivePhysics:
         ends = starts.copy()
         ends[:, 0] += lidar.range_max * np.cos(angles)
         ends[:, 1] += lidar.range_max * np.sin(angles)
-        hits = self._bullet.rayTestBatch(starts, ends, physicsClientId=self._client)
+        hits = self._bullet.rayTestBatch(starts, ends)
         fractions = np.array([hit[2] for hit in hits])
         return disturb(fractions * lidar.range_max, fractions < 1.0, lidar, rng)
 
     def close(self) -> None:
         """Disconnect from PyBullet."""
-        self._bullet.disconnect(self._client)
+        self._bullet.close()
 
 
 def disturb(exact: np.ndarray, hit: np.ndarray, lidar: LidarParams, rng: np.random.Generator) -> np.ndarray:

@@ -44,8 +44,7 @@ class Rows(NamedTuple):
 
     states: np.ndarray
     commands: np.ndarray
-    normals: np.ndarray
-    uniforms: np.ndarray
+    draws: np.ndarray
     ranges: np.ndarray
     others: np.ndarray
     noise: np.ndarray
@@ -79,7 +78,6 @@ class Setup(NamedTuple):
     robot: np.ndarray
     directions: np.ndarray
     period: float
-    substeps: int
     range_max: float
     mount_x: float
     mount_y: float
@@ -107,10 +105,7 @@ def _move(i, rows, shapes, setup):
     step_robots(
         rows.states[i],
         rows.commands[i],
-        rows.normals[i],
-        rows.uniforms[i],
-        setup.period,
-        setup.substeps,
+        rows.draws[i],
         setup.robot,
         shapes.segments[i],
         shapes.before[i],
@@ -239,10 +234,9 @@ class FusedShard(Shard):
         params, lidar, odometry = slam.params, env.robot.lidar, env.robot.odometry
         matches = isinstance(slam, TinySlam)
         self._setup = Setup(
-            robot=simulator.numbers,
+            robot=simulator.sensors.numbers,
             directions=slam.map.directions,
             period=env.control_period,
-            substeps=simulator.timing.substeps,
             range_max=float(lidar.range_max),
             mount_x=float(lidar.mount.x),
             mount_y=float(lidar.mount.y),
@@ -274,7 +268,7 @@ class FusedShard(Shard):
         parts: dict[str, np.ndarray] = {name: np.zeros((num_envs, size)) for name, size in sizes.items()}
         for name in ("rows", "commands"):
             parts["states" if name == "rows" else name] = np.zeros((num_envs, *getattr(simulator, name).shape))
-        for name in ("normals", "uniforms", "others"):
+        for name in ("draws", "others"):
             parts[name] = np.zeros((num_envs, *getattr(sensors, name).shape))
         self._robot_rows = rows = Rows(
             **parts,
@@ -290,7 +284,7 @@ class FusedShard(Shard):
             simulator = each.simulator
             simulator.rows, simulator.commands = rows.states[i], rows.commands[i]
             sensors = simulator.sensors
-            sensors.normals, sensors.uniforms, sensors.others = rows.normals[i], rows.uniforms[i], rows.others[i]
+            sensors.draws, sensors.others = rows.draws[i], rows.others[i]
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
         self._actions = np.zeros((num_envs, 2))
@@ -352,10 +346,7 @@ class FusedShard(Shard):
         rows = self._robot_rows
         for i in np.flatnonzero(rows.active).tolist():
             env = self.envs[i]
-            rng = env.simulator.rngs[0]
-            rng.standard_normal(out=rows.normals[i, 0])
-            if rows.uniforms.size:
-                rng.random(out=rows.uniforms[i, 0])
+            env.simulator.sensors.draw(env.simulator.rngs)
             if self._setup.matches:
                 env.robots[0].estimator.rng.standard_normal(out=rows.noise[i])
             if env.world.movers:

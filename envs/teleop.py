@@ -126,8 +126,8 @@ class Teleop:
         surface = self._window.get_surface()
         surface.fill(PAPER)
         surface.blit(pygame.image.frombuffer(frame.tobytes(), (width, height), "RGB"), (0, 0))
-        self._text.label(surface, HELP, midleft=(GAP, height + STRIP // 2 - 4))
-        self._text.label(surface, self._message, midright=(width - GAP, height + STRIP // 2 - 4))
+        self._text.write(surface, HELP, midleft=(GAP, height + STRIP // 2 - 4))
+        self._text.write(surface, self._message, midright=(width - GAP, height + STRIP // 2 - 4))
         self._window.flip()
 
 

@@ -25,9 +25,8 @@ from envs.estimation.map_pyramid import Level
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
-from envs.robots import robot_record
-from envs.simulation.drive import make_timing
 from envs.simulation.kinematic import Obstacles
+from envs.simulation.records import robot_record
 from envs.simulation.state import STATE_SIZE
 from envs.slam import load_params
 from envs.slam.cells import probabilities
@@ -225,15 +224,14 @@ def _known_corners(data: np.ndarray) -> tuple[list[int], list[int]]:
 
 
 def _advance(scene: Scene) -> Kernel:
-    world, drive = scene.world, robot_record(scene.robot).drive
-    timing = make_timing(drive, PERIOD)
+    world, record = scene.world, robot_record(scene.robot, PERIOD)
     # A circle in the free middle of the hall, driven for ever.
     command, normals = (0.1, 1.0), (0.3, -0.2)
     driven, at_rest = np.zeros(STATE_SIZE), np.zeros(STATE_SIZE)
 
     def repeat(times: int) -> None:
         obstacles = Obstacles(world.segments, world.circles, world.circles)
-        repeat_advance(times, driven, command, normals, timing, drive, obstacles)
+        repeat_advance(times, driven, command, normals, record, obstacles)
 
     def result() -> np.ndarray:
         driven[:] = at_rest
@@ -244,5 +242,7 @@ def _advance(scene: Scene) -> Kernel:
         "advance",
         repeat,
         result,
-        lambda: advance_in_numpy(at_rest, command, normals, *timing, scene.robot, world.segments, world.circles),
+        lambda: advance_in_numpy(
+            at_rest, command, normals, PERIOD, int(record.substeps), scene.robot, world.segments, world.circles
+        ),
     )

@@ -47,6 +47,6 @@ def repeat_pool_cells(times, data, window, block, level):
 
 
 @njit
-def repeat_advance(times, state, command, normals, timing, drive, obstacles):
+def repeat_advance(times, state, command, normals, robot, obstacles):
     for _ in range(times):
-        advance(state, command, normals, timing, drive, obstacles)
+        advance(state, command, normals, robot, obstacles)

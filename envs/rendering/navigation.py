@@ -9,8 +9,8 @@ from envs.geometry import Pose2D
 from envs.navigation import crop_to_known
 
 from . import style
-from .glyphs import draw_dashes, draw_mark, draw_path, draw_robot
-from .panels import SUPERSAMPLING, beam_ends, new_surface
+from .glyphs import draw_dashes, draw_path, draw_robot
+from .panels import SUPERSAMPLING, beam_ends, new_surface, occupancy_palette
 from .picture import FOOTER, GAP, HEADER, Typesetter
 from .scene import NavigationScene
 from .view import View
@@ -39,8 +39,7 @@ class NavigationPicture:
         self._surface = new_surface((self._box.width * SUPERSAMPLING, self._box.height * SUPERSAMPLING))
         self._frame = new_surface(size)
         self._text = Typesetter()
-        colours = style.occupancy_colours()
-        self._palette = np.array([self._surface.map_rgb(tuple(colour)) for colour in colours.tolist()], dtype=np.uint32)
+        self._palette = occupancy_palette(self._surface)
 
     def paint(self, scene: NavigationScene) -> pygame.Surface:
         """Draw a scene; the surface is used again for the next one."""
@@ -49,11 +48,12 @@ class NavigationPicture:
         self._draw_map(scene, view)
         pygame.transform.smoothscale(self._surface, self._box.size, self._frame.subsurface(self._box))
         pygame.draw.rect(self._frame, style.RULE, self._box.inflate(2, 2), 1)
-        self._draw_header(scene)
-        x, y = self._box.left, self._box.bottom + FOOTER // 2
-        for text, colour, mark in LEGEND:
-            draw_mark(self._frame, x, y, colour, mark)
-            x = self._text.label(self._frame, text, midleft=(x + 22, y)).right + 14
+        error = scene.pose.between(scene.estimated_pose)
+        position_error = "position error", f"{100 * math.hypot(error.x, error.y):.0f} cm"
+        self._text.header(self._frame, scene, self._box, position_error)
+        status = "Not localized" if scene.is_lost else "Localized"
+        self._text.write(self._frame, status, "title", topleft=(self._box.left, 70))
+        self._text.legend(self._frame, self._box, LEGEND)
         return self._frame
 
     def _draw_map(self, scene: NavigationScene, view: View) -> None:
@@ -76,19 +76,3 @@ class NavigationPicture:
         if not scene.is_lost:
             draw_robot(surface, view, scene.robot, scene.estimated_pose, style.ESTIMATED)
         draw_robot(surface, view, scene.robot, scene.pose, style.TRUE, ghost=True)
-
-    def _draw_header(self, scene: NavigationScene) -> None:
-        frame, text = self._frame, self._text
-        left, right = self._box.left, self._box.right
-        text.number(frame, scene.world.name, topleft=(left, 14))
-        text.label(frame, scene.robot.name, topleft=(left, 46))
-        text.title(frame, "Not localized" if scene.is_lost else "Localized", topleft=(left, 70))
-        error = scene.pose.between(scene.estimated_pose)
-        for label, value in (
-            ("collisions", f"{scene.collisions}"),
-            ("position error", f"{100 * math.hypot(error.x, error.y):.0f} cm"),
-            ("time", f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"),
-        ):
-            text.number(frame, value, topright=(right, 14))
-            text.label(frame, label, topright=(right, 46))
-            right -= 124

@@ -29,6 +29,14 @@ def new_surface(size: tuple[int, int]) -> pygame.Surface:
     return pygame.Surface(size, 0, 32, _NO_ALPHA_MASK)
 
 
+def occupancy_palette(surface: pygame.Surface) -> np.ndarray:
+    """Return the pixel of a surface for every occupancy value, shape (102,), uint32; see `View.paint_grid`."""
+    shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # maps are never quite sure of anything
+    known = np.array(style.FREE) * (1 - shares) + np.array(style.OCCUPIED) * shares
+    colours = [style.UNKNOWN, *known.round().astype(int).tolist()]
+    return np.array([surface.map_rgb(tuple(colour)) for colour in colours], dtype=np.uint32)
+
+
 class TruthPanel:
     """The ground truth: walls and bodies, the robot at its true pose, its beams, and its true path."""
 
@@ -107,8 +115,7 @@ class EstimatePanel:
     def __init__(self, size: tuple[int, int]) -> None:
         """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
         self._surface = new_surface(size)
-        colours = style.occupancy_colours()
-        self._palette = np.array([self._surface.map_rgb(tuple(colour)) for colour in colours.tolist()], dtype=np.uint32)
+        self._palette = occupancy_palette(self._surface)
 
     def draw(self, scene: Scene, view: View) -> pygame.Surface:
         """Draw the map and the estimates of a scene, carried into the world frame."""

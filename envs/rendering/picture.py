@@ -1,6 +1,7 @@
 """The whole picture: two panels of the same world at the same scale, numbers above, a legend below."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
@@ -9,7 +10,7 @@ import pygame
 from . import style
 from .glyphs import draw_mark
 from .panels import SUPERSAMPLING, EstimatePanel, TruthPanel, new_surface
-from .scene import Scene
+from .scene import Moment, Scene
 from .view import View
 
 GAP = 16
@@ -43,25 +44,38 @@ class Typesetter:
         """Load the fonts."""
         pygame.font.init()
         folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-        self._small = pygame.font.Font(folder / "DejaVuSans.ttf", style.SMALL)
-        self._bold = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.BODY)
-        self._large = pygame.font.Font(folder / "DejaVuSans-Bold.ttf", style.LARGE)
+        plain, bold = folder / "DejaVuSans.ttf", folder / "DejaVuSans-Bold.ttf"
+        self._fonts = {
+            "label": (pygame.font.Font(plain, style.SMALL), style.MUTED),
+            "title": (pygame.font.Font(bold, style.BODY), style.INK),
+            "number": (pygame.font.Font(bold, style.LARGE), style.INK),
+        }
 
-    def label(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write a small muted text; `anchor` positions it as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
-        return _blit(surface, self._small.render(text, True, style.MUTED), anchor)
+    def write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
+        """Write a `label`, `title` or `number`; `anchor` as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
+        font, colour = self._fonts[kind]
+        rendered = font.render(text, True, colour)
+        return surface.blit(rendered, rendered.get_rect(**anchor))
 
-    def title(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write the title of a panel, anchored like a label."""
-        return _blit(surface, self._bold.render(text, True, style.INK), anchor)
+    def header(self, surface: pygame.Surface, scene: Moment, box: pygame.Rect, *errors: tuple[str, str]) -> None:
+        """Write world and robot at the left of a box, and collisions, errors (label, value) and time at its right."""
+        name, right = scene.world.name, box.right
+        self.write(surface, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(box.left, 14))
+        self.write(surface, scene.robot.name, topleft=(box.left, 46))
+        time = f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"
+        for label, value in (("collisions", f"{scene.collisions}"), *errors, ("time", time)):
+            self.write(surface, value, "number", topright=(right, 14))
+            self.write(surface, label, topright=(right, 46))
+            right -= 124
 
-    def number(self, surface: pygame.Surface, text: str, **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write something large, anchored like a label."""
-        return _blit(surface, self._large.render(text, True, style.INK), anchor)
-
-
-def _blit(surface: pygame.Surface, text: pygame.Surface, anchor: dict[str, tuple[int, int]]) -> pygame.Rect:
-    return surface.blit(text, text.get_rect(**anchor))
+    def legend(
+        self, surface: pygame.Surface, box: pygame.Rect, entries: Iterable[tuple[str, style.Colour, str]]
+    ) -> None:
+        """Explain below a box what is drawn in it: text, colour and kind of mark."""
+        x, y = box.left, box.bottom + FOOTER // 2
+        for text, colour, mark in entries:
+            draw_mark(surface, x, y, colour, mark)
+            x = self.write(surface, text, midleft=(x + 22, y)).right + 14
 
 
 class Picture:
@@ -76,7 +90,10 @@ class Picture:
         self._panels: list[TruthPanel | EstimatePanel] = [TruthPanel(large), EstimatePanel(large)]
         self._text = Typesetter()
         self._background, self._frame = new_surface(size), new_surface(size)
-        self._draw_background()
+        self._background.fill(style.PAPER)
+        for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
+            self._text.write(self._background, title, "title", bottomleft=(box.left, box.top - 8))
+            self._text.legend(self._background, box, legend)
 
     def paint(self, scene: Scene) -> pygame.Surface:
         """Draw a scene; the surface is used again for the next one."""
@@ -89,45 +106,25 @@ class Picture:
         self._draw_header(scene)
         return self._frame
 
-    def _draw_background(self) -> None:
-        self._background.fill(style.PAPER)
-        for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
-            self._text.title(self._background, title, bottomleft=(box.left, box.top - 8))
-            x, y = box.left, box.bottom + FOOTER // 2
-            for text, colour, mark in legend:
-                draw_mark(self._background, x, y, colour, mark)
-                x = self._text.label(self._background, text, midleft=(x + 22, y)).right + 14
-
     def _draw_header(self, scene: Scene) -> None:
-        frame, text, (left, middle, right) = self._frame, self._text, (GAP, self._boxes[1].left, self._boxes[1].right)
-        name = scene.world.name
-        text.number(frame, name if len(name) < 27 else f"{name[:25]}…", topleft=(left, 14))
-        text.label(frame, scene.robot.name, topleft=(left, 46))
+        frame, text, middle = self._frame, self._text, self._boxes[1].left
+        position, heading = scene.pose_error
+        errors = ("heading error", f"{math.degrees(heading):.1f}°"), ("position error", f"{100 * position:.1f} cm")
+        text.header(frame, scene, self._boxes[0].union(self._boxes[1]), *errors)
 
         share = min(max(scene.explored_fraction, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
         # Rounded down: 100 % is only said when nothing is left.
-        number = text.number(frame, f"{math.floor(1000 * share) / 10:.1f} %", topleft=(bar.left, 14))
-        text.label(frame, "explored", bottomleft=(number.right + 10, number.bottom - 2))
+        number = text.write(frame, f"{math.floor(1000 * share) / 10:.1f} %", "number", topleft=(bar.left, 14))
+        text.write(frame, "explored", bottomleft=(number.right + 10, number.bottom - 2))
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
-
-        position, heading = scene.pose_error
-        for label, value in (
-            ("collisions", f"{scene.collisions}"),
-            ("heading error", f"{math.degrees(heading):.1f}°"),
-            ("position error", f"{100 * position:.1f} cm"),
-            ("time", f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"),
-        ):
-            text.number(frame, value, topright=(right, 14))
-            text.label(frame, label, topright=(right, 46))
-            right -= 124
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
         """Draw a bar of a round length below the left panel."""
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
         length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
         x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2
-        left = self._text.label(self._frame, f"{length:g} m", midright=(x, y)).left - 8
+        left = self._text.write(self._frame, f"{length:g} m", midright=(x, y)).left - 8
         pygame.draw.line(self._frame, style.MUTED, (left - round(length * pixels_per_metre), y), (left, y), 3)

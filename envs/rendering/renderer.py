@@ -25,21 +25,18 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     """
     import pygame
 
-    problem = ""
     was_on = pygame.display.get_init()
     try:
         pygame.display.init()
         if pygame.display.get_driver() in _INVISIBLE_DRIVERS and not os.environ.get("SDL_VIDEODRIVER"):
-            problem = "neither an X11 nor a Wayland display was found"
-            if not was_on:
-                pygame.display.quit()
+            raise pygame.error("neither an X11 nor a Wayland display was found")
     except pygame.error as error:
-        problem = str(error)
-    if problem:
+        if not was_on:
+            pygame.display.quit()
         raise RuntimeError(
-            f"cannot open a window: {problem}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
+            f"cannot open a window: {error}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
             "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for an invisible window"
-        )
+        ) from error
     return pygame.Window(title, size)
 
 

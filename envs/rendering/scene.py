@@ -11,34 +11,38 @@ from envs.slam import Belief
 from envs.worlds import World
 
 
-@dataclass(slots=True)
-class Scene:
-    """One moment of an episode: the ground truth, and the robot's map and pose estimate."""
+@dataclass(slots=True, kw_only=True)
+class Moment:
+    """What all scenes show of a moment of an episode."""
 
     world: World
-    """The world."""
     robot: RobotParams
-    """The robot."""
     pose: Pose2D
-    """True pose of the robot's base, world frame."""
-    start: Pose2D
-    """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
-    belief: Belief
-    """Pose estimate and map, map frame."""
+    """True pose of the robot's base."""
+    trail: np.ndarray
+    """True positions so far, shape (n, 2), in the frame of `pose` [m]."""
     ranges: np.ndarray
     """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
-    trail: np.ndarray
-    """True positions so far, shape (n, 2), world frame [m]."""
-    estimated_trail: np.ndarray
-    """Estimated positions so far, shape (n, 2), map frame [m]."""
     plan: np.ndarray | None
     """Planned path, shape (n, 2), map frame [m]; None without one."""
-    explored_fraction: float
-    """Explored share of the explorable area, from 0 to 1."""
     time: float
     """Time since the reset [s]."""
     collisions: int
     """Contacts so far."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Scene(Moment):
+    """One moment of exploration: the ground truth in the world frame, and the robot's map and pose estimate."""
+
+    start: Pose2D
+    """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
+    belief: Belief
+    """Pose estimate and map, map frame."""
+    estimated_trail: np.ndarray
+    """Estimated positions so far, shape (n, 2), map frame [m]."""
+    explored_fraction: float
+    """Explored share of the explorable area, from 0 to 1."""
     peers: tuple["Scene", ...] = ()
     """The other robots of the team, which share world and map."""
 
@@ -54,16 +58,10 @@ class Scene:
         return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
 
 
-@dataclass(slots=True)
-class NavigationScene:
+@dataclass(slots=True, kw_only=True)
+class NavigationScene(Moment):
     """One moment of a drive over a known map. All poses lie in the map's frame."""
 
-    world: World
-    """The world; gives its name."""
-    robot: RobotParams
-    """The robot."""
-    pose: Pose2D
-    """True pose of the robot's base."""
     estimated_pose: Pose2D
     """Estimated pose of the robot's base."""
     is_lost: bool
@@ -72,15 +70,5 @@ class NavigationScene:
     """Particles of the localizer, shape (n, 3): x, y, heading [m, m, rad]; n is 0 for localizers without."""
     grid: OccupancyGrid
     """The map."""
-    ranges: np.ndarray
-    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
-    trail: np.ndarray
-    """True positions so far, shape (n, 2) [m]."""
     goal: Pose2D | None
     """Where to go; None without a goal."""
-    plan: np.ndarray | None
-    """Planned path, shape (n, 2) [m]; None without one."""
-    time: float
-    """Time since the reset [s]."""
-    collisions: int
-    """Contacts so far."""

@@ -5,8 +5,6 @@ Ito, "Color Universal Design" (2008), which people with colour-blindness can tel
 clearly different lightness.
 """
 
-import numpy as np
-
 Colour = tuple[int, int, int]
 
 PAPER: Colour = (246, 247, 249)
@@ -34,10 +32,3 @@ UNKNOWN: Colour = (176, 187, 201)
 
 SMALL, BODY, LARGE = 13, 14, 22
 """Font sizes [px]."""
-
-
-def occupancy_colours() -> np.ndarray:
-    """Return the colour of every occupancy value: shape (102, 3), uint8, row `value + 1` for values from -1 to 100."""
-    shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # maps are never quite sure of anything
-    known = np.array(FREE) * (1 - shares) + np.array(OCCUPIED) * shares
-    return np.vstack([UNKNOWN, known.round()]).astype(np.uint8)

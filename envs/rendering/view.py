@@ -49,13 +49,8 @@ class View:
 def _paint(data, palette, corner, per_col, per_row, image):
     """Give every pixel the colour of the cell under its centre.
 
-    Args:
-        data: shape (rows, columns), int8, occupancy.
-        palette: shape (102,), uint32.
-        corner: shape (2,), position (column, row) of the first pixel's centre [cells].
-        per_col: shape (2,), step from one pixel to the next in its row [cells].
-        per_row: shape (2,), step from one row of pixels to the next [cells].
-        image: shape (height, width), uint32, written.
+    The first pixel's centre lies at `corner` (column, row); from column to column, and from row to row, the image goes
+    on by `per_col` and `per_row` [cells].
     """
     rows, columns = data.shape
     for i in range(image.shape[0]):

@@ -9,19 +9,30 @@ from pydantic import ConfigDict
 
 from envs.geometry.raycast import Beams
 
-_STRICT_KEYS = ConfigDict(extra="forbid", allow_inf_nan=False)
-
 
 def _require(condition: bool, what: str, value: Any) -> None:
     if not condition:
         raise ValueError(f"{what}, got {value!r}")
 
 
-@dataclass(frozen=True, slots=True)
-class Mount:
-    """Where a sensor sits, in the frame of the robot's base (midpoint of the wheel axle, on the ground)."""
+class _Params:
+    """What all parameters share: pydantic refuses unknown keys and infinity, and numbers have signs."""
 
-    __pydantic_config__ = _STRICT_KEYS
+    __slots__ = ()
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    def _require_positive(self, *fields: str) -> None:
+        for field in fields:
+            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+
+    def _require_not_negative(self, *fields: str) -> None:
+        for field in fields:
+            _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
+
+
+@dataclass(frozen=True, slots=True)
+class Mount(_Params):
+    """Where a sensor sits, in the frame of the robot's base (midpoint of the wheel axle, on the ground)."""
 
     x: float = 0.0
     """Forward of the base [m]."""
@@ -34,10 +45,8 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True)
-class LidarParams:
+class LidarParams(_Params):
     """A 2D lidar."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     num_beams: int
     """Beams per scan."""
@@ -54,14 +63,12 @@ class LidarParams:
     dropout: float = 0.0
     """Probability that a beam returns nothing at all."""
     mount: Mount = Mount()
-    """Where the sensor sits."""
 
     def __post_init__(self) -> None:
         _require(self.num_beams >= 1, "num_beams must be at least 1", self.num_beams)
         _require(0 <= self.range_min < self.range_max, "range_min must lie in [0, range_max)", self.range_min)
         _require(0 < self.fov <= 2 * math.pi + 1e-9, "fov must lie in (0, 2 pi]", self.fov)
-        _require(self.noise_std >= 0, "noise_std must not be negative", self.noise_std)
-        _require(self.resolution >= 0, "resolution must not be negative", self.resolution)
+        self._require_not_negative("noise_std", "resolution")
         _require(0 <= self.dropout < 1, "dropout must lie in [0, 1)", self.dropout)
 
     @property
@@ -93,10 +100,8 @@ class LidarParams:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveParams:
+class DriveParams(_Params):
     """Two driven wheels on one axle, as they really are."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     wheel_radius: float
     """Radius of the driven wheels [m]."""
@@ -114,17 +119,14 @@ class DriveParams:
     """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; grows with the distance's root."""
 
     def __post_init__(self) -> None:
-        for field in ("wheel_radius", "track", "wheel_width", "wheel_mass", "friction", "max_torque"):
-            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
-        _require(self.slip_std >= 0, "slip_std must not be negative", self.slip_std)
+        self._require_positive("wheel_radius", "track", "wheel_width", "wheel_mass", "friction", "max_torque")
+        self._require_not_negative("slip_std")
         _require(self.wheel_width < self.track, "wheel_width must be smaller than track", self.wheel_width)
 
 
 @dataclass(frozen=True, slots=True)
-class OdometryParams:
+class OdometryParams(_Params):
     """What the robot's own controller takes its wheels for. Where it errs, odometry is biased."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     wheel_radius: float
     """Wheel radius that the controller assumes [m]."""
@@ -138,8 +140,7 @@ class OdometryParams:
     """Counts the commanded steps instead of measured ones (stepper motors without encoders)."""
 
     def __post_init__(self) -> None:
-        for field in ("wheel_radius", "track", "ticks_per_rev"):
-            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+        self._require_positive("wheel_radius", "track", "ticks_per_rev")
 
     @property
     def ticks_per_radian(self) -> float:
@@ -153,10 +154,8 @@ class OdometryParams:
 
 
 @dataclass(frozen=True, slots=True)
-class Caster:
+class Caster(_Params):
     """A ball that slides under the body, or hangs just above the ground."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     x: float
     """Forward of the base [m]."""
@@ -168,15 +167,13 @@ class Caster:
     """Gap between the ball and the ground while the robot is level [m]."""
 
     def __post_init__(self) -> None:
-        _require(self.radius > 0, "radius must be positive", self.radius)
-        _require(self.clearance >= 0, "clearance must not be negative", self.clearance)
+        self._require_positive("radius")
+        self._require_not_negative("clearance")
 
 
 @dataclass(frozen=True, slots=True)
-class BodyParams:
+class BodyParams(_Params):
     """The rigid body that carries everything, as a box or, where `radius` is given, an upright cylinder."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     mass: float
     """Mass without the wheels [kg]."""
@@ -195,19 +192,17 @@ class BodyParams:
     and which would be turned into them if it rubbed."""
 
     def __post_init__(self) -> None:
-        _require(self.mass > 0, "mass must be positive", self.mass)
+        self._require_positive("mass")
+        self._require_not_negative("friction")
         _require((self.size is None) == (self.radius is not None), "give either size or radius and height", self.size)
         _require((self.radius is None) == (self.height is None), "radius and height go together", self.height)
-        _require(self.friction >= 0, "friction must not be negative", self.friction)
         for value in (*(self.size or ()), self.radius or 1.0, self.height or 1.0):
             _require(value > 0, "dimensions of the body must be positive", value)
 
 
 @dataclass(frozen=True, slots=True)
-class ImuParams:
+class ImuParams(_Params):
     """Gyroscope and compass."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     gyro_std: float = 0.0
     """Standard deviation of the yaw rate's noise [rad/s]."""
@@ -221,15 +216,12 @@ class ImuParams:
     """Step to which the heading is rounded [rad]; 0 for none."""
 
     def __post_init__(self) -> None:
-        for field in ("gyro_std", "gyro_bias_std", "compass_std", "compass_resolution"):
-            _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
+        self._require_not_negative("gyro_std", "gyro_bias_std", "compass_std", "compass_resolution")
 
 
 @dataclass(frozen=True, slots=True)
-class RobotParams:
+class RobotParams(_Params):
     """A differential-drive robot."""
-
-    __pydantic_config__ = _STRICT_KEYS
 
     name: str
     """What users call it."""
@@ -248,16 +240,11 @@ class RobotParams:
     odometry: OdometryParams
     """The wheels as the controller takes them to be."""
     body: BodyParams
-    """The body."""
     lidar: LidarParams
-    """The lidar."""
     casters: tuple[Caster, ...] = ()
-    """Casters."""
     imu: ImuParams = ImuParams()
-    """Gyroscope and compass."""
     source: str = ""
     """Where the numbers come from."""
 
     def __post_init__(self) -> None:
-        for field in ("radius", "max_v", "max_w", "max_acc_v", "max_acc_w"):
-            _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+        self._require_positive("radius", "max_v", "max_w", "max_acc_v", "max_acc_w")

@@ -1,13 +1,13 @@
 """Bodies for PyBullet: the world as one mesh, and the robot as a chassis on two wheels and casters."""
 
 import math
-import os
-from types import ModuleType
 
 import numpy as np
 
 from envs.robots import BodyParams, RobotParams
 from envs.worlds import World
+
+from .bullet_client import BulletClient
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 """Collision groups: wheels and casters touch the ground alone, the chassis obstacles and other robots."""
@@ -29,28 +29,6 @@ _ROTOR = 0.25
 """Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
 of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
 weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
-
-
-def import_pybullet() -> ModuleType:
-    """Import PyBullet without the line that it prints on standard error.
-
-    Raises:
-        ImportError: it is not installed; the message says how to get it.
-    """
-    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        import pybullet
-    except ImportError as error:
-        raise ImportError(
-            "physics='bullet' needs PyBullet, which has wheels for Linux x86_64 and Python 3.11 and older: "
-            "install it there with `pip install pybullet`, or use physics='kinematic'"
-        ) from error
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(null)
-    return pybullet
 
 
 def polygon(x: float, y: float, radius: float, sagitta: float) -> np.ndarray:
@@ -82,71 +60,52 @@ def extrude(world: World, sagitta: float = 5e-4) -> tuple[np.ndarray, np.ndarray
     return vertices.reshape(-1, 3), triangles.ravel()
 
 
-class _Lent:
-    """Lists that PyBullet reads a mesh from.
-
-    PyBullet never lets go of them, nor of what they hold: fresh ones leak a third of a megabyte for a world of 350
-    segments. So the same objects are filled anew for every world.
-    """
-
-    def __init__(self) -> None:
-        self._points: list[list[float]] = []
-        self._numbers: list[int] = []
-        self.vertices: list[list[float]] = []
-        self.triangles: list[int] = []
-
-    def fill(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
-        self._points.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(self._points)))
-        self._numbers.extend(range(len(self._numbers), len(vertices)))
-        for point, vertex in zip(self._points, vertices.tolist(), strict=False):
-            point[:] = vertex
-        self.vertices[:] = self._points[: len(vertices)]
-        self.triangles[:] = [self._numbers[corner] for corner in triangles.tolist()]
+# PyBullet never lets go of the lists that it reads a mesh from, nor of what they hold: fresh ones leak a third of a
+# megabyte for a world of 350 segments. So the same objects are filled anew for every mesh.
+_POINTS: list[list[float]] = []
+_NUMBERS: list[int] = []
+_VERTICES: list[list[float]] = []
+_TRIANGLES: list[int] = []
 
 
-_LENT = _Lent()
-
-
-def build_mesh(bullet: ModuleType, client: int, vertices: np.ndarray, triangles: np.ndarray) -> int:
+def build_mesh(bullet: BulletClient, vertices: np.ndarray, triangles: np.ndarray) -> int:
     """Return the id of a collision shape made of triangles, smooth where they join; see `extrude` for the arguments."""
-    _LENT.fill(vertices, triangles)
-    shape: int = bullet.createCollisionShape(
-        bullet.GEOM_MESH,
-        vertices=_LENT.vertices,
-        indices=_LENT.triangles,
-        flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH | bullet.GEOM_CONCAVE_INTERNAL_EDGE,
-        physicsClientId=client,
-    )
+    _POINTS.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(_POINTS)))
+    _NUMBERS.extend(range(len(_NUMBERS), len(vertices)))
+    for point, vertex in zip(_POINTS, vertices.tolist()):
+        point[:] = vertex
+    _VERTICES[:] = _POINTS[: len(vertices)]
+    _TRIANGLES[:] = [_NUMBERS[corner] for corner in triangles.tolist()]
+    flags = bullet.GEOM_FORCE_CONCAVE_TRIMESH | bullet.GEOM_CONCAVE_INTERNAL_EDGE
+    shape: int = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=_VERTICES, indices=_TRIANGLES, flags=flags)
     return shape
 
 
-def build_world(bullet: ModuleType, client: int, world: World) -> list[int]:
+def build_world(bullet: BulletClient, world: World) -> list[int]:
     """Put ground, walls and movers into an empty simulation; return the ids of the movers.
 
     A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside.
     """
-    plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+    plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     vertices, triangles = extrude(world)
     meshes = []
     for first in range(0, len(vertices), _MESH_VERTICES):
         part = vertices[first : first + _MESH_VERTICES]
-        meshes.append(build_mesh(bullet, client, part, triangles[: 6 * len(part) // 4]))
+        meshes.append(build_mesh(bullet, part, triangles[: 6 * len(part) // 4]))
     cylinders = [
-        bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height, physicsClientId=client
-        )
+        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height)
         for mover in world.movers
     ]
-    static = [bullet.createMultiBody(0.0, shape, physicsClientId=client) for shape in (plane, *meshes)]
-    movers = [bullet.createMultiBody(_UNSTOPPABLE, shape, physicsClientId=client) for shape in cylinders]
+    static = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes)]
+    movers = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
     for body in (*static, *movers):
         group, mask = (GROUND, ROLLING) if body == static[0] else (OBSTACLES, CHASSIS)
-        bullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=client)
-        bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0, physicsClientId=client)
+        bullet.setCollisionFilterGroupMask(body, -1, group, mask)
+        bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
     return movers
 
 
-def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
+def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     """Put the robot into the simulation and return its id.
 
     The base is the middle of the axle. Were it the centre of mass, which turns about the axle, every substep would
@@ -160,8 +119,8 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
     plate = (body.center[0], body.center[1], min(radius, center_of_mass[2]))
     positions = [(0.0, half_track, radius), (0.0, -half_track, radius), plate]
     positions += [(caster.x, caster.y, caster.radius + caster.clearance) for caster in robot.casters]
-    shapes = [_sphere(bullet, client, radius)] * 2 + [_plate(bullet, client, robot)]
-    shapes += [_sphere(bullet, client, caster.radius) for caster in robot.casters]
+    shapes = [_sphere(bullet, radius)] * 2 + [_plate(bullet, robot)]
+    shapes += [_sphere(bullet, caster.radius) for caster in robot.casters]
     count, casters = len(positions), len(robot.casters)
     light = _LIGHT * body.mass
     offsets = np.zeros((count, 3))
@@ -179,9 +138,9 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
         linkParentIndices=[0] * count,
         linkJointTypes=[bullet.JOINT_REVOLUTE] * 2 + [bullet.JOINT_FIXED] * (1 + casters),
         linkJointAxis=[[0.0, 1.0, 0.0]] * count,
-        physicsClientId=client,
     )
-    rolling = _ROTOR * body.mass * radius**2
+    rolling = [_ROTOR * body.mass * radius**2] * 3
+    inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
     # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
     # more weight rests, would drag it along the wall, faster than it can drive.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
@@ -194,22 +153,19 @@ def build_robot(bullet: ModuleType, client: int, robot: RobotParams) -> int:
             linearDamping=0.0,
             angularDamping=0.0,
             jointDamping=0.0,
-            physicsClientId=client,
         )
-        if link in WHEEL_LINKS:
-            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=[rolling] * 3, physicsClientId=client)
-        if link == CHASSIS_LINK:
-            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=_inertia(body), physicsClientId=client)
+        if link in inertias:
+            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=inertias[link])
         group, mask = (CHASSIS, OBSTACLES | CHASSIS) if link == CHASSIS_LINK else (ROLLING, GROUND)
-        bullet.setCollisionFilterGroupMask(robot_id, link, group, mask, physicsClientId=client)
+        bullet.setCollisionFilterGroupMask(robot_id, link, group, mask)
     return robot_id
 
 
-def _sphere(bullet: ModuleType, client: int, radius: float) -> int:
-    return bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius, physicsClientId=client)
+def _sphere(bullet: BulletClient, radius: float) -> int:
+    return bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius)
 
 
-def _plate(bullet: ModuleType, client: int, robot: RobotParams) -> int:
+def _plate(bullet: BulletClient, robot: RobotParams) -> int:
     """Return the id of the shape that touches obstacles: the body's outline, `_PLATE` thick.
 
     Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
@@ -217,11 +173,9 @@ def _plate(bullet: ModuleType, client: int, robot: RobotParams) -> int:
     """
     body = robot.body
     if body.size is None:
-        return bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=body.radius, height=_PLATE, physicsClientId=client
-        )
+        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=body.radius, height=_PLATE)
     half = [0.5 * body.size[0], 0.5 * body.size[1], 0.5 * _PLATE]
-    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half)
 
 
 def _inertia(body: BodyParams) -> list[float]:

@@ -8,27 +8,14 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import RobotParams, pack_robot, robot_record, unpack_robot
 from envs.worlds import World
 
-from .contact import check_starts, push_out, select_near
-from .drive import Timing, check_commands, check_number, make_timing, plan_wheels
-from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, Sensors, sense, with_peers
-from .simulator import Reading, RobotState, Twist
-from .state import (
-    COMMANDED_V,
-    COMMANDED_W,
-    LEFT_ANGLE,
-    MEAN_W,
-    RIGHT_ANGLE,
-    STATE_SIZE,
-    THETA,
-    V,
-    W,
-    X,
-    Y,
-    robot_states,
-)
+from .base import BaseSimulator
+from .contact import push_out, select_near
+from .drive import plan_wheels
+from .records import unpack_robot
+from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, sense, with_peers
+from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, V, W, X, Y
 
 
 class Obstacles(NamedTuple):
@@ -43,7 +30,7 @@ class Obstacles(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(state, command, normals, timing, drive, obstacles):
+def advance(state, command, normals, robot, obstacles):
     """Move a robot for one control period.
 
     The command is clipped, ramped and turned into wheel rates as the controller takes the wheels to be; the wheels
@@ -55,29 +42,28 @@ def advance(state, command, normals, timing, drive, obstacles):
         state: shape (11,), float64, changed in place; see `state`.
         command: commanded twist (v, w) [m/s, rad/s].
         normals: standard normal draws for the slip of the left and the right wheel.
-        timing: `Timing`.
-        drive: `DriveRecord` of the robot.
+        robot: `RobotRecord`.
         obstacles: `Obstacles`.
 
     Returns:
         Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
     segments, before, after = obstacles
-    substeps = timing.substeps
-    dt = timing.period / substeps
-    fastest = drive.max_v * drive.wheel_radius / drive.assumed_wheel_radius
+    substeps = int(robot.substeps)
+    dt = robot.period / substeps
+    fastest = robot.max_v * robot.wheel_radius / robot.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(state[X], state[Y], 2.0 * (drive.radius + fastest * timing.period), segments, near)
+    num_near = select_near(state[X], state[Y], 2.0 * (robot.radius + fastest * robot.period), segments, near)
     circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
     reached = (state[COMMANDED_V], state[COMMANDED_W])
-    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(reached, command, normals, timing, drive, rates, slips)
+    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(reached, command, normals, robot, rates, slips)
     touched = False
     turned = 0.0
     for step in range(substeps):
-        left = (rates[step, 0] + slips[step, 0]) * drive.wheel_radius * dt
-        right = (rates[step, 1] + slips[step, 1]) * drive.wheel_radius * dt
-        turn = (right - left) / drive.track
+        left = (rates[step, 0] + slips[step, 0]) * robot.wheel_radius * dt
+        right = (rates[step, 1] + slips[step, 1]) * robot.wheel_radius * dt
+        turn = (right - left) / robot.track
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
         x, y, theta = state[X], state[Y], state[THETA]
@@ -87,7 +73,7 @@ def advance(state, command, normals, timing, drive, obstacles):
             circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
-            x + chord * c, y + chord * s, drive.radius, segments, near, num_near, circles, hits
+            x + chord * c, y + chord * s, robot.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
         if not free:
@@ -97,12 +83,12 @@ def advance(state, command, normals, timing, drive, obstacles):
         state[LEFT_ANGLE] += rates[step, 0] * dt
         state[RIGHT_ANGLE] += rates[step, 1] * dt
         state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
-    state[MEAN_W] = turned / timing.period
+    state[MEAN_W] = turned / robot.period
     return touched, hits
 
 
 @njit(cache=True, error_model="numpy")
-def step_robots(states, commands, normals, uniforms, period, substeps, robot, segments, before, after, ranges, others):
+def step_robots(states, commands, draws, numbers, segments, before, after, ranges, others):
     """Move all robots for one control period, and measure what they sense at its end.
 
     Python calls this once in a step. The arguments are plain, since unpacking named tuples would take a tenth of the
@@ -114,107 +100,47 @@ def step_robots(states, commands, normals, uniforms, period, substeps, robot, se
     Args:
         states: shape (num_robots, 11), float64, changed in place; see `state`.
         commands: shape (num_robots, 2), float64: commanded twists [m/s, rad/s].
-        normals: as for `sense`.
-        uniforms: as for `sense`.
-        period: control period [s].
-        substeps: number of physics steps in it.
-        robot: from `pack_robot`.
+        draws: as for `sense`.
+        numbers: as for `sense`.
         segments: see `Obstacles`.
         before: see `Obstacles`.
         after: see `Obstacles`.
         ranges: as for `sense`.
         others: as for `sense`; also contacts are written.
     """
-    drive, timing, num_fixed = unpack_robot(robot).drive, Timing(period, substeps), before.shape[0]
+    robot, num_fixed = unpack_robot(numbers), before.shape[0]
+    radius = robot.radius
     others[:, TOUCHED] = 0.0
     for k in range(states.shape[0]):
-        circles = Obstacles(
-            segments, with_peers(before, states, k, drive.radius), with_peers(after, states, k, drive.radius)
-        )
-        slip = (normals[k, SLIP_LEFT], normals[k, SLIP_RIGHT])
-        touched, hits = advance(states[k], commands[k], slip, timing, drive, circles)
+        circles = Obstacles(segments, with_peers(before, states, k, radius), with_peers(after, states, k, radius))
+        slip = (draws[k, SLIP_LEFT], draws[k, SLIP_RIGHT])
+        touched, hits = advance(states[k], commands[k], slip, robot, circles)
         if touched:
             others[k, TOUCHED] = 1.0
         for j in range(num_fixed, hits.shape[0]):
             if hits[j]:  # contact is mutual
                 peer = j - num_fixed
                 others[peer + (peer >= k), TOUCHED] = 1.0
-    sense(states, normals, uniforms, robot, segments, after, ranges, others)
+    sense(states, draws, numbers, segments, after, ranges, others)
 
 
-class KinematicSimulator:
+class KinematicSimulator(BaseSimulator):
     """Robots in a world, moved by `advance`. Needs no PyBullet."""
 
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
-        record = robot_record(robot)
-        self._radius, self.numbers = record.drive.radius, pack_robot(record)
-        self.timing = make_timing(record.drive, control_period)
-        """How a control period is cut into physics steps."""
-        self.rows = np.zeros((num_robots, STATE_SIZE))
-        """Shape (num_robots, 11), float64: the robots' states; see `state`."""
-        self.commands = np.zeros((num_robots, 2))
-        self.sensors = Sensors(robot, num_robots)
-        self.steps = 0
-        self._states: list[RobotState] | None = None
-        self._world: World | None = None
-        self.rngs: Sequence[np.random.Generator] = ()
-        self.circles = np.empty((0, 3))
-
-    @property
-    def states(self) -> list[RobotState]:
-        """Ground truth of each robot; see `Simulator`."""
-        if self._states is None:
-            self._states = robot_states(self.rows)
-        return self._states
-
-    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
-        """Place the robots at rest and return their first readings; see `Simulator`."""
-        check_number(len(self.rows), poses=poses, rngs=rngs)
-        check_starts(poses, self._radius, world)
-        self._world, self.rngs, self.steps, self.circles = world, rngs, 0, world.circles_at(0.0)
-        self._states = None
-        self.rows[:] = 0.0
+    def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
-        self.sensors.draw(rngs)
-        self.sensors.draw_biases(self.rows)
-        self.sensors.others[:, TOUCHED] = 0.0
-        self.sensors.sense(self.rows, world.segments, self.circles)
-        return self.sensors.readings(0.0)
 
-    def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive for one control period; see `Simulator`."""
-        world, sensors = self._world, self.sensors
-        if world is None:
-            raise RuntimeError("call reset before step")
-        check_number(len(self.rows), commands=commands)
-        self.commands[:] = check_commands(commands)
-        sensors.draw(self.rngs)
-        self.steps += 1
-        self._states = None
-        period, substeps = self.timing
-        time, before = self.steps * period, self.circles
-        if world.movers:
-            self.circles = world.circles_at(time)
+    def _move(self, world: World, before: np.ndarray) -> None:
+        sensors = self.sensors
         step_robots(
             self.rows,
             self.commands,
-            sensors.normals,
-            sensors.uniforms,
-            period,
-            substeps,
-            self.numbers,
+            sensors.draws,
+            sensors.numbers,
             world.segments,
             before,
             self.circles,
             sensors.ranges,
             sensors.others,
         )
-        return sensors.readings(time)
-
-    def go_to(self, steps: int) -> None:
-        """Take note that somebody else has stepped `rows` and `sensors` to so many steps after the reset."""
-        self.steps, self._states = steps, None
-
-    def close(self) -> None:
-        """Release what the simulator holds: nothing."""

@@ -8,8 +8,9 @@ from numba import njit
 
 from envs.geometry import wrap_angle
 from envs.geometry.raycast import cast_rays
-from envs.robots import RobotParams, pack_robot, robot_record, unpack_robot
+from envs.robots import RobotParams
 
+from .records import robot_record, unpack_robot
 from .simulator import Reading
 from .state import GYRO_BIAS, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, X, Y
 
@@ -24,55 +25,50 @@ NUM_OTHERS = 5
 
 
 @njit(cache=True, error_model="numpy")
-def disturb_ranges(ranges, normals, uniforms, lidar):
+def disturb_ranges(ranges, draws, robot):
     """Turn exact ranges into measured ones, in place.
+
+    What lies or seems nearer than the least range becomes NaN, what seems beyond the greatest becomes inf, and lost
+    beams become NaN.
 
     Args:
         ranges: shape (num_beams,), float32 [m], inf where nothing lies within range.
-        normals: shape (num_beams,), float64, standard normal draws.
-        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where the dropout is 0.
-        lidar: `LidarRecord`. What lies or seems nearer than the least range becomes NaN, what seems beyond the
-            greatest becomes inf, and lost beams become NaN.
+        draws: float64, a standard normal draw for each beam, then, for a lidar with dropout, a uniform one in [0, 1).
+        robot: `RobotRecord`.
     """
-    for k in range(ranges.shape[0]):
+    num_beams = ranges.shape[0]
+    for k in range(num_beams):
         exact = float(ranges[k])
-        measured = exact + lidar.noise_std * normals[k]
-        if lidar.resolution > 0.0:
-            measured = lidar.resolution * math.floor(measured / lidar.resolution + 0.5)
-        if lidar.dropout > 0.0 and uniforms[k] < lidar.dropout:
+        measured = exact + robot.range_std * draws[k]
+        if robot.range_resolution > 0.0:
+            measured = robot.range_resolution * math.floor(measured / robot.range_resolution + 0.5)
+        if robot.dropout > 0.0 and draws[num_beams + k] < robot.dropout:
             ranges[k] = np.nan
-        elif exact == np.inf or measured > lidar.range_max:
+        elif exact == np.inf or measured > robot.range_max:
             ranges[k] = np.inf
-        elif exact < lidar.range_min or measured < lidar.range_min:
+        elif exact < robot.range_min or measured < robot.range_min:
             ranges[k] = np.nan
         else:
             ranges[k] = measured
 
 
 @njit(cache=True, error_model="numpy")
-def measure_ranges(pose, normals, uniforms, lidar, segments, circles, ranges):
+def measure_ranges(pose, draws, robot, segments, circles, ranges):
     """Take a scan.
 
     Args:
         pose: (x, y, theta) of the base, world frame [m, m, rad]; further entries are ignored.
-        normals: shape (num_beams,), float64, standard normal draws.
-        uniforms: shape (num_beams,), float64, uniform draws in [0, 1); may be empty where the dropout is 0.
-        lidar: `LidarRecord`.
+        draws: see `disturb_ranges`.
+        robot: `RobotRecord`.
         segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
         ranges: shape (num_beams,), float32, written; see `Reading`.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    cast_rays(
-        pose[0] + c * lidar.mount_x - s * lidar.mount_y,
-        pose[1] + s * lidar.mount_x + c * lidar.mount_y,
-        pose[2] + lidar.mount_yaw,
-        lidar,
-        segments,
-        circles,
-        ranges,
-    )
-    disturb_ranges(ranges, normals, uniforms, lidar)
+    x = pose[0] + c * robot.mount_x - s * robot.mount_y
+    y = pose[1] + s * robot.mount_x + c * robot.mount_y
+    cast_rays(x, y, pose[2] + robot.mount_yaw, robot, segments, circles, ranges)
+    disturb_ranges(ranges, draws, robot)
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,44 +92,31 @@ def with_peers(circles, states, index, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def measure_yaw_rate(state, normals, imu):
-    """Return what a robot's gyroscope measures in a control period [rad/s].
-
-    Args:
-        state: shape (11,), float64; see `state`.
-        normals: shape (n,), float64, standard normal draws; see `SLIP_LEFT`.
-        imu: `ImuRecord`.
-    """
-    return state[MEAN_W] + state[GYRO_BIAS] + imu.gyro_std * normals[GYRO]
-
-
-@njit(cache=True, error_model="numpy")
-def sense(states, normals, uniforms, robot, segments, circles, ranges, others):
+def sense(states, draws, numbers, segments, circles, ranges, others):
     """Measure what all robots sense, but for contact, which the physics determines.
 
     Args:
         states: shape (num_robots, 11), float64; see `state`.
-        normals: shape (num_robots, 4 + num_beams), float64, standard normal draws.
-        uniforms: shape (num_robots, num_beams), float64, uniform draws in [0, 1); (num_robots, 0) without dropout.
-        robot: from `pack_robot`.
+        draws: shape (num_robots, n), float64; see `Sensors.draws`.
+        numbers: for `unpack_robot`.
         segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
         ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
         others: shape (num_robots, 5), float64, written; see `LEFT_TICKS`.
     """
-    drive, lidar, imu, ticks_per_radian = unpack_robot(robot)
+    robot = unpack_robot(numbers)
     for k in range(states.shape[0]):
-        state, draws, row = states[k], normals[k], others[k]
-        visible = with_peers(circles, states, k, drive.radius)
-        measure_ranges(state, draws[OTHER_NORMALS:], uniforms[k], lidar, segments, visible, ranges[k])
-        row[LEFT_TICKS] = math.floor(state[LEFT_ANGLE] * ticks_per_radian)
-        row[RIGHT_TICKS] = math.floor(state[RIGHT_ANGLE] * ticks_per_radian)
-        row[YAW_RATE] = measure_yaw_rate(state, draws, imu)
+        state, noise, row = states[k], draws[k], others[k]
+        visible = with_peers(circles, states, k, robot.radius)
+        measure_ranges(state, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
+        row[LEFT_TICKS] = math.floor(state[LEFT_ANGLE] * robot.ticks_per_radian)
+        row[RIGHT_TICKS] = math.floor(state[RIGHT_ANGLE] * robot.ticks_per_radian)
+        row[YAW_RATE] = state[MEAN_W] + state[GYRO_BIAS] + robot.gyro_std * noise[GYRO]
         heading = np.nan
-        if imu.has_compass:
-            heading = state[THETA] + imu.compass_std * draws[COMPASS]
-            if imu.compass_resolution > 0.0:
-                heading = imu.compass_resolution * math.floor(heading / imu.compass_resolution + 0.5)
+        if robot.has_compass:
+            heading = state[THETA] + robot.compass_std * noise[COMPASS]
+            if robot.compass_resolution > 0.0:
+                heading = robot.compass_resolution * math.floor(heading / robot.compass_resolution + 0.5)
             heading = wrap_angle(heading)
         row[HEADING] = heading
 
@@ -145,26 +128,28 @@ class Sensors:
     physics nor on what the robots meet.
     """
 
-    def __init__(self, robot: RobotParams, num_robots: int) -> None:
-        lidar, self._gyro_bias_std = robot.lidar, robot.imu.gyro_bias_std
-        self._robot = pack_robot(robot_record(robot))
-        self._shape = num_robots, lidar.num_beams
-        self.normals = np.zeros((num_robots, OTHER_NORMALS + lidar.num_beams))
-        """Standard normal draws of this control period, shape (num_robots, 4 + num_beams); see `SLIP_LEFT`."""
-        self.uniforms = np.zeros((num_robots, lidar.num_beams if lidar.dropout > 0.0 else 0))
-        """Uniform draws, shape (num_robots, num_beams), or (num_robots, 0) for a lidar without dropout."""
-        self.ranges = np.empty(self._shape, dtype=np.float32)
-        """Scans, shape (num_robots, num_beams), float32 [m]: a new array in each control period."""
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
+        num_beams, self._gyro_bias_std = robot.lidar.num_beams, robot.imu.gyro_bias_std
+        self._num_uniforms = num_beams if robot.lidar.dropout > 0.0 else 0
+        self.numbers = np.array(robot_record(robot, control_period))
+        """The robots' `RobotRecord` as an array."""
+        self.draws = np.zeros((num_robots, OTHER_NORMALS + num_beams + self._num_uniforms))
+        """Noise of this control period, shape (num_robots, n): standard normal draws, see `SLIP_LEFT`, and one for each
+        beam; then, for a lidar with dropout, a uniform draw in [0, 1) for each beam."""
+        self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
+        """Scans, shape (num_robots, num_beams), float32 [m]."""
         self.others = np.zeros((num_robots, NUM_OTHERS))
         """The other measurements, shape (num_robots, 5); see `LEFT_TICKS`."""
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
         """Draw the noise of a control period, each robot's from its own generator."""
         for k, rng in enumerate(rngs):
-            rng.standard_normal(out=self.normals[k])
-            if self.uniforms.size:
-                rng.random(out=self.uniforms[k])
-        self.ranges = np.empty(self._shape, dtype=np.float32)
+            row = self.draws[k]
+            if self._num_uniforms:
+                rng.standard_normal(out=row[: -self._num_uniforms])
+                rng.random(out=row[-self._num_uniforms :])
+            else:
+                rng.standard_normal(out=row)
 
     def draw_biases(self, states: np.ndarray) -> None:
         """Write each gyroscope's bias of an episode to its state, by the draw that slip leaves unused at a reset.
@@ -172,15 +157,15 @@ class Sensors:
         Args:
             states: shape (num_robots, 11), float64; see `state`.
         """
-        states[:, GYRO_BIAS] = self._gyro_bias_std * self.normals[:, SLIP_LEFT]
+        states[:, GYRO_BIAS] = self._gyro_bias_std * self.draws[:, SLIP_LEFT]
 
     def sense(self, states: np.ndarray, segments: np.ndarray, circles: np.ndarray) -> None:
         """Measure everything but contact; see the function of this name for the arguments."""
-        sense(states, self.normals, self.uniforms, self._robot, segments, circles, self.ranges, self.others)
+        sense(states, self.draws, self.numbers, segments, circles, self.ranges, self.others)
 
     def readings(self, time: float) -> list[Reading]:
-        """Return the measurements, made `time` [s] after the reset."""
+        """Return the measurements, made `time` [s] after the reset, in fresh arrays."""
         return [
             Reading(time, ranges, (int(left), int(right)), yaw_rate, heading, touched > 0.0)
-            for ranges, (left, right, yaw_rate, heading, touched) in zip(self.ranges, self.others.tolist(), strict=True)
+            for ranges, (left, right, yaw_rate, heading, touched) in zip(self.ranges.copy(), self.others.tolist())
         ]

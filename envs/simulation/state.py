@@ -1,19 +1,8 @@
 """The state of a simulated robot as a row of numbers, which both physics write and the sensors read."""
 
-import numpy as np
-
-from envs.geometry import Pose2D
-
-from .simulator import RobotState, Twist
-
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
 """Entries of a row: pose in the world frame [m, m, rad], the controller's twist after its ramp [m/s, rad/s], how far
 the wheels have turned since the reset, as encoders measure it [rad], the true twist of the base [m/s, rad/s], its mean
 yaw rate during the last control period, and the bias of its gyroscope [rad/s]."""
 STATE_SIZE = 11
 """Number of entries of a row."""
-
-
-def robot_states(rows: np.ndarray) -> list[RobotState]:
-    """Return the ground truth in rows of shape (num_robots, 11), float64."""
-    return [RobotState(Pose2D(x, y, theta), Twist(v, w)) for x, y, theta, _, _, _, _, v, w, _, _ in rows.tolist()]

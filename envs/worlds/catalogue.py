@@ -76,9 +76,8 @@ def _draw_world(ax: Any, world: World) -> None:
     for mover in world.movers:
         ax.add_patch(Polygon(mover.waypoints, fill=False, edgecolor="tab:blue", linewidth=0.5))
         ax.add_patch(Circle(mover.position(0.0), mover.radius, color="tab:blue"))
-    ax.plot(
-        [spawn.x for spawn in world.spawns], [spawn.y for spawn in world.spawns], "^", color="tab:red", markersize=3
-    )
+    xs, ys, _ = zip(*world.spawns)
+    ax.plot(xs, ys, "^", color="tab:red", markersize=3)
     ax.set_title(world.name, fontsize=7)
 
 

@@ -72,15 +72,7 @@ class ExplorableArea:
 
 @njit(cache=True, error_model="numpy")
 def _sees(free, goals, row, col, reach):
-    """Tell whether a straight line of at most `reach` free cells leads from a cell to one of the goals.
-
-    Args:
-        free: shape (height, width), bool.
-        goals: shape (height, width), bool; all of them free.
-        row: where the walks begin.
-        col: where the walks begin.
-        reach: length of the walks [cells].
-    """
+    """Tell whether a straight line of at most `reach` free cells leads from a cell to one of the goals, all free."""
     height, width = free.shape
     for k in range(NUM_DIRECTIONS):
         # The golden angle: any few directions in sequence look all around.
@@ -142,16 +134,10 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     touches[pieces[traversable]] = True
     candidates = free & touches[pieces]
     explorable = _visible_from(free, traversable, candidates, robot.lidar.range_max / resolution)
-    return ExplorableArea(walls, explorable, traversable, start_cells, _near_movers(world, walls, robot.radius))
-
-
-def _near_movers(world: World, walls: OccupancyGrid, radius: float) -> np.ndarray:
-    """Return in which cells (shape of `walls`, bool) a footprint of `radius` [m] overlaps a mover at time 0."""
-    height, width = walls.data.shape
-    x, y = walls.origin
-    xs, ys = x + walls.resolution * (np.arange(width) + 0.5), y + walls.resolution * (np.arange(height) + 0.5)
-    near = np.zeros((height, width), dtype=bool)
+    near_movers = np.zeros_like(free)
+    rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
+    xs, ys = (walls.origin[k] + resolution * (indices + 0.5) for k, indices in enumerate((cols, rows)))
     for mover in world.movers:
-        mover_x, mover_y = mover.position(0.0)
-        near |= np.hypot(xs - mover_x, ys[:, None] - mover_y) <= radius + mover.radius
-    return near
+        x, y = mover.position(0.0)
+        near_movers |= np.hypot(xs - x, ys - y) <= robot.radius + mover.radius
+    return ExplorableArea(walls, explorable, traversable, start_cells, near_movers)

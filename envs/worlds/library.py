@@ -34,17 +34,14 @@ def load_world(world: str | Path | World) -> World:
         FileNotFoundError: if there is no such file.
         TypeError: `world` is none of these.
     """
-    return _load(resolve(world, LIBRARY, "world", files=True))
-
-
-def _load(world: Any) -> World:
-    if isinstance(world, World):
-        return check_world(world)
-    if not isinstance(world, Path):
-        raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(world).__name__}")
-    if not world.is_file():
-        raise FileNotFoundError(f"there is no world file {world}")
-    return _read(world.resolve(), world.stat().st_mtime_ns)
+    found = resolve(world, LIBRARY, "world", files=True)
+    if isinstance(found, World):
+        return check_world(found)
+    if not isinstance(found, Path):
+        raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
+    if not found.is_file():
+        raise FileNotFoundError(f"there is no world file {found}")
+    return _read(found.resolve(), found.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
@@ -84,8 +81,8 @@ def world_sampler(
         return partial(_draw, world, split == "test", size)
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
-    found = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
-    return found if callable(found) else partial(_same, _load(found))
+    found: Any = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
+    return found if callable(found) else partial(_same, load_world(found))
 
 
 # Functions of the module and not closures, so that environments can be pickled.

@@ -71,16 +71,13 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
     }
     file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
     Image.fromarray(np.ascontiguousarray(pixels[::-1])).save(image, format=file_format)
-    _save(image_path, image.getvalue())
-    _save(yaml_path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    for target, written in ((image_path, image.getvalue()), (yaml_path, text)):
+        try:
+            write_file(target, written)
+        except OSError as error:
+            raise OSError(error.errno, f"cannot save {target}: {error.strerror}") from error
     return yaml_path
-
-
-def _save(path: Path, content: bytes | str) -> None:
-    try:
-        write_file(path, content)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot save {path}: {error.strerror}") from error
 
 
 def load_map(path: str | Path) -> OccupancyGrid:

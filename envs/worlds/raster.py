@@ -106,9 +106,9 @@ def reachable(
     return grid, labels == labels[row, col] if inside else np.zeros_like(free)
 
 
-def free_area(world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0) -> float:
+def free_area(world: World, radius: float = 0.0) -> float:
     """Return the size of the area that the centre of a robot of `radius` can reach from the first spawn [m2]."""
-    grid, mask = reachable(world, resolution, radius)
+    grid, mask = reachable(world, radius=radius)
     return float(np.count_nonzero(mask)) * grid.resolution**2
 
 

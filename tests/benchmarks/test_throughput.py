@@ -23,10 +23,9 @@ from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.raycast import cast_rays
-from envs.robots import robot_record
 from envs.simulation import Twist, make_simulator
-from envs.simulation.drive import Timing
 from envs.simulation.kinematic import Obstacles, advance
+from envs.simulation.records import robot_record
 from envs.slam import load_params, make_slam
 from envs.slam.cells import counts, probabilities
 from envs.worlds import rasterize
@@ -155,7 +154,7 @@ def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
     for _ in range(5):
         expected = advance_in_numpy(state, (0.22, 0.5), (0.3, -1.0), 0.1, 6, robot, hall.world.segments, circles)
         obstacles = Obstacles(hall.world.segments, circles, circles)
-        touched, _ = advance(state, (0.22, 0.5), (0.3, -1.0), Timing(0.1, 6), robot_record(robot).drive, obstacles)
+        touched, _ = advance(state, (0.22, 0.5), (0.3, -1.0), robot_record(robot, 0.1), obstacles)
         np.testing.assert_allclose(state, expected, atol=1e-12)
     assert touched
 

@@ -17,18 +17,17 @@ GRAZED = 1e-3
 @pytest.fixture(scope="module")
 def bullet():
     pytest.importorskip("pybullet", reason="PyBullet is not installed")
-    from envs.simulation.bullet_bodies import import_pybullet
+    from envs.simulation.bullet_client import BulletClient
 
-    bullet = import_pybullet()
-    client = bullet.connect(bullet.DIRECT)
-    yield bullet, client
-    bullet.disconnect(client)
+    bullet = BulletClient()
+    yield bullet
+    bullet.close()
 
 
-def cast_in_bullet(bullet, client, x, y, z, angles):
+def cast_in_bullet(bullet, x, y, z, angles):
     starts = np.tile([x, y, z], (len(angles), 1))
     ends = starts + REACH * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
-    hits = bullet.rayTestBatch(starts.tolist(), ends.tolist(), physicsClientId=client)
+    hits = bullet.rayTestBatch(starts.tolist(), ends.tolist())
     return np.array([fraction * REACH if body >= 0 else np.inf for body, _, fraction, *_ in hits])
 
 
@@ -36,10 +35,9 @@ def cast_in_bullet(bullet, client, x, y, z, angles):
 def test_ranges_agree_within_two_millimetres(bullet, name):
     from envs.simulation.bullet_bodies import build_mesh, extrude
 
-    bullet, client = bullet
     world = load_world(name)
-    bullet.resetSimulation(physicsClientId=client)
-    bullet.createMultiBody(0.0, build_mesh(bullet, client, *extrude(world, sagitta=1e-5)), physicsClientId=client)
+    bullet.resetSimulation()
+    bullet.createMultiBody(0.0, build_mesh(bullet, *extrude(world, sagitta=1e-5)))
     corners = np.vstack([world.segments[:, :2], world.segments[:, 2:]])
     rng = np.random.default_rng(0)
     ranges, grazing = np.empty(BEAMS), 0
@@ -49,7 +47,7 @@ def test_ranges_agree_within_two_millimetres(bullet, name):
         increment = 2 * math.pi / BEAMS
         cast_rays(x, y, heading, Beams(0.0, increment, REACH), world.segments, world.circles, ranges)
         angles = heading + increment * np.arange(BEAMS)
-        theirs = cast_in_bullet(bullet, client, x, y, 0.5 * world.height, angles)
+        theirs = cast_in_bullet(bullet, x, y, 0.5 * world.height, angles)
         with np.errstate(invalid="ignore"):
             differ = ~((ranges == theirs) | (np.abs(ranges - theirs) <= TOLERANCE))
         for beam in np.flatnonzero(differ):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import ImuParams, LidarParams, Mount, load_robot, robot_record
+from envs.robots import ImuParams, LidarParams, Mount, load_robot
 from envs.simulation import Twist, make_simulator
+from envs.simulation.records import robot_record
 from envs.simulation.sensors import TOUCHED, Sensors, disturb_ranges
 from envs.simulation.state import LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, STATE_SIZE, THETA, X, Y
 from envs.worlds import World
@@ -24,7 +25,7 @@ def read(
     lidar=None, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=NO_CIRCLES
 ):
     robot = replace(BURGER, lidar=lidar or LidarParams(num_beams=4, range_max=10.0), imu=imu or ImuParams())
-    sensors, rows = Sensors(robot, 1), np.zeros((1, STATE_SIZE))
+    sensors, rows = Sensors(robot, 0.1, 1), np.zeros((1, STATE_SIZE))
     rows[0, [X, Y, THETA, LEFT_ANGLE, RIGHT_ANGLE, MEAN_W]] = *pose, *angles, yaw_rate
     sensors.draw([np.random.default_rng(seed)])
     sensors.others[0, TOUCHED] = bumper
@@ -90,7 +91,8 @@ def test_disturbing_equals_the_plain_formula():
     normals, uniforms = rng.standard_normal(1000), rng.random(1000)
     ranges = exact.copy()
     lidar = LidarParams(1000, range_max=4.0, range_min=0.2, noise_std=0.05, resolution=0.015, dropout=0.02)
-    disturb_ranges(ranges, normals, uniforms, robot_record(replace(BURGER, lidar=lidar)).lidar)
+    draws = np.concatenate([normals, uniforms])
+    disturb_ranges(ranges, draws, robot_record(replace(BURGER, lidar=lidar), 0.1))
     with np.errstate(invalid="ignore"):
         measured = 0.015 * np.floor((exact.astype(float) + 0.05 * normals) / 0.015 + 0.5)
     expected = np.where((exact < 0.2) | (measured < 0.2), np.nan, measured)

@@ -5,11 +5,9 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from envs.geometry import Pose2D
-
 from ..world import World
 from .contour import contour
-from .plan import choose_size, world_within
+from .plan import Size, world_within
 
 _CELL = 0.4
 """Side of the automaton's cells [m]."""
@@ -21,15 +19,9 @@ _MARGIN = 0.2
 """Least thickness of the outer wall [m]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a cave.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 4 m each [m]; drawn from 9 x 9 to 16 x 16 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    width, height = choose_size(rng, size, 4.0, (9.0, 9.0), (16.0, 16.0))
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a cave of the given outer size [m]."""
+    width, height = size
     shape = int(height / _STEP) + 1, int(width / _STEP) + 1
     fill = float(rng.uniform(0.42, 0.5))
     core = _largest(_traversable(rng, shape, fill))
@@ -42,9 +34,8 @@ def generate(seed: int, size: tuple[float, float] | None = None) -> World:
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
     segments = contour(distance, _REACH, tolerance=0.25) * _STEP + np.tile(offset, 2)
     cells = np.argwhere(core)
-    x, y = offset + _STEP * cells[int(rng.integers(len(cells)))][::-1]
-    spawn = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
-    return world_within(f"caves-{seed}", width, height, segments, np.empty((0, 3)), spawn)
+    spawn = offset + _STEP * cells[int(rng.integers(len(cells)))][::-1]
+    return world_within(name, size, rng, spawn, segments, np.empty((0, 3)))
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:

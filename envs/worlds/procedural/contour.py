@@ -36,12 +36,8 @@ def _march(field, level, links, points):
             c, d = field[row + 1, col] < level, field[row + 1, col + 1] < level
             if a != b and c != d and a != c:
                 # A saddle: low corners stay apart.
-                if a:
-                    _link(links, south, west)
-                    _link(links, north, east)
-                else:
-                    _link(links, south, east)
-                    _link(links, north, west)
+                _link(links, south, west if a else east)
+                _link(links, north, east if a else west)
             else:
                 first = -1
                 for edge, crossed in ((south, a != b), (north, c != d), (west, a != c), (east, b != d)):

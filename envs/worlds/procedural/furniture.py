@@ -1,15 +1,14 @@
 """Furniture as it looks to a lidar 0.2 m above the floor: cupboards are solid, tables and chairs are legs."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from .plan import Item, Rect, units
+from .plan import Disc, Item, Rect, units
 
 _LEG = 0.5
 """Radius of a table's or a chair's leg [units]."""
-
-Disc = tuple[float, float, float]
 
 
 def block(length: float, depth: float) -> Item:
@@ -18,10 +17,18 @@ def block(length: float, depth: float) -> Item:
     return Item(u, v, rects=((0, 0, u, v),))
 
 
-def disc(radius: float) -> Item:
-    """Return a round body, such as a plant pot or a column, of the given radius [m]."""
-    side = units(2 * radius)
-    return Item(side, side, discs=((side / 2, side / 2, side / 2),))
+def _random_block(length: tuple[float, float], depth: float | tuple[float, float], rng: np.random.Generator) -> Item:
+    """Return a solid box of a size drawn from ranges [m]."""
+    drawn = float(rng.uniform(*length))
+    return block(drawn, float(rng.uniform(*depth)) if isinstance(depth, tuple) else depth)
+
+
+cupboard = partial(_random_block, (0.8, 2.0), (0.4, 0.6))
+shelf = partial(_random_block, (0.6, 1.8), 0.3)
+chest = partial(_random_block, (0.5, 0.9), (0.4, 0.6))
+"""A chest of drawers, a printer or a washing machine."""
+basin = partial(_random_block, (0.5, 0.9), 0.45)
+rack = partial(_random_block, (1.2, 2.6), 0.5)
 
 
 def _legs(x0: float, y0: float, x1: float, y1: float) -> tuple[Disc, ...]:
@@ -93,24 +100,10 @@ def cluster(rng: np.random.Generator) -> Item:
     return Item(2 * length, 52, rects=(screen, *panels), discs=chairs)
 
 
-def cupboard(rng: np.random.Generator) -> Item:
-    """Return a wardrobe or a cupboard."""
-    return block(float(rng.uniform(0.8, 2.0)), float(rng.uniform(0.4, 0.6)))
-
-
-def shelf(rng: np.random.Generator) -> Item:
-    """Return a bookshelf."""
-    return block(float(rng.uniform(0.6, 1.8)), 0.3)
-
-
-def chest(rng: np.random.Generator) -> Item:
-    """Return a chest of drawers, a printer or a washing machine."""
-    return block(float(rng.uniform(0.5, 0.9)), float(rng.uniform(0.4, 0.6)))
-
-
 def plant(rng: np.random.Generator) -> Item:
     """Return a plant pot or a waste bin."""
-    return disc(float(rng.choice([0.1, 0.15, 0.2])))
+    side = units(2 * float(rng.choice([0.1, 0.15, 0.2])))
+    return Item(side, side, discs=((side / 2, side / 2, side / 2),))
 
 
 def bath(rng: np.random.Generator) -> Item:
@@ -121,16 +114,6 @@ def bath(rng: np.random.Generator) -> Item:
 def toilet(rng: np.random.Generator) -> Item:
     """Return a toilet."""
     return Item(8, 13, rects=((0, 0, 8, 4), (1, 4, 7, 13)))
-
-
-def basin(rng: np.random.Generator) -> Item:
-    """Return a wash stand."""
-    return block(float(rng.uniform(0.5, 0.9)), 0.45)
-
-
-def rack(rng: np.random.Generator) -> Item:
-    """Return a storage rack."""
-    return block(float(rng.uniform(1.2, 2.6)), 0.5)
 
 
 WALL_FURNITURE: dict[str, tuple[Callable[[np.random.Generator], Item], ...]] = {

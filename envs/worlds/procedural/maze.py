@@ -1,28 +1,18 @@
 """Mazes: corridors between walls, with a few loops and chambers."""
 
-import math
-
 import numpy as np
-
-from envs.geometry import Pose2D
 
 from ..outline import outline
 from ..world import World
-from .plan import choose_size, world_within
+from .plan import Size, world_within
 
 _WALL = 0.1
 """Thickness of the walls [m]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a maze whose corridors are about 0.9 to 1.6 m wide.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 3 m each [m]; drawn from 7 x 7 to 13 x 13 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    width, height = choose_size(rng, size, 3.0, (7.0, 7.0), (13.0, 13.0))
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a maze of the given outer size [m], whose corridors are about 0.9 to 1.6 m wide."""
+    width, height = size
     corridor = float(rng.uniform(0.9, 1.4))
     cols, rows = (max(2, int((side - _WALL) / (corridor + _WALL))) for side in (width, height))
     solid = _carve(rng, rows, cols)
@@ -30,9 +20,8 @@ def generate(seed: int, size: tuple[float, float] | None = None) -> World:
     xs, ys = _lines(width, cols), _lines(height, rows)
     segments = outline(solid, xs, ys)
     col, row = int(rng.integers(cols)), int(rng.integers(rows))
-    x, y = (xs[2 * col + 1] + xs[2 * col + 2]) / 2, (ys[2 * row + 1] + ys[2 * row + 2]) / 2
-    spawn = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
-    return world_within(f"maze-{seed}", width, height, segments, np.empty((0, 3)), spawn)
+    spawn = (xs[2 * col + 1] + xs[2 * col + 2]) / 2, (ys[2 * row + 1] + ys[2 * row + 2]) / 2
+    return world_within(name, size, rng, spawn, segments, np.empty((0, 3)))
 
 
 def _lines(length: float, count: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -15,11 +16,15 @@ UNIT = 0.05
 """Side of a unit square of a plan [m]."""
 REACH = 6
 """Half the side of the square that gets everywhere in a plan [units]: more than a robot of 0.25 m radius needs."""
-SOURCE = "generated"
-LICENCE = "MIT"
+MARGIN = 14
+"""How far from the walls of a room stands what is put into its middle [units]."""
 
+Size = tuple[float, float]
+"""Width and height [m]."""
 Rect = tuple[int, int, int, int]
 """Half-open rectangle of unit squares (x0, y0, x1, y1)."""
+Disc = tuple[float, float, float]
+"""Centre and radius (x, y, radius) [units]."""
 
 
 def units(metres: float) -> int:
@@ -27,23 +32,15 @@ def units(metres: float) -> int:
     return round(metres / UNIT)
 
 
-def choose_size(
-    rng: np.random.Generator,
-    size: tuple[float, float] | None,
-    smallest: float,
-    low: tuple[float, float],
-    high: tuple[float, float],
-) -> tuple[float, float]:
-    """Return the outer size of a world: the one given, or one drawn from a range, in whole units [m].
+def mirror(rect: Rect) -> Rect:
+    """Return a rectangle with x and y exchanged."""
+    return rect[1], rect[0], rect[3], rect[2]
 
-    Raises:
-        ValueError: if the given size is not two numbers of at least `smallest` and at most 200 m.
-    """
-    if size is None:
-        size = (float(rng.uniform(low[0], high[0])), float(rng.uniform(low[1], high[1])))
-    if len(size) != 2 or not all(math.isfinite(side) and smallest <= side <= 200 for side in size):
-        raise ValueError(f"size must be (width, height), both from {smallest} to 200 m, got {size!r}")
-    return units(size[0]) * UNIT, units(size[1]) * UNIT
+
+def extent(room: Rect, side: int) -> tuple[int, int]:
+    """Return how far a room reaches along a wall and away from it: 0 south, 1 east, 2 north, 3 west."""
+    width, height = room[2] - room[0], room[3] - room[1]
+    return (width, height) if side % 2 == 0 else (height, width)
 
 
 def is_one_piece(blocked: np.ndarray) -> bool:
@@ -61,30 +58,38 @@ class Item:
     """Extent away from the wall."""
     rects: tuple[Rect, ...] = ()
     """Solid rectangles."""
-    discs: tuple[tuple[float, float, float], ...] = ()
-    """Solid discs (x, y, radius)."""
+    discs: tuple[Disc, ...] = ()
+    """Solid discs."""
 
 
 class Plan:
     """A floor plan: walls first, then doors, then `settle`, then bodies."""
 
-    def __init__(self, size: tuple[float, float], wall: int) -> None:
-        """Start with four outer walls of thickness `wall` [units] around an empty floor of outer `size` [m]."""
+    def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
+        """Start with four outer walls around an empty floor.
+
+        Args:
+            size: outer size [m].
+            wall: thickness of the outer walls [units].
+            is_open: whether rooms are zones of one floor, without walls between them.
+        """
         self.width, self.height = units(size[0]), units(size[1])
+        self.floor: Rect = (wall, wall, self.width - wall, self.height - wall)
+        self._is_open = is_open
         self.solid = np.ones((self.height, self.width), dtype=bool)
         self.solid[wall:-wall, wall:-wall] = False
         self.blocked = np.empty_like(self.solid)
         """Where the centre of a square of side 2 `REACH` cannot be."""
         self.reserved = np.zeros_like(self.solid)
         """Where nothing may be put, such as before doors."""
-        self.discs: list[tuple[float, float, float]] = []
+        self.discs: list[Disc] = []
 
     def settle(self) -> None:
         """Work out where a robot can be among the walls; call it once they are complete."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
 
-    def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0, whole: Rect | None = None) -> bool:
-        """Put an item into a room, if it fits and what is left of the floor stays in one piece.
+    def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
+        """Put an item into a room, if it fits and the rest of the room, or of an open floor, stays in one piece.
 
         Args:
             item: what to put.
@@ -92,7 +97,6 @@ class Plan:
             side: wall that the item turns its back to: 0 south, 1 east, 2 north, 3 west.
             along: distance from the room's lower or left corner, along the wall.
             gap: distance from the wall.
-            whole: the floor that must stay in one piece; `room` by default, which suffices where walls surround it.
 
         Returns:
             Whether the item was put.
@@ -103,21 +107,19 @@ class Plan:
         if self.solid[y0:y1, x0:x1].any() or self.reserved[y0:y1, x0:x1].any():
             return False
         rects = [_turn((a, b + gap, c, d + gap), room, side, along) for a, b, c, d in item.rects]
-        discs = [_turn_disc((x, y + gap, radius), room, side, along) for x, y, radius in item.discs]
+        turned = [_turn((x, y + gap, x, y + gap), room, side, along) for x, y, _ in item.discs]
+        discs = [(x, y, radius) for (x, y, _, _), (_, _, radius) in zip(turned, item.discs)]
         grown = [(a - REACH, b - REACH, c + REACH, d + REACH) for a, b, c, d in rects]
         for x, y, radius in discs:
             far = radius + REACH
             grown.append((math.floor(x - far), math.floor(y - far), math.ceil(x + far), math.ceil(y + far)))
         low_x, low_y, high_x, high_y = zip(*grown)
-        around = self.blocked[
-            max(min(low_y) - 1, 0) : max(high_y) + 1,
-            max(min(low_x) - 1, 0) : max(high_x) + 1,
-        ]
+        around = self.blocked[max(min(low_y) - 1, 0) : max(high_y) + 1, max(min(low_x) - 1, 0) : max(high_x) + 1]
         before = around.copy()
         for a, b, c, d in grown:
             self.blocked[max(b, 0) : d, max(a, 0) : c] = True
         # If the surroundings hang together without a detour, so does all else; only otherwise the whole is looked at.
-        x0_whole, y0_whole, x1_whole, y1_whole = whole or room
+        x0_whole, y0_whole, x1_whole, y1_whole = self.floor if self._is_open else room
         if not is_one_piece(around) and not is_one_piece(self.blocked[y0_whole:y1_whole, x0_whole:x1_whole]):
             around[:] = before
             return False
@@ -128,77 +130,63 @@ class Plan:
         return True
 
     def put_somewhere(
-        self, rng: np.random.Generator, item: Item, room: Rect, whole: Rect | None = None, attempts: int = 4
-    ) -> bool:
-        """Put an item with its back to a wall of a room, trying a few positions."""
+        self, rng: np.random.Generator, item: Item, room: Rect, margin: int = 0, attempts: int = 4
+    ) -> None:
+        """Put an item into a room, trying a few positions: away from its walls by `margin`, or else its back to one."""
         for _ in range(attempts):
             side = int(rng.integers(4))
-            slack = (room[2] - room[0] if side % 2 == 0 else room[3] - room[1]) - item.length
-            if slack >= 0 and self.put(item, room, side, int(rng.integers(slack + 1)), whole=whole):
-                return True
-        return False
-
-    def put_amidst(
-        self,
-        rng: np.random.Generator,
-        item: Item,
-        room: Rect,
-        margin: int = 14,
-        whole: Rect | None = None,
-        attempts: int = 4,
-    ) -> bool:
-        """Put an item away from the walls of a room by `margin`, trying a few positions."""
-        for _ in range(attempts):
-            side = int(rng.integers(4))
-            width, height = room[2] - room[0], room[3] - room[1]
-            length, depth = (width, height) if side % 2 == 0 else (height, width)
-            slack_along, slack_away = length - item.length - 2 * margin, depth - item.depth - 2 * margin
+            length, depth = extent(room, side)
+            slack_along = length - item.length - 2 * margin
+            slack_away = depth - item.depth - 2 * margin if margin else 0
             if slack_along >= 0 and slack_away >= 0:
-                along, gap = rng.integers(slack_along + 1), rng.integers(slack_away + 1)
-                if self.put(item, room, side, margin + int(along), margin + int(gap), whole):
-                    return True
-        return False
+                along = margin + int(rng.integers(slack_along + 1))
+                gap = margin + int(rng.integers(slack_away + 1)) if margin else 0
+                if self.put(item, room, side, along, gap):
+                    return
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:
         """Return the plan as a world with its lower left corner at the origin, and a spawn drawn where a robot fits."""
         xs, ys = UNIT * np.arange(self.width + 1), UNIT * np.arange(self.height + 1)
         cells = np.flatnonzero(~self.blocked)
         row, col = divmod(int(cells[rng.integers(len(cells))]), self.width)
-        spawn = Pose2D(float(UNIT * (col + 0.5)), float(UNIT * (row + 0.5)), float(rng.uniform(-math.pi, math.pi)))
-        circles = np.array(self.discs, dtype=np.float64).reshape(-1, 3) * UNIT
-        return world_within(name, xs[-1], ys[-1], outline(self.solid, xs, ys), circles, spawn, notes)
+        spawn = UNIT * (col + 0.5), UNIT * (row + 0.5)
+        segments, circles = outline(self.solid, xs, ys), np.array(self.discs, dtype=np.float64).reshape(-1, 3) * UNIT
+        return world_within(name, (xs[-1], ys[-1]), rng, spawn, segments, circles, notes)
 
 
 def world_within(
-    name: str, width: float, height: float, segments: np.ndarray, circles: np.ndarray, spawn: Pose2D, notes: str = ""
+    name: str,
+    size: Size,
+    rng: np.random.Generator,
+    spawn: tuple[float, float],
+    segments: np.ndarray,
+    circles: np.ndarray,
+    notes: str = "",
 ) -> World:
-    """Return a generated world with a rectangle of the given size around it."""
+    """Return a generated world with a rectangle of the given size around it; the heading of its spawn is drawn."""
+    x, y = map(float, spawn)
+    width, height = map(float, size)
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
     around = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    bounds = (0.0, 0.0, float(width), float(height))
-    return World(name, np.vstack([around, segments]), circles, (spawn,), bounds, (), 1.0, SOURCE, LICENCE, notes)
+    return World(
+        name=name,
+        segments=np.vstack([around, segments]),
+        circles=circles,
+        spawns=(Pose2D(x, y, float(rng.uniform(-math.pi, math.pi))),),
+        bounds=(0.0, 0.0, width, height),
+        source="generated",
+        licence="MIT",
+        notes=notes,
+    )
 
 
-def _turn(rect: Rect, room: Rect, side: int, along: int) -> Rect:
+def _turn(rect: Any, room: Rect, side: int, along: int) -> Any:
     """Carry a rectangle from an item's frame into the plan."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
-    if side == 0:
-        return x0 + along + a, y0 + b, x0 + along + c, y0 + d
-    if side == 1:
-        return x1 - d, y0 + along + a, x1 - b, y0 + along + c
-    if side == 2:
-        return x0 + along + a, y1 - d, x0 + along + c, y1 - b
-    return x0 + b, y0 + along + a, x0 + d, y0 + along + c
-
-
-def _turn_disc(disc: tuple[float, float, float], room: Rect, side: int, along: int) -> tuple[float, float, float]:
-    """Carry a disc from an item's frame into the plan."""
-    u, v, radius = disc
-    x0, y0, x1, y1 = room
     return (
-        (x0 + along + u, y0 + v, radius),
-        (x1 - v, y0 + along + u, radius),
-        (x0 + along + u, y1 - v, radius),
-        (x0 + v, y0 + along + u, radius),
+        (x0 + along + a, y0 + b, x0 + along + c, y0 + d),
+        (x1 - d, y0 + along + a, x1 - b, y0 + along + c),
+        (x0 + along + a, y1 - d, x0 + along + c, y1 - b),
+        (x0 + b, y0 + along + a, x0 + d, y0 + along + c),
     )[side]

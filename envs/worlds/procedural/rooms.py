@@ -4,7 +4,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import REACH, Plan, Rect, choose_size, units
+from .plan import MARGIN, REACH, Plan, Rect, Size, mirror, units
 
 _OUTER, _INNER = 3, 2
 """Thickness of outer and inner walls [units]."""
@@ -14,26 +14,20 @@ _DOOR_ROOM = 16
 """How far before a door the floor stays empty [units]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a flat or an office, furnished.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 4 m each [m]; drawn from 8 x 7 to 14 x 12 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    size = choose_size(rng, size, 4.0, (8.0, 7.0), (14.0, 12.0))
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a flat or an office of the given outer size [m], furnished."""
     plan = Plan(size, _OUTER)
-    floor = (_OUTER, _OUTER, plan.width - _OUTER, plan.height - _OUTER)
     is_office = min(size) >= 7.5 and rng.random() < 0.5
-    rooms, corridors = _office(rng, floor) if is_office else (_split(rng, floor, units(3.4)), [])
-    _raise_walls(plan, rooms + corridors)
+    rooms, corridors = _office(rng, plan.floor) if is_office else (_split(rng, plan.floor, units(3.4)), [])
+    plan.solid[:] = True
+    for x0, y0, x1, y1 in rooms + corridors:
+        plan.solid[y0:y1, x0:x1] = False
     _open_doors(rng, plan, rooms, corridors)
     plan.settle()
     kinds = _kinds(rng, rooms, is_office)
     for room, kind in zip(rooms + corridors, kinds + ["corridor"] * len(corridors)):
         _furnish(rng, plan, room, kind)
-    return plan.build(f"rooms-{seed}", rng, "An office." if is_office else "A flat.")
+    return plan.build(name, rng, "An office." if is_office else "A flat.")
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
@@ -59,7 +53,7 @@ def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rec
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         rooms, corridors = _office(rng, (y0, x0, y1, x1))
-        return [_mirror(room) for room in rooms], [_mirror(corridor) for corridor in corridors]
+        return [mirror(room) for room in rooms], [mirror(corridor) for corridor in corridors]
     breadth = int(rng.integers(28, 37))
     depth = (y1 - y0 - breadth) // 2 - _INNER
     shift = int(rng.integers(-depth // 5, depth // 5 + 1)) if depth > 1.25 * _SHORTEST else 0
@@ -87,21 +81,10 @@ def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
     return [*rooms, (x0, y0, x1, y1)]
 
 
-def _mirror(room: Rect) -> Rect:
-    return room[1], room[0], room[3], room[2]
-
-
-def _raise_walls(plan: Plan, rooms: list[Rect]) -> None:
-    """Make everything solid but the rooms."""
-    plan.solid[:] = True
-    for x0, y0, x1, y1 in rooms:
-        plan.solid[y0:y1, x0:x1] = False
-
-
 def _shared_wall(a: Rect, b: Rect) -> tuple[bool, int, int] | None:
     """Return how two rooms touch: whether through an upright wall, and from where to where; None if they do not."""
     for upright in (True, False):
-        p, q = (a, b) if upright else (_mirror(a), _mirror(b))
+        p, q = (a, b) if upright else (mirror(a), mirror(b))
         if p[2] + _INNER == q[0] or q[2] + _INNER == p[0]:
             low, high = max(p[1], q[1]), min(p[3], q[3])
             if high - low >= 28:
@@ -138,7 +121,7 @@ def _open_door(rng: np.random.Generator, plan: Plan, a: Rect, b: Rect, wall: tup
     # Most doors are near a corner, as in real houses.
     slack = high - low - width - 6
     start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
-    p, q = (a, b) if upright else (_mirror(a), _mirror(b))
+    p, q = (a, b) if upright else (mirror(a), mirror(b))
     left = min(p[2], q[2])
     solid, reserved = (plan.solid, plan.reserved) if upright else (plan.solid.T, plan.reserved.T)
     solid[start : start + width, left : left + _INNER] = False
@@ -177,12 +160,12 @@ def _furnish(rng: np.random.Generator, plan: Plan, room: Rect, kind: str) -> Non
     elif kind == "meeting":
         length = min(int(rng.integers(40, 90)), longer - 40)
         if length >= 32:
-            plan.put_amidst(rng, furniture.conference(rng, length), room, attempts=8)
+            plan.put_somewhere(rng, furniture.conference(rng, length), room, MARGIN, attempts=8)
     elif kind == "office" and area > units(4.6) ** 2:
         for _ in range(area // units(4.4) ** 2):
-            plan.put_amidst(rng, furniture.cluster(rng), room)
+            plan.put_somewhere(rng, furniture.cluster(rng), room, MARGIN)
     if kind in ("kitchen", "living") and area > units(3.6) ** 2:
-        plan.put_amidst(rng, furniture.table(rng), room)
+        plan.put_somewhere(rng, furniture.table(rng), room, MARGIN)
     pieces = furniture.WALL_FURNITURE[kind]
     count = max(1, min(len(pieces), round(area / units(1.6) ** 2)))
     for make in pieces[:count]:

@@ -4,52 +4,42 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import Item, Plan, Rect, choose_size, units
+from .plan import MARGIN, Item, Plan, Rect, Size, extent, mirror, units
 
 _WALL = 4
 """Thickness of the outer walls [units]."""
 
 
-def generate(seed: int, size: tuple[float, float] | None = None) -> World:
-    """Return a warehouse whose aisles are about 1.6 to 4 m wide.
-
-    Args:
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) of at least 6 m each [m]; drawn from 16 x 12 to 30 x 22 m by default.
-    """
-    rng = np.random.default_rng(seed)
-    size = choose_size(rng, size, 6.0, (16.0, 12.0), (30.0, 22.0))
-    plan = Plan(size, _WALL)
-    floor = (_WALL, _WALL, plan.width - _WALL, plan.height - _WALL)
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a warehouse of the given outer size [m], whose aisles are about 1.6 to 4 m wide."""
+    plan = Plan(size, _WALL, is_open=True)
     plan.settle()
-    loading, storage = _divide(rng, floor)
+    loading, storage = _divide(rng, plan.floor)
     if min(size) >= 11 and rng.random() < 0.6:
-        _put_office(rng, plan, loading, floor)
-    _put_racks(rng, plan, storage, floor)
-    _put_columns(rng, plan, floor)
-    _put_goods(rng, plan, floor, loading)
-    return plan.build(f"warehouse-{seed}", rng)
+        _put_office(rng, plan, loading)
+    _put_racks(rng, plan, storage)
+    _put_columns(rng, plan)
+    _put_goods(rng, plan, loading)
+    return plan.build(name, rng)
 
 
 def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
     """Return the loading zone, at one end of the longer side, and the storage zone."""
     x0, y0, x1, y1 = floor
-    lengthwise = x1 - x0 >= y1 - y0
-    cut = int((x1 - x0 if lengthwise else y1 - y0) * rng.uniform(0.18, 0.32))
+    if x1 - x0 < y1 - y0:
+        loading, storage = _divide(rng, mirror(floor))
+        return mirror(loading), mirror(storage)
+    cut = int((x1 - x0) * rng.uniform(0.18, 0.32))
     first = rng.random() < 0.5
-    if lengthwise:
-        line = x0 + cut if first else x1 - cut
-        near, far = (x0, y0, line, y1), (line, y0, x1, y1)
-    else:
-        line = y0 + cut if first else y1 - cut
-        near, far = (x0, y0, x1, line), (x0, line, x1, y1)
+    line = x0 + cut if first else x1 - cut
+    near, far = (x0, y0, line, y1), (line, y0, x1, y1)
     return (near, far) if first else (far, near)
 
 
-def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -> None:
+def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
     """Fill a zone with parallel rows of racks along x or y, cut by cross aisles."""
     side = 0 if rng.random() < 0.65 else 3  # the wall that the rows lie along
-    length, depth = (zone[2] - zone[0], zone[3] - zone[1])[:: 1 if side == 0 else -1]
+    length, depth = extent(zone, side)
     bay, cross = int(rng.integers(46, 57)), int(rng.integers(34, 50))
     blocks = max(1, round(length / units(rng.uniform(8.0, 14.0))))
     bays = (length - (blocks + 1) * cross) // (blocks * bay)
@@ -59,7 +49,7 @@ def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) ->
         for block in range(blocks):
             for first, last in _stretches(rng, bays, empty):
                 item = Item((last - first) * bay, thickness, rects=((0, 0, (last - first) * bay, thickness),))
-                plan.put(item, zone, side, cross + block * (cross + bays * bay) + first * bay, away, floor)
+                plan.put(item, zone, side, cross + block * (cross + bays * bay) + first * bay, away)
 
 
 def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
@@ -87,44 +77,44 @@ def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple
     return list(zip(edges[::2], edges[1::2]))
 
 
-def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect, floor: Rect) -> None:
+def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
     """Put a small office with a door into a corner of a zone."""
     width, depth = int(rng.integers(56, 80)), int(rng.integers(50, 66))
     door = int(rng.integers(6, width - 28))
     wall = ((0, depth - 2, door, depth), (door + 20, depth - 2, width, depth))
     item = Item(width, depth, rects=(*wall, (0, 0, 2, depth - 2), (width - 2, 0, width, depth - 2)))
     side = int(rng.integers(4))
-    slack = (zone[2] - zone[0] if side % 2 == 0 else zone[3] - zone[1]) - width
+    slack = extent(zone, side)[0] - width
     if slack >= 0:
-        plan.put(item, zone, side, int(rng.choice([0, slack])), whole=floor)
+        plan.put(item, zone, side, int(rng.choice([0, slack])))
 
 
-def _put_columns(rng: np.random.Generator, plan: Plan, floor: Rect) -> None:
+def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
     """Put columns on a lattice, where nothing else is."""
     if rng.random() < 0.3:
         return
-    x0, y0, x1, y1 = floor
+    x0, y0, x1, y1 = plan.floor
     step_x, step_y = (round((b - a) / max(2, round((b - a) / units(6.0)))) for a, b in ((x0, x1), (y0, y1)))
     column = furniture.block(0.4, 0.4)
     for x in range(x0 + step_x, x1 - 20, step_x):
         for y in range(y0 + step_y, y1 - 20, step_y):
-            plan.put(column, floor, 0, x - 4 - x0, y - 4 - y0)
+            plan.put(column, plan.floor, 0, x - 4 - x0, y - 4 - y0)
 
 
-def _put_goods(rng: np.random.Generator, plan: Plan, floor: Rect, loading: Rect) -> None:
+def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
     """Put rows of pallets and a few racks into the loading zone, and stray things everywhere."""
     side = int(rng.integers(4))
-    length, depth = (loading[2] - loading[0], loading[3] - loading[1])[:: 1 if side % 2 == 0 else -1]
+    length, depth = extent(loading, side)
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))
     most = min(6, (depth - 60) // step)
     for along in range(gap, length - 24 - gap, 24 + gap):
         count = int(rng.integers(most + 1)) if most > 0 else 0
         if count:
             pallets = Item(24, step * count, rects=tuple((0, step * k, 24, step * k + 16) for k in range(count)))
-            plan.put(pallets, loading, side, along, int(rng.integers(20, 30)), floor)
+            plan.put(pallets, loading, side, along, int(rng.integers(20, 30)))
     for _ in range(3):
-        plan.put_somewhere(rng, furniture.rack(rng), loading, floor)
+        plan.put_somewhere(rng, furniture.rack(rng), loading)
     for make in (furniture.chest, furniture.plant, furniture.chest):
-        plan.put_amidst(rng, make(rng), floor)
+        plan.put_somewhere(rng, make(rng), plan.floor, MARGIN)
     for _ in range(int(rng.integers(1, 4))):
-        plan.put_amidst(rng, furniture.block(1.2, 0.8), loading, whole=floor)
+        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN)
