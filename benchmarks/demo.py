@@ -13,15 +13,13 @@ from rich.console import Console
 from agents.config import TrainingConfig
 from baselines.episode import run_episode
 from benchmarks.arena.measures import BY_NAME
-from benchmarks.arena.pairs import by_start, case_of
+from benchmarks.arena.pairs import by_start, start_of
 from benchmarks.arena.policies import Policy
-from benchmarks.arena.publish import publish, run_with_progress
-from benchmarks.arena.ranking import typical_and_worst
+from benchmarks.arena.publish import print_case, publish, run_with_progress
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import Summary
-from benchmarks.arena.terminal import terminal_table
+from benchmarks.arena.summary import Summary, typical_and_worst
 from benchmarks.arena.trace import load_curve
 from benchmarks.pictures import Film, save_gif
 from envs.explore import ExploreEnv
@@ -96,12 +94,12 @@ def demo(
             settings, learned, median, work, "exploration.gif"
         ),
         "The classic explorer from the same start.": _film(
-            settings, classic, by_start(rows, classic.name)[case_of(median), seed], work, "exploration_frontier.gif"
+            settings, classic, by_start(rows, classic.name)[start_of(median)], work, "exploration_frontier.gif"
         ),
         "How the explorer learned, on worlds of the test split.": (work / "learning_curve.png").read_bytes(),
     }
     summary = publish(evaluation, title="From an unknown world to a finished map", intro=INTRO, lead=lead)
-    console.print(terminal_table(summary, WORLD))
+    print_case(console, summary, WORLD)
     _replace(folder, work)
     say("Done")
     return _sentence(summary, folder)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from baselines.episode import Curve
-from benchmarks.arena.statistics import Band, curve_band, performance_profile
+from benchmarks.arena.statistics import Band, curve_band
 from benchmarks.arena.theme import LIGHT, Theme, short
 
 NUM_POINTS = 200
@@ -18,12 +18,10 @@ NUM_POINTS = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bands:
-    """Curves of several policies over a common grid."""
+    """Curves of several policies over a common grid, shape (points,)."""
 
     grid: np.ndarray
-    """Shape (points,), where the curves were sampled."""
     by_policy: Mapping[str, Band]
-    """Of each policy, over the grid."""
 
 
 def sample_curves(
@@ -33,10 +31,7 @@ def sample_curves(
 ) -> Bands:
     """Average the explored fraction over each policy's episodes; one that has ended keeps its last value.
 
-    Args:
-        curves: by policy and stratum.
-        over: what the curves run over.
-        end: where they stop being looked at; None takes the longest episode's end.
+    Curves are given by policy and stratum, and sampled up to `end`; None takes the longest episode's end.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
@@ -51,26 +46,8 @@ def sample_curves(
     return Bands(grid, bands)
 
 
-def sample_profiles(scores: Mapping[str, Sequence[np.ndarray]], low: float, high: float) -> Bands:
-    """Return which share of each policy's episodes scores above a threshold, for thresholds from low to high.
-
-    Args:
-        scores: by policy and stratum, shape (episodes,) each.
-        low: lowest threshold.
-        high: highest threshold.
-    """
-    grid = np.linspace(low, high, NUM_POINTS)
-    return Bands(grid, {policy: performance_profile(strata, grid) for policy, strata in scores.items()})
-
-
 def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
-    """Draw the explored fraction of each policy, with its 95 % interval as a band.
-
-    Args:
-        bands: the curves.
-        quantity: what runs along the x axis.
-        theme: colours.
-    """
+    """Draw the explored fraction of each policy over a quantity, with its 95 % interval as a band."""
     figure, axes = _figure(theme)
     for mark in (90, 95, 99):
         axes.axhline(mark, color=theme.muted, linewidth=0.6, linestyle=(0, (2, 3)))
@@ -78,10 +55,7 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
     end = float(bands.grid[-1])
     # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
     axes.set_xscale("function", functions=(np.sqrt, np.square))
-    axes.set_xticks(_root_ticks(end))
-    axes.set_xlim(0.0, end)
-    axes.set_ylim(0.0, 102.0)
-    axes.set_yticks([0, 25, 50, 75, 90, 100])
+    axes.set(xticks=_root_ticks(end), xlim=(0.0, end), ylim=(0.0, 102.0), yticks=[0, 25, 50, 75, 90, 100])
     axes.set_xlabel(f"{quantity}, square-root scale", color=theme.ink)
     axes.set_ylabel("explored [%]", color=theme.ink)
     _legend(axes, len(bands.by_policy), theme, "lower right")
@@ -89,17 +63,10 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
 
 
 def draw_profiles(bands: Bands, score: str, theme: Theme = LIGHT) -> Figure:
-    """Draw each policy's performance profile, with its 95 % interval as a band.
-
-    Args:
-        bands: the profiles.
-        score: what the thresholds are of.
-        theme: colours.
-    """
+    """Draw each policy's performance profile over thresholds of a score, with its 95 % interval as a band."""
     figure, axes = _figure(theme)
     _draw_bands(axes, bands, theme)
-    axes.set_xlim(float(bands.grid[0]), float(bands.grid[-1]))
-    axes.set_ylim(0.0, 102.0)
+    axes.set(xlim=(float(bands.grid[0]), float(bands.grid[-1])), ylim=(0.0, 102.0))
     axes.set_xlabel(score, color=theme.ink)
     axes.set_ylabel("share of episodes [%]", color=theme.ink)
     _legend(axes, len(bands.by_policy), theme, "best")
@@ -138,9 +105,8 @@ def _legend(axes: Axes, num_policies: int, theme: Theme, where: Literal["best", 
 
 def _root_ticks(end: float) -> list[float]:
     """Return round numbers from 0 to `end` whose roots are spaced about evenly."""
-    rounds = [m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)]
     ticks = [0.0]
-    for number in rounds:
+    for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
         if number <= end and np.sqrt(number) - np.sqrt(ticks[-1]) >= 0.11 * np.sqrt(end):
             ticks.append(number)
     return ticks

@@ -12,6 +12,10 @@ from matplotlib.transforms import Affine2D
 
 from benchmarks.arena.theme import LIGHT, Theme, short
 from benchmarks.arena.trace import Trace
+from envs.geometry import OccupancyGrid, Pose2D
+
+Extent = tuple[float, float, float, float]
+"""(x_min, x_max, y_min, y_max), world frame [m]."""
 
 
 def draw_map(trace: Trace, theme: Theme = LIGHT) -> Figure:
@@ -24,12 +28,9 @@ def draw_map(trace: Trace, theme: Theme = LIGHT) -> Figure:
 
 
 def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: int = 4) -> Figure:
-    """Draw how the maps of several policies grow: a row each, at the same moments.
+    """Draw how the maps of several policies, an episode each, grow from the same start: a row each.
 
-    Args:
-        traces: an episode of each policy, with the same start.
-        theme: colours.
-        num_moments: columns, from half the shortest episode (or earlier) to the end of the longest.
+    Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest.
     """
     extent = _extent(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
@@ -40,7 +41,7 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
         for axes, moment in zip(row, moments):
             ended = moment >= trace.curve.time[-1]
             if shown_end:
-                _clear(axes, extent, theme)
+                show_only(axes, extent, theme.paper)
                 continue
             shown_end = ended
             moment = min(moment, trace.curve.time[-1])
@@ -52,65 +53,54 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
     return figure
 
 
-def _extent(traces: Sequence[Trace]) -> tuple[float, float, float, float]:
-    """Return (x_min, x_max, y_min, y_max) of the true walls with a margin, world frame [m]."""
+def _extent(traces: Sequence[Trace]) -> Extent:
+    """Return the extent of the true walls with a margin."""
     points = [trace.segments.reshape(-1, 2) for trace in traces] + [trace.circles[:, :2] for trace in traces]
     together = np.concatenate(points)
     (x_min, y_min), (x_max, y_max) = together.min(axis=0) - 0.3, together.max(axis=0) + 0.3
     return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
-def _map_figure(rows: int, cols: int, extent: tuple[float, float, float, float], width: float, theme: Theme) -> Figure:
+def _map_figure(rows: int, cols: int, extent: Extent, width: float, theme: Theme) -> Figure:
     """Make a figure for maps that are `width` inches wide, and as high as the world asks for."""
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     size = (cols * width + 0.3, rows * (min(max(aspect, 0.4), 2.0) * width + 0.3))
     return Figure(figsize=size, dpi=110, layout="constrained", facecolor=theme.paper)
 
 
-def _draw_map(
-    axes: Axes, trace: Trace, moment: float, end: float, extent: tuple[float, float, float, float], theme: Theme
-) -> None:
-    """Draw what was known at a moment.
-
-    Args:
-        axes: to draw in.
-        trace: the episode.
-        moment: time [s].
-        end: time for the last colour [s].
-        extent: (x_min, x_max, y_min, y_max) to show, world frame [m].
-        theme: colours.
-    """
+def _draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent, theme: Theme) -> None:
+    """Draw what was known at a moment [s]; `end` is the time for the last colour [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
     ramp = LinearSegmentedColormap.from_list("times", theme.times)
     picture = np.full((*data.shape, 4), to_rgba(theme.unknown), dtype=np.float32)
     picture[known] = ramp(np.sqrt(since[known] / max(end, 1e-9)))
     picture[known & (data >= 50)] = to_rgba(theme.ink)
-    x_min, y_min, x_max, y_max = trace.grid.bounds
-    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
-    start = trace.start
-    image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
-    walls = LineCollection(list(trace.segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
-    axes.add_collection(walls)
+    show_map(axes, picture, trace.grid, trace.start, trace.segments, theme)
     rings = [Circle((x, y), radius) for x, y, radius in trace.circles]
     axes.add_collection(PatchCollection(rings, facecolor="none", edgecolor=theme.error, linewidth=0.6, alpha=0.7))
     samples = int(np.searchsorted(trace.curve.time, moment, side="right"))
-    trail = start.transform(trace.trail[: max(samples, 1)])
+    trail = trace.start.transform(trace.trail[: max(samples, 1)])
     axes.plot(*trail.T, color=theme.paper, linewidth=2.4, alpha=0.8)
     axes.plot(*trail.T, color=theme.ink, linewidth=1.0)
     axes.plot(*trail[0], marker="o", markersize=4, color=theme.paper, markeredgecolor=theme.ink)
     axes.plot(*trail[-1], marker="o", markersize=4.5, color=theme.error, markeredgecolor=theme.paper)
-    _clear(axes, extent, theme)
-    axes.set_facecolor(theme.unknown)
+    show_only(axes, extent, theme.unknown)
 
 
-def _clear(axes: Axes, extent: tuple[float, float, float, float], theme: Theme) -> None:
-    """Show nothing but what is drawn in `extent`."""
-    axes.set_facecolor(theme.paper)
-    axes.set_xlim(extent[0], extent[1])
-    axes.set_ylim(extent[2], extent[3])
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+def show_map(
+    axes: Axes, picture: np.ndarray, grid: OccupancyGrid, start: Pose2D, segments: np.ndarray, theme: Theme
+) -> None:
+    """Show the picture of a map, shape (height, width, 4), where it lies in the world, and the true walls over it."""
+    x_min, y_min, x_max, y_max = grid.bounds
+    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
+    image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
+    walls = LineCollection(list(segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
+    axes.add_collection(walls)
+
+
+def show_only(axes: Axes, extent: Extent, background: str) -> None:
+    """Show nothing but what is drawn in `extent`, on a background."""
+    axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xticks=[], yticks=[], facecolor=background)
     for spine in axes.spines.values():
         spine.set_visible(False)

@@ -38,10 +38,7 @@ class Policy:
             from agents.explorer import PPOExplorer
 
             return PPOExplorer.load(self.checkpoint)
-        return make_policy(self._source(), space)
-
-    def _source(self) -> Any:
-        return resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given
+        return make_policy(resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given, space)
 
 
 def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
