@@ -22,56 +22,44 @@ COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 def print_results(results: Results, console: Console) -> None:
     """Print everything as tables."""
-    console.print(_speeds(results))
-    console.print(_kernels(results))
-    console.print(_targets(results))
+    columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
+    speeds: dict[tuple[str, ...], dict[tuple[str, str], str]] = {}
+    for row in results.rows:
+        line = speeds.setdefault((row["design"], str(row["num_envs"]), str(row["cores"])), {})
+        line[row["world"], row["slam"]] = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
+    kernels = [
+        (row["kernel"], f"{row['us']:.1f}", f"{row['us_reference']:,.0f}", f"{row['us_reference'] / row['us']:.0f}")
+        for row in results.kernels
+    ]
+    wanted = [
+        (
+            t.name,
+            f"at {'most' if t.at_most else 'least'} {t.wanted:,g}",
+            f"{t.measured:,.4g}",
+            "met" if t.met else "missed",
+        )
+        for t in targets(results)
+    ]
+    tables = {
+        "Steps per second, all sub-environments together, and how often naive's": (
+            ("design", "num_envs", "cores", *(f"{world}\n{slam}" for world, slam in columns)),
+            [(*design, *(line.get(column, "") for column in columns)) for design, line in speeds.items()],
+        ),
+        "Microseconds per call, on one core": (("kernel", "compiled", "NumPy", "ratio"), kernels),
+        "Targets, the worse of the halls each": (("target", "wanted", "measured", ""), wanted),
+    }
+    for title, (head, lines) in tables.items():
+        table = Table(title=title, box=box.SIMPLE, padding=(0, 1, 0, 0))
+        for k, heading in enumerate(head):
+            table.add_column(heading, justify="right" if k else "left", no_wrap="\n" in heading)
+        for line in lines:
+            table.add_row(*line)
+        console.print(table)
     console.print(f"A further sub-environment takes {results.state_bytes_per_env / 1024:,.0f} KiB.")
     if results.busy:
         console.print(
             "The machine was busy with other programs: these figures are too low, and ratios uncertain.", style="bold"
         )
-
-
-def _speeds(results: Results) -> Table:
-    columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
-    table = Table(
-        title="Steps per second, all sub-environments together, and how often naive's",
-        box=box.SIMPLE,
-        padding=(0, 1, 0, 0),
-    )
-    for heading in ("design", "num_envs", "cores"):
-        table.add_column(heading, justify="left" if heading == "design" else "right")
-    for world, slam in columns:
-        table.add_column(f"{world}\n{slam}", justify="right", no_wrap=True)
-    cells: dict[tuple[str, int, int], dict[tuple[str, str], str]] = {}
-    for row in results.rows:
-        entry = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
-        line = cells.setdefault((row["design"], row["num_envs"], row["cores"]), {})
-        line[row["world"], row["slam"]] = entry
-    for (design, num_envs, cores), line in cells.items():
-        table.add_row(design, str(num_envs), str(cores), *(line.get(column, "") for column in columns))
-    return table
-
-
-def _kernels(results: Results) -> Table:
-    table = Table("kernel", title="Microseconds per call, on one core", box=box.SIMPLE)
-    for heading in ("compiled", "NumPy", "ratio"):
-        table.add_column(heading, justify="right")
-    for row in results.kernels:
-        ratio = row["us_reference"] / row["us"]
-        table.add_row(row["kernel"], f"{row['us']:.1f}", f"{row['us_reference']:,.0f}", f"{ratio:.0f}")
-    return table
-
-
-def _targets(results: Results) -> Table:
-    table = Table("target", title="Targets, the worse of the halls each", box=box.SIMPLE)
-    for heading in ("wanted", "measured", ""):
-        table.add_column(heading, justify="right")
-    for target in targets(results):
-        bound = "at most" if target.at_most else "at least"
-        verdict = "met" if target.met else "missed"
-        table.add_row(target.name, f"{bound} {target.wanted:,g}", f"{target.measured:,.4g}", verdict)
-    return table
 
 
 def plot_growth(results: Results, path: Path) -> None:

@@ -48,13 +48,10 @@ class Effort(NamedTuple):
     repeats: int
     """Measurements of which the median is taken."""
     designs: tuple[Design, ...] = DESIGNS
-    """What to measure."""
     growth: bool = True
     """Whether to measure how cost grows."""
     bodies: tuple[int, ...] = BODIES
-    """Halls to drive in."""
     slams: tuple[str, ...] = SLAMS
-    """Sources of the pose estimate."""
 
 
 FULL = Effort(seconds=0.4, repeats=5)
@@ -102,8 +99,7 @@ def run(effort: Effort, note: Callable[[str], object]) -> Results:
             results.rows += _rows(_measure(workers, cases, effort, shares))
         for num_bodies in effort.bodies:
             note(f"kernels in a hall of {num_bodies} bodies")
-            for name, us, reference in workers[1].call("measure_kernels", num_bodies, 0.1 * effort.seconds, 5):
-                results.kernels.append({"kernel": f"{name} (hall_{num_bodies})", "us": us, "us_reference": reference})
+            results.kernels += workers[1].call("measure_kernels", num_bodies, 0.1 * effort.seconds, 5)
         note("memory")
         results.state_bytes_per_env = workers[1].call("measure_state", effort.bodies[0], "tinyslam")
         for key, slam in itertools.product(GROWTH if effort.growth else (), SLAMS):
