@@ -1,17 +1,17 @@
-"""One run of each experiment: pose tracking, global localization, kidnapped robot."""
+"""AMCL along recorded drives, and one run of each experiment: tracking, global localization, kidnapped robot."""
 
 import math
-from dataclasses import dataclass
+import time
+from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.recorded_drives import PERIOD
-from envs.geometry import Pose2D
+from benchmarks.recorded_drives import PERIOD, Drive
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import Amcl, AmclParams
 from envs.logs import pose_errors, rms
 
 from .maps import KnownWorld, record_from_anywhere
-from .tracks import localize
 
 TRACKING_TIME = 60.0
 """Length of the drives for pose tracking and global localization [s]."""
@@ -29,9 +29,50 @@ START_STD = (0.05, 0.05, 0.05)
 """Standard deviations of the initial pose [m, m, rad]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Results of one seed."""
+class Track(NamedTuple):
+    """Estimates at the n scans of a drive, all of shape (n, ...)."""
+
+    poses: np.ndarray
+    """Shape (n, 3), float64: estimated poses [m, rad]."""
+    is_lost: np.ndarray
+    """Whether the filter called itself lost."""
+    fit: np.ndarray
+    """Share of hits that the map explains."""
+    is_corrected: np.ndarray
+    """Whether the scan was used."""
+    num_particles: np.ndarray
+    """Number of particles after the scan."""
+    seconds: np.ndarray
+    """Time of the update [s]."""
+
+
+def localize(
+    amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
+) -> Track:
+    """Localize along a drive.
+
+    Args:
+        amcl: the filter; it is reset.
+        grid: the map.
+        drive: the recorded drive.
+        seed: of the filter's noise.
+        start_std: standard deviations of the initial pose, which is the true one [m, m, rad]; None for global
+            localization.
+    """
+    start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
+    covariance = None if start_std is None else np.diag(np.square(start_std))
+    amcl.reset(grid, start, np.random.default_rng(seed), covariance=covariance)
+    rows = []
+    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
+        begin = time.perf_counter()
+        estimate = amcl.update(ranges, Pose2D(*motion))
+        seconds = time.perf_counter() - begin
+        rows.append((estimate.pose, estimate.is_lost, estimate.fit, estimate.is_corrected, amcl.num_particles, seconds))
+    return Track(*map(np.array, zip(*rows)))
+
+
+class Run(NamedTuple):
+    """Results of one seed, or columns of the results of many; times are infinite for never."""
 
     position: float
     """Pose tracking: root mean square error of the position [m]."""
@@ -42,13 +83,13 @@ class Run:
     found_up_to_symmetry: bool
     """Whether it did so up to a rotation of the map onto itself."""
     found_after: float
-    """Time from which on the estimate was correct [s]; inf for never."""
+    """Time from which on the estimate was correct [s]."""
     recovered: bool
     """Whether the kidnapped robot was localized again."""
     recovered_after: float
-    """Time after the kidnapping from which on the estimate was correct [s]; inf for never."""
+    """Time after the kidnapping from which on the estimate was correct [s]."""
     noticed_after: float
-    """Time after the kidnapping at which the filter first called itself lost [s]; inf for never."""
+    """Time after the kidnapping at which the filter first called itself lost [s]."""
     confident_and_wrong: float
     """Share of the time of these two experiments with a wrong estimate by a filter that did not call itself lost."""
     lost_while_right: float
