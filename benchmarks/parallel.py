@@ -18,7 +18,7 @@ def run_each(
     """Call a function with each tuple of arguments, behind a progress bar; return the results in the order of tasks.
 
     Args:
-        work: the function, of a module.
+        work: the function; not one of a `__main__.py`, which other processes do not import.
         tasks: arguments of each call.
         jobs: processes; 1 stays in this one.
         on_result: called with each result as it comes.

@@ -108,13 +108,13 @@ class Records:
 
     def add(self, row: Row) -> None:
         """Append a row and see it to the disk."""
-        append(self._rows_file, COLUMNS, row)
+        append_row(self._rows_file, COLUMNS, row)
         self._rows[key_of(row)] = row
 
     def add_failure(self, key: Key, reason: str) -> None:
         """Record an episode that could not be run."""
         if self._failures.get(key) != reason:
-            append(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
+            append_row(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
             self._failures[key] = reason
 
     def _check_settings(self, settings: dict[str, Any]) -> None:
@@ -136,7 +136,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
     write_file(path, "".join(map(_line, (COLUMNS, *([row[name] for name in COLUMNS] for row in rows)))))
 
 
-def append(path: Path, columns: Readers, row: Row) -> None:
+def append_row(path: Path, columns: Readers, row: Row) -> None:
     """Append a row to a table, which gets its columns at the top if it is new, and see it to the disk."""
     content = path.read_bytes() if path.exists() else b""
     whole = content[: content.rfind(b"\n") + 1]

@@ -21,7 +21,6 @@ from benchmarks.localization.pictures import draw
 from benchmarks.localization.runs import Run, run
 from benchmarks.localization.timing import cost_by_size, update_times
 from benchmarks.parallel import run_each
-from envs.localization import load_preset
 from envs.logs import rms
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
@@ -85,15 +84,10 @@ def main(
     return results
 
 
-def _run(world: str, preset: str, physics: str, seed: int) -> Run:
-    known = load_known_world(world, physics)
-    return run(known, symmetries(known.grid), load_preset(preset), seed)
-
-
 def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> dict[str, Any]:
     """Run all seeds in one world, and summarise the runs."""
     tasks = [(world, preset, physics, seed) for seed in seeds]
-    done = Run(*map(np.array, zip(*run_each(_run, tasks, jobs, desc=world, leave=False))))
+    done = Run(*map(np.array, zip(*run_each(run, tasks, jobs, desc=world, leave=False))))
     return {
         "tracking_rmse_m": rms(done.position),
         "tracking_rmse_deg": rms(done.heading),

@@ -8,10 +8,10 @@ import numpy as np
 
 from benchmarks.recorded_drives import PERIOD, Drive
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.localization import Amcl, AmclParams
+from envs.localization import Amcl, load_preset
 from envs.logs import pose_errors, rms
 
-from .maps import KnownWorld, record_from_anywhere
+from .maps import load_known_world, record_from_anywhere, symmetries
 
 TRACKING_TIME = 60.0
 """Length of the drives for pose tracking and global localization [s]."""
@@ -113,12 +113,13 @@ def time_of_success(is_right: np.ndarray) -> float:
     return float(wrong[-1] + 1) * PERIOD if len(wrong) else 0.0
 
 
-def run(known: KnownWorld, symmetries: list[Pose2D], params: AmclParams, seed: int) -> Run:
+def run(world: str, preset: str, physics: str, seed: int) -> Run:
     """Do all three experiments with one seed."""
+    known = load_known_world(world, physics)
     first, second = np.random.SeedSequence(seed).spawn(2)
     drive = record_from_anywhere(known.setup, first, TRACKING_TIME)
     elsewhere = record_from_anywhere(known.setup, second, RECOVERY_TIME)
-    amcl = Amcl(known.setup.robot.lidar, params)
+    amcl = Amcl(known.setup.robot.lidar, load_preset(preset))
 
     tracked = localize(amcl, known.grid, drive, seed, START_STD)
     distance, angle = pose_errors(tracked.poses, drive.truth)
@@ -126,7 +127,8 @@ def run(known: KnownWorld, symmetries: list[Pose2D], params: AmclParams, seed: i
 
     found = localize(amcl, known.grid, drive, seed, None)
     is_right = _is_right(found.poses, drive.truth)
-    turned = [np.array([motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()]) for motion in symmetries]
+    motions = symmetries(known.grid)
+    turned = [np.array([motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()]) for motion in motions]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
