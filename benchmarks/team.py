@@ -17,8 +17,8 @@ from rich.table import Table
 
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
-from benchmarks.arena.map_plots import show_map, show_only
 from benchmarks.arena.measures import Measure
+from benchmarks.arena.plots import show_map, show_only
 from benchmarks.arena.records import Row, append_row, read_tables
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from baselines.episode import Curve
-from benchmarks.arena.curve_plots import NUM_POINTS, Bands, draw_curves, draw_profiles, sample_curves
 from benchmarks.arena.leaderboard import story
-from benchmarks.arena.map_plots import draw_growth
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Figure, Section
 from benchmarks.arena.pairs import (
@@ -24,6 +22,7 @@ from benchmarks.arena.pairs import (
     value_of,
     values_of,
 )
+from benchmarks.arena.plots import NUM_POINTS, Bands, draw_curves, draw_growth, draw_profiles, sample_curves
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import performance_profile
 from benchmarks.arena.summary import PRIMARY, typical_and_worst

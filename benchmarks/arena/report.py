@@ -9,12 +9,11 @@ from string import Template
 
 import numpy as np
 
-from benchmarks.arena.curve_plots import draw_curves, sample_curves
 from benchmarks.arena.leaderboard import measures_table, pairs_section, story
-from benchmarks.arena.map_plots import draw_growth, draw_map
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Cell, Figure, Section, Table, data_url, figure_element, to_html
 from benchmarks.arena.pairs import split
+from benchmarks.arena.plots import draw_curves, draw_growth, draw_map, sample_curves
 from benchmarks.arena.records import Row
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.statistics import Estimate

@@ -77,10 +77,8 @@ class Results:
 
     def speed(self, design: Design, world: str, slam: str) -> float | None:
         """Return the steps per second of a design, None if it was not measured."""
-        wanted = (*design, world, slam)
-        keys = ("design", "num_envs", "cores", "world", "slam")
-        found = (row["steps_per_second"] for row in self.rows if tuple(row[key] for key in keys) == wanted)
-        return next(found, None)
+        wanted = dict(zip(("design", "num_envs", "cores"), design)) | {"world": world, "slam": slam}
+        return next((row["steps_per_second"] for row in self.rows if wanted.items() <= row.items()), None)
 
 
 def run(effort: Effort, note: Callable[[str], object]) -> Results:
@@ -138,18 +136,12 @@ def _measure(workers: dict[int, Worker], cases: list[Case], effort: Effort, shar
 def _rows(speeds: dict[Case, float]) -> list[dict[str, Any]]:
     """Return the rows of cases that share hall and SLAM, `naive` among them."""
     naive = next(speed for case, speed in speeds.items() if case.design.name == "naive")
-    return [
-        {
-            "design": case.design.name,
-            "world": f"hall_{case.num_bodies}",
-            "slam": case.slam,
-            "num_envs": case.design.num_envs,
-            "cores": case.design.cores,
-            "steps_per_second": speed,
-            "ratio_to_naive": speed / naive,
-        }
-        for case, speed in speeds.items()
-    ]
+    rows = []
+    for case, speed in speeds.items():
+        name, num_envs, cores = case.design
+        row = {"design": name, "world": f"hall_{case.num_bodies}", "slam": case.slam, "num_envs": num_envs}
+        rows.append(row | {"cores": cores, "steps_per_second": speed, "ratio_to_naive": speed / naive})
+    return rows
 
 
 def _grown(key: str, at: int, slam: str) -> Case:
