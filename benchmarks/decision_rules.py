@@ -43,7 +43,6 @@ def gain_over_cost(observation: dict[str, np.ndarray]) -> np.int64:
 
 
 RULES = {"nearest": nearest, "gain over cost": gain_over_cost}
-"""Rules by name."""
 
 
 def time_rule(rule: str, world: str, control_hz: float, max_decision_time: float, seed: int) -> float:

@@ -99,7 +99,6 @@ class NaiveSlam:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         """Estimated pose; the first is the origin."""
         self.num_integrated = 0
-        """Number of integrated scans."""
         self._last_integrated: Pose2D | None = None
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:

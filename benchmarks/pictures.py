@@ -18,7 +18,6 @@ from envs.rendering import style
 HOLD = 3.0
 """Time for which a film shows its last picture [s]."""
 FPS = 10.0
-"""Pictures of a film per second."""
 
 
 @dataclass(slots=True)

@@ -38,9 +38,7 @@ EASIEST = {"slam": "truth"}
 PERCENT = BY_NAME["reached_95"]
 """How shares are printed."""
 TIME = BY_NAME["time_to_95"]
-"""What the table of worlds shows."""
 DASH = Cell("-")
-"""An empty cell."""
 
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:

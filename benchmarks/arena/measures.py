@@ -13,9 +13,7 @@ class Measure:
     name: str
     """Key in `summary.json`."""
     label: str
-    """Heading for people."""
     unit: str
-    """Unit in tables."""
     higher_is_better: bool | None
     """None where neither is better by itself."""
     digits: int = 1
@@ -71,5 +69,4 @@ RELATIVE = (
 """Shares of what the reference needed from the same start (`benchmarks.arena.pairs.relate`): seconds and metres in a
 maze and in a warehouse are not of a kind, these are."""
 REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True)
-"""Share of the episodes in which that mark was reached."""
 BY_NAME = {measure.name: measure for measure in (*MEASURES, *RELATIVE, REACHED)}

@@ -52,7 +52,6 @@ class Figure:
     picture: Picture
     caption: str
     is_wide: bool = False
-    """Whether it needs the whole width."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,6 @@ class Policy:
     given: Any = None
     """The policy itself, where it was given in Python."""
     level: Level = "twist"
-    """What it decides."""
 
     def make(self, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
         """Make the policy for an action space."""

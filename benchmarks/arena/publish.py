@@ -9,16 +9,7 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmarks.arena.leaderboard import (
-    axis_sections,
-    gap_section,
-    measures_section,
-    measures_table,
-    pairs_section,
-    ranking_section,
-    ranking_table,
-    worlds_section,
-)
+from benchmarks.arena import leaderboard
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.overview import curves_section, gallery_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
@@ -40,7 +31,6 @@ TEXT = (
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
-"""Follows it in the documentation."""
 PRINTED = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", "reached_95"))
 """Columns of the ranking in the terminal."""
 
@@ -107,13 +97,13 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
 def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
     fair = relate(common_starts(rows))
     sections = [
-        ranking_section(fair) if fair else None,
+        leaderboard.ranking_section(fair) if fair else None,
         curves_section(evaluation.folder, fair) if fair else None,
-        gap_section(fair),
-        pairs_section(fair) if fair else None,
-        measures_section(fair) if fair else None,
-        *axis_sections(all_rows),
-        worlds_section(rows),
+        leaderboard.gap_section(fair),
+        leaderboard.pairs_section(fair) if fair else None,
+        leaderboard.measures_section(fair) if fair else None,
+        *leaderboard.axis_sections(all_rows),
+        leaderboard.worlds_section(rows),
         unfinished_section(rows),
         missing_section(evaluation.missing(), len(rows), len(fair)),
         gallery_section(evaluation.folder, rows),
@@ -138,7 +128,7 @@ def print_case(console: Console, summary: Summary, case: str) -> None:
     """Print a case's estimates: a row per measure, a column per policy."""
     estimates = {policy: cases[case] for policy, cases in summary.items() if case in cases}
     episodes = max(values["explored_fraction"].n for values in estimates.values())
-    console.print(to_terminal(measures_table(estimates), f"{case}, {episodes} episodes"))
+    console.print(to_terminal(leaderboard.measures_table(estimates), f"{case}, {episodes} episodes"))
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
@@ -148,7 +138,7 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
     for case in cases if evaluation.settings.world_sections else ():
         print_case(console, summary, case)
     if len(cases) > 1:
-        ranking = ranking_table(relate(common_starts(evaluation.rows())), PRINTED)
+        ranking = leaderboard.ranking_table(relate(common_starts(evaluation.rows())), PRINTED)
         console.print(to_terminal(ranking, "All worlds"))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.")

@@ -23,7 +23,6 @@ FAILURES = "failures"
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
-"""Libraries whose versions are kept."""
 
 Row = dict[str, Any]
 """One episode, by the names of `COLUMNS`."""
@@ -32,12 +31,10 @@ Readers = Mapping[str, Callable[[str], Any]]
 
 
 class Key(NamedTuple):
-    """Identifies an episode. The names are columns."""
+    """Identifies an episode; policy and world as given on the command line. The names are columns."""
 
     policy: str
-    """As given on the command line."""
     world: str
-    """As given on the command line."""
     seed: int
     robot: str
     physics: str
@@ -48,7 +45,6 @@ _MEASURES: Readers = {f.name: int if f.type is bool else f.type for f in fields(
 COLUMNS: Readers = Key.__annotations__ | {"model": str} | _MEASURES
 """Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
 FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
-"""Columns of what could not be run."""
 
 
 def make_row(policy: Policy, key: Key, episode: Episode) -> Row:

@@ -15,7 +15,6 @@ import numpy as np
 from scipy import stats
 
 CONFIDENCE = 0.95
-"""Coverage of the intervals."""
 TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 """Quantiles of the resamples at which the intervals end."""
 NUM_RESAMPLES = 2000
@@ -25,14 +24,12 @@ NUM_CURVE_RESAMPLES = 500
 
 
 class Estimate(NamedTuple):
-    """A number and how sure it is."""
+    """A number and its 95 % interval."""
 
     iqm: float
     """The estimate: an interquartile mean, or what the function that returns it says."""
     low: float
-    """Lower end of the 95 % interval."""
     high: float
-    """Upper end of the 95 % interval."""
     n: int
     """Episodes that went in."""
     never: int = 0

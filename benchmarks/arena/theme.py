@@ -10,7 +10,6 @@ from PIL import Image
 from benchmarks.arena.pairs import BOUND
 
 NUM_COLORS = 128
-"""Colours of a picture's palette."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,13 +35,12 @@ WARM_UP_STEPS = 20
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One episode to run."""
+    """One episode to run, at most `time_limit` long [s]; None lets the environment choose."""
 
     key: Key
     policy: Policy
     case: Case
     time_limit: float | None
-    """Length of the episode [s]; None lets the environment choose it."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """World, robot and SLAM of the user's own that the case names."""
 
@@ -172,7 +171,6 @@ def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy
 
 
 _worker = _Worker()
-"""What a worker process keeps between tasks."""
 
 
 def _start_worker() -> None:

@@ -12,7 +12,6 @@ from benchmarks.arena.theme import LIGHT
 from .drive import DRIVER, PAPER, Drive, make_env
 
 COLOURS = {"encoder": LIGHT.lines[1], "amcl": LIGHT.lines[2], "encoder_compass": LIGHT.lines[3], "full": LIGHT.lines[0]}
-"""Colours of the fusions."""
 
 
 def draw_figures(drives: Sequence[Drive], labels: Mapping[str, str], folder: Path) -> None:

@@ -24,11 +24,8 @@ from benchmarks.parallel import run_each
 from envs.logs import rms
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
-"""Worlds, each with its usual robot."""
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
-"""Folder of the Intel log."""
 INTEL_SEEDS = range(100, 105)
-"""Seeds on the Intel log."""
 
 
 def main(

@@ -39,9 +39,7 @@ class Track(NamedTuple):
     fit: np.ndarray
     """Share of hits that the map explains."""
     is_corrected: np.ndarray
-    """Whether the scan was used."""
     num_particles: np.ndarray
-    """Number of particles after the scan."""
     seconds: np.ndarray
     """Time of the update [s]."""
 

@@ -21,7 +21,6 @@ HOLD = 10
 NUM_ACTIONS = 500
 """Actions of a sub-environment before they start again."""
 SUBPROCESSES = 2
-"""Processes of `subproc`."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 """Network and settings of `ppo`; where it learns and in how many sub-environments is up to the benchmark."""
 
@@ -34,7 +33,6 @@ class Design(NamedTuple):
     `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
     stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from `vector`, end to end."""
     num_envs: int = 1
-    """Environments that step together."""
     cores: int = 1
     """Cores that they may use; from two on, a vector environment has as many shards."""
 
@@ -44,7 +42,6 @@ class Case(NamedTuple):
 
     design: Design
     num_bodies: int
-    """Crates and pillars in the hall."""
     slam: str
     num_beams: int = 360
     map_resolution: float = 0.05

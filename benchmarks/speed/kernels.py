@@ -43,7 +43,6 @@ class Kernel(NamedTuple):
 
     name: str
     function: Any
-    """Compiled."""
     arguments: Callable[[], tuple[Any, ...]]
     """Returns them for a loop of calls."""
     varied: int | None

@@ -34,7 +34,6 @@ AXES = {
 }
 """What the panels of the plot are about."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
-"""Of the lines."""
 
 
 class Target(NamedTuple):

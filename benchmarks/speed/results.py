@@ -16,7 +16,6 @@ from benchmarks.speed.worker import Worker
 BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
 SLAMS = ("tinyslam", "truth")
-"""Sources of the pose estimate."""
 FEW, MANY = 16, 256
 """Sub-environments of the vector environments that are measured on one core and on two."""
 DESIGNS = (
@@ -49,7 +48,6 @@ class Effort(NamedTuple):
     """Measurements of which the median is taken."""
     designs: tuple[Design, ...] = DESIGNS
     growth: bool = True
-    """Whether to measure how cost grows."""
     bodies: tuple[int, ...] = BODIES
     slams: tuple[str, ...] = SLAMS
 
@@ -63,7 +61,6 @@ class Results:
     """Everything measured, as it is written to JSON."""
 
     machine: dict[str, str] = field(default_factory=dict)
-    """On what, and with which versions."""
     busy: bool = False
     """Whether other programs took the cores at the same time, so that figures are too low and ratios uncertain."""
     rows: list[dict[str, Any]] = field(default_factory=list)

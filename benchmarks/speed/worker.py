@@ -131,7 +131,6 @@ class Worker:
 
 
 _bench = Bench()
-"""That of a process."""
 
 
 def _start(cores: list[int]) -> None:
