@@ -105,7 +105,7 @@ def _film(settings: Settings, policy: Policy, row: Row, folder: Path, name: str)
                 film.shoot(info)
 
         run_episode(env, policy.make(), row["seed"], watch)
-        film.finish({"explored_fraction": curve.explored_fraction[-1]})
+        film.finish()
     save_gif(film.frames, folder / name, width=800)
     return (folder / name).read_bytes()
 

@@ -32,19 +32,22 @@ class Film:
     """Shape (height, width, 3), uint8 each."""
     shown: list[tuple[bool, float]] = field(default_factory=list)
     """Whether about half of the world is explored, and the length of the planned path [m], at each picture."""
+    explored: float = 0.0
+    """Explored fraction at the last call of `shoot`."""
 
     def shoot(self, info: dict[str, Any]) -> None:
         """Take a picture if it is time for one."""
+        self.explored = info["explored_fraction"]
         if info["time"] >= len(self.frames) * self.every - 1e-6:
-            self.finish(info)
+            self.finish()
 
-    def finish(self, info: dict[str, Any]) -> None:
+    def finish(self) -> None:
         """Take a picture in any case, such as the last one."""
         frame = self.env.render()
         assert frame is not None
         self.frames.append(frame)
         plan = 0.0 if self.env.plan is None else float(lengths_along(self.env.plan)[-1])
-        self.shown.append((0.5 <= info["explored_fraction"] <= 0.75, plan))
+        self.shown.append((0.5 <= self.explored <= 0.75, plan))
 
     @property
     def hero(self) -> np.ndarray:
@@ -110,14 +113,8 @@ def main(
     """
     env = ExploreEnv(world=world, start="spawn", render_mode="rgb_array")
     taken = Film(env, every)
-    last: dict[str, Any] = {}
-
-    def watch(info: dict[str, Any]) -> None:
-        last.update(info)
-        taken.shoot(info)
-
-    episode = run_episode(env, make_explorer(explorer), seed, watch)
-    taken.finish(last)
+    episode = run_episode(env, make_explorer(explorer), seed, taken.shoot)
+    taken.finish()
     env.close()
     for path in (film, picture):
         path.parent.mkdir(parents=True, exist_ok=True)

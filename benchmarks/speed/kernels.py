@@ -44,7 +44,6 @@ class Kernel(NamedTuple):
     name: str
     function: Any
     arguments: Callable[[], tuple[Any, ...]]
-    """Returns them for a loop of calls."""
     varied: int | None
     """The argument that differs from call to call, such that no compiler takes the work out of the loop; None where
     the work changes its own input."""
