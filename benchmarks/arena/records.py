@@ -41,7 +41,7 @@ class Key(NamedTuple):
     slam: str
 
 
-_MEASURES: Readers = {f.name: int if f.type is bool else f.type for f in fields(Episode) if f.name != "curve"}
+_MEASURES: dict[str, Any] = {f.name: int if f.type is bool else f.type for f in fields(Episode) if f.name != "curve"}
 COLUMNS: Readers = Key.__annotations__ | {"model": str} | _MEASURES
 """Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
 FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
