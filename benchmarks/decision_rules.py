@@ -10,7 +10,7 @@ from rich.progress import track
 from rich.table import Table
 
 from baselines import make_explorer
-from baselines.episode import run_episode
+from baselines.episode import run, run_episode
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
@@ -43,7 +43,6 @@ def gain_over_cost(observation: dict[str, np.ndarray]) -> np.int64:
 
 
 RULES = {"nearest": nearest, "gain over cost": gain_over_cost}
-"""Rules by name."""
 
 
 def time_rule(rule: str, world: str, control_hz: float, max_decision_time: float, seed: int) -> float:
@@ -51,10 +50,8 @@ def time_rule(rule: str, world: str, control_hz: float, max_decision_time: float
     arguments = {**WORLDS[world][0], "physics": "kinematic", "target_coverage": MARK}
     env = ExploreFrontiersEnv(control_hz=control_hz, max_decision_time=max_decision_time, **arguments)
     observation, info = env.reset(seed=seed)
-    done = info["is_success"]
-    while not done:
-        observation, _, terminated, truncated, info = env.step(RULES[rule](observation))
-        done = terminated or truncated
+    if not info["is_success"]:
+        info = run(env, RULES[rule], observation, info).info
     return float(info["time"] if info["is_success"] else env.explore.time_limit)
 
 

@@ -7,7 +7,7 @@ all robots.
 """
 
 import time
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import tyro
@@ -27,18 +27,13 @@ WARM_UP = 2
 """Decisions that are not counted: kernels are loaded, or compiled, in them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Decisions:
-    """Processor times of the decisions of one episode."""
+class Decisions(NamedTuple):
+    """Processor times of the decisions of one episode [ms]."""
 
     count: int
-    """How many were timed."""
     mean: float
-    """Mean [ms]."""
     p99: float
-    """99th percentile [ms]."""
     longest: float
-    """Greatest [ms]."""
     missed: int
     """How many took the control period or longer."""
     explored: float
@@ -46,15 +41,7 @@ class Decisions:
 
 
 def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf, num_robots: int = 1) -> Decisions:
-    """Let an explorer explore, and time its decisions.
-
-    Args:
-        world: as the environment takes it; explored with its usual robot.
-        name: of the explorer, or `TEAM`.
-        seed: of the episode.
-        max_time: when to stop even if there is more to explore [s].
-        num_robots: of a team.
-    """
+    """Let an explorer, or `TEAM`, explore with the world's usual robot for at most so long [s]; time its decisions."""
     is_team, settings = name == TEAM, {"world": world, "physics": "kinematic", "split": "test"}
     env = ExploreTeamEnv(num_robots=num_robots, **settings) if is_team else ExploreEnv(**settings)
     observation, info = env.reset(seed=seed)
@@ -66,14 +53,9 @@ def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.in
     ended = run(env, decide, observation, info, max_steps=steps, clock=time.thread_time)
     env.close()
     taken = np.array(ended.decision_times[WARM_UP:])
-    return Decisions(
-        count=len(taken),
-        mean=1e3 * float(taken.mean()),
-        p99=1e3 * float(np.percentile(taken, 99)),
-        longest=1e3 * float(taken.max()),
-        missed=int(np.count_nonzero(taken >= env.control_period)),
-        explored=ended.info["explored_fraction"],
-    )
+    times = (1e3 * float(time) for time in (taken.mean(), np.percentile(taken, 99), taken.max()))
+    missed = np.count_nonzero(taken >= env.control_period)
+    return Decisions(len(taken), *times, int(missed), ended.info["explored_fraction"])
 
 
 def main(

@@ -9,7 +9,6 @@ a shared machine also measures other processes. Worlds that are drawn ahead in t
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import tyro
@@ -25,24 +24,12 @@ WARM_UP = 3
 """Decisions before the clock starts: they compile, and draw the first worlds."""
 
 
-@dataclass
-class Tally:
-    """What a design has done."""
-
-    decisions: int = 0
-    """Decisions of all sub-environments."""
-    steps: int = 0
-    """Control steps in them."""
-    simulated: float = 0.0
-    """Simulated time [s]."""
-    seconds: float = 0.0
-    """Processor time [s]."""
-    slices: tuple[float, ...] = ()
-    """Decisions per second of each slice."""
+Decide = Callable[[], tuple[int, int, float]]
+"""Decides once in every environment; returns decisions, control steps and simulated time [s]."""
 
 
-def single() -> Callable[[], tuple[int, int, float]]:
-    """Return what takes a decision in a single environment, and returns decisions, control steps and simulated time."""
+def single() -> Decide:
+    """Return what decides in a single environment."""
     env = ExploreFrontiersEnv(**WORLD)
     env.reset(seed=0)
 
@@ -55,7 +42,7 @@ def single() -> Callable[[], tuple[int, int, float]]:
     return decide
 
 
-def vector(count: int) -> Callable[[], tuple[int, int, float]]:
+def vector(count: int) -> Decide:
     """Return the same for a number of sub-environments."""
     env = ExploreFrontiersVectorEnv(count, num_workers=0, autoreset_mode=AutoresetMode.NEXT_STEP, **WORLD)
     env.reset(seed=0)
@@ -79,38 +66,30 @@ def main(decisions: int = 600, slices: int = 20, sizes: tuple[int, ...] = (16, 6
     """
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     designs = {"single": single(), **{f"{count} sub-environments": vector(count) for count in sizes}}
-    tallies = {name: Tally() for name in designs}
+    done = {name: np.zeros((slices, 4)) for name in designs}
     for decide in designs.values():
         for _ in range(WARM_UP):
             decide()
     for turn in range(slices):
         for name, decide in designs.items():
-            tally, began, before = tallies[name], time.process_time(), tallies[name].decisions
+            began = time.process_time()
             for _ in range(decisions * (turn + 1) // slices - decisions * turn // slices):
-                taken, steps, simulated = decide()
-                tally.decisions += taken
-                tally.steps += steps
-                tally.simulated += simulated
-            seconds = time.process_time() - began
-            tally.seconds += seconds
-            tally.slices += ((tally.decisions - before) / seconds,)
-    print_table(tallies)
-
-
-def print_table(tallies: dict[str, Tally]) -> None:
-    """Print what was measured."""
+                done[name][turn, :3] += decide()
+            done[name][turn, 3] = time.process_time() - began
     table = Table("design", "decisions/s", "least slice", "ratio", "steps/decision", "simulated s", "us/step")
-    first = tallies["single"]
-    for name, tally in tallies.items():
-        rate = tally.decisions / tally.seconds
+    rate_of_first = None
+    for name, turns in done.items():
+        taken, steps, simulated, seconds = turns.sum(axis=0)
+        rate = taken / seconds
+        rate_of_first = rate_of_first or rate
         table.add_row(
             name,
             f"{rate:.0f}",
-            f"{min(tally.slices):.0f}",
-            f"{rate * first.seconds / first.decisions:.2f}",
-            f"{tally.steps / tally.decisions:.1f}",
-            f"{tally.simulated / tally.decisions:.2f}",
-            f"{1e6 * tally.seconds / tally.steps:.0f}",
+            f"{(turns[:, 0] / turns[:, 3]).min():.0f}",
+            f"{rate / rate_of_first:.2f}",
+            f"{steps / taken:.1f}",
+            f"{simulated / taken:.2f}",
+            f"{1e6 * seconds / steps:.0f}",
         )
     Console().print(table)
 

@@ -13,24 +13,20 @@ from rich.console import Console
 from agents.config import TrainingConfig
 from baselines.episode import run_episode
 from benchmarks.arena.measures import BY_NAME
-from benchmarks.arena.pairs import by_start, case_of
+from benchmarks.arena.pairs import by_start, start_of
 from benchmarks.arena.policies import Policy
-from benchmarks.arena.publish import publish, run_with_progress
-from benchmarks.arena.ranking import typical_and_worst
+from benchmarks.arena.publish import print_case, publish, run_with_progress
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import Summary
-from benchmarks.arena.terminal import terminal_table
+from benchmarks.arena.summary import Summary, typical_and_worst
 from benchmarks.arena.trace import load_curve
 from benchmarks.pictures import Film, save_gif
 from envs.explore import ExploreEnv
 from envs.files import read_record
 
 FOLDER = Path("runs/demo")
-"""Where the results go."""
 CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
-"""How the explorer is trained."""
 WORLD = "turtlebot3_world"
 """Where the explorers meet. The learned one has never been there: it is trained on procedural worlds."""
 NUM_FRAMES = 80
@@ -51,18 +47,10 @@ def demo(
     time_limit: float | None = None,
     jobs: int = 2,
 ) -> str:
-    """Train, evaluate, film and report.
+    """Train, evaluate with so many episodes of each explorer, film and report; return the results, in a sentence.
 
-    Args:
-        config: of the training.
-        folder: for the results. Those of an earlier demo are replaced once the new ones are complete.
-        episodes: of each explorer.
-        physics: of the evaluation.
-        time_limit: of its episodes [s]; None lets the environment choose.
-        jobs: processes that it is spread over.
-
-    Returns:
-        The results, in a sentence.
+    The results of an earlier demo in the folder are replaced once the new ones are complete. A time limit [s] of None
+    lets the environment choose.
     """
     from agents.training import train  # torch takes seconds to load: the first line should not wait for it
 
@@ -90,18 +78,15 @@ def demo(
     say("3/3 Film the first episode, and write the report")
     learned, classic, _ = evaluation.policies.values()
     median = typical_and_worst(rows, learned.name)[0]
-    seed = median["seed"]
+    same = by_start(rows, classic.name)[start_of(median)]
+    title = f"The trained explorer in a world that it has never seen (seed {median['seed']}, its median episode)."
     lead = {
-        f"The trained explorer in a world that it has never seen (seed {seed}, its median episode).": _film(
-            settings, learned, median, work, "exploration.gif"
-        ),
-        "The classic explorer from the same start.": _film(
-            settings, classic, by_start(rows, classic.name)[case_of(median), seed], work, "exploration_frontier.gif"
-        ),
+        title: _film(settings, learned, median, work, "exploration.gif"),
+        "The classic explorer from the same start.": _film(settings, classic, same, work, "exploration_frontier.gif"),
         "How the explorer learned, on worlds of the test split.": (work / "learning_curve.png").read_bytes(),
     }
     summary = publish(evaluation, title="From an unknown world to a finished map", intro=INTRO, lead=lead)
-    console.print(terminal_table(summary, WORLD))
+    print_case(console, summary, WORLD)
     _replace(folder, work)
     say("Done")
     return _sentence(summary, folder)
@@ -120,7 +105,7 @@ def _film(settings: Settings, policy: Policy, row: Row, folder: Path, name: str)
                 film.shoot(info)
 
         run_episode(env, policy.make(), row["seed"], watch)
-        film.finish({"explored_fraction": curve.explored_fraction[-1]})
+        film.finish()
     save_gif(film.frames, folder / name, width=800)
     return (folder / name).read_bytes()
 

@@ -7,6 +7,7 @@ of the explorer in between, and of everything, as a multiple of real time.
 
 import time
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import tyro
@@ -14,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines import make_explorer
-from baselines.explorer import to_action
+from baselines.episode import decide_with, run
 from envs.explore import ExploreEnv
 
 DECISION = 4
@@ -43,18 +44,20 @@ def main(
     env = ExploreEnv(
         world="rooms", world_size=world_size, robot="turtlebot3_burger", slam=slam, physics="kinematic", time_limit=1e6
     )
-    _, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed)
     reset_time = time.process_time() - began
     chosen = make_explorer(explorer)
     chosen.reset(env.robot, env.control_period, np.random.default_rng([seed, 1]))
-    rows = []
-    while chosen.end_reason is None and "end_reason" not in info and info["time"] < max_time:
-        start = time.process_time()
-        twist = chosen.act(env.reading, env.belief)
-        acted = time.process_time()
-        *_, info = env.step(to_action(twist, env.robot))
-        rows.append((info["explored_area"], acted - start, time.process_time() - start))
-    print_table(np.array(rows), areas, env.control_period, reset_time, info)
+    areas_known, times = [], []
+
+    def watch(info: dict[str, Any]) -> None:
+        areas_known.append(info["explored_area"])
+        times.append(time.process_time())
+
+    steps = max_time / env.control_period
+    ended = run(env, decide_with(chosen, env), observation, info, watch, max_steps=steps, clock=time.process_time)
+    rows = np.column_stack([areas_known[1:], ended.decision_times[: len(times) - 1], np.diff(times)])
+    print_table(rows, areas, env.control_period, reset_time, ended.info)
 
 
 def print_table(

@@ -33,15 +33,10 @@ QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
 
 
 def crop_map(values: np.ndarray, counts: np.ndarray, x: float, y: float, theta: float, grid: np.ndarray) -> np.ndarray:
-    """Look at the map from the robot.
+    """Look at the map from the robot, whose pose is given from the map's corner [cells, rad].
 
-    Args:
-        values: shape (height, width), float32, occupancies.
-        counts: shape (height, width), int64, 0 where nothing is known.
-        x: position of the robot from the map's corner [cells].
-        y: the same [cells].
-        theta: heading of the robot [rad].
-        grid: shape (2, size, size), where the pixels lie, forward and left of the robot [cells].
+    Occupancies and their counts, 0 where nothing is known, have shape (height, width); `grid` says where the pixels
+    lie, forward and left of the robot [cells], shape (2, size, size).
 
     Returns:
         Shape (2, size, size), uint8: 255 where occupied, and where free.
@@ -58,14 +53,10 @@ def crop_map(values: np.ndarray, counts: np.ndarray, x: float, y: float, theta: 
 
 
 def count_new(cells: np.ndarray, belief: OccupancyGrid, start: Pose2D, area: ExplorableArea, seen: np.ndarray) -> int:
-    """Mark in `seen` the explorable true cells under newly known map cells; return how many were new.
+    """Mark in `seen` (bool) the explorable true cells under newly known map cells; return how many were new.
 
-    Args:
-        cells: shape (k, 2), (row, column) of map cells.
-        belief: tells where the map's cells lie.
-        start: pose of the map frame's origin in the world frame.
-        area: ground truth.
-        seen: shape of the ground truth, bool, written.
+    `cells` are (row, column) of map cells, shape (k, 2), and `belief` tells where they lie in the map frame, whose
+    origin has the pose `start` in the world frame.
     """
     corners = cells[:, None, ::-1] + QUARTERS
     points = start.transform((corners * belief.resolution + belief.origin).reshape(-1, 2))
@@ -85,19 +76,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """
 
     def __init__(self, hall: Hall, robot: RobotParams, slam: str = "tinyslam", control_hz: float = 10.0) -> None:
-        """Build the hall.
-
-        Args:
-            hall: where.
-            robot: its parameters.
-            slam: "tinyslam", or "truth" to map at the true pose.
-            control_hz: steps per second.
-
-        Raises:
-            ValueError: there is no such SLAM.
-        """
-        if slam not in ("tinyslam", "truth"):
-            raise ValueError(f"slam must be 'tinyslam' or 'truth', got {slam!r}")
+        """Build the hall; `slam` is "tinyslam", or "truth" to map at the true pose."""
         self._hall, self._robot, self._period = hall, robot, 1.0 / control_hz
         self._uses_truth = slam == "truth"
         self.slam = NaiveSlam(robot.lidar, load_params("default"), match_scans=slam == "tinyslam")
@@ -105,8 +84,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._weights = RewardWeights()
         pixels = (np.arange(CROP_SIZE) + 0.5 - CROP_SIZE / 2) * PIXEL / self.slam.resolution
         self._grid = np.stack(np.meshgrid(pixels, pixels, indexing="ij"))
-        height, width = self.slam.shape
-        resolution = self.slam.resolution
+        (height, width), resolution = self.slam.shape, self.slam.resolution
         corner = (-(width // 2) * resolution, -(height // 2) * resolution)
         self._cells = OccupancyGrid(np.empty((0, 0), dtype=np.int8), resolution, corner)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -10,17 +10,10 @@ from envs.slam import TinySlamParams
 
 
 def score(values: np.ndarray, points: np.ndarray, x: np.ndarray, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Sum the occupancies under a scan's hits, at many poses at once.
+    """Sum the occupancies under a scan's hits at k poses at once, in cells from the map's corner.
 
-    Args:
-        values: shape (height, width), float32, occupancies; the outermost cells are never observed.
-        points: shape (2, n), float32, hits in the base frame [cells].
-        x: shape (k,), positions of the base from the map's corner [cells].
-        y: shape (k,), the same [cells].
-        theta: shape (k,), headings of the base [rad].
-
-    Returns:
-        Shape (k,), float32.
+    `values` are occupancies, shape (height, width), float32, of which the outermost are never observed; `points` are
+    hits in the base frame, shape (2, n), float32. Returns shape (k,), float32.
     """
     height, width = values.shape
     c, s = (part.astype(np.float32)[:, None] for part in (np.cos(theta), np.sin(theta)))
@@ -36,18 +29,11 @@ def score(values: np.ndarray, points: np.ndarray, x: np.ndarray, y: np.ndarray, 
 def match(
     values: np.ndarray, points: np.ndarray, pose: Pose2D, sigma: tuple[float, float], noise: np.ndarray, max_failed: int
 ) -> Pose2D:
-    """Search the pose at which a scan fits the map best, as `envs.slam.matcher.match` does.
+    """Search the pose at which a scan fits the map best, as `envs.slam.matcher.match` does; see `score`.
 
     All candidates that are left are scored around the best pose so far. From the first that is better, the rest are
-    scored anew around it: three to five rounds for a scan, faster than a hundred candidates one by one.
-
-    Args:
-        values: shape (height, width), float32, occupancies; see `score`.
-        points: shape (2, n), float32, hits in the base frame [cells].
-        pose: predicted pose (x, y from the map's corner [cells], theta [rad]).
-        sigma: spread of positions [cells] and headings [rad].
-        noise: shape (tries, 3), float64, standard normal.
-        max_failed: failures that end the search.
+    scored anew around it: three to five rounds for a scan, faster than a hundred candidates one by one. `sigma` is the
+    spread of positions [cells] and headings [rad], `noise` standard normal, shape (tries, 3), float64.
     """
     spread = np.array([sigma[0], sigma[0], sigma[1]])
     pose_now = np.array(pose)
@@ -67,15 +53,10 @@ def match(
 
 
 def trace_beams(start: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Walk straight lines of cells, all beams at once.
+    """Walk straight lines of cells, (row, column), int64, all beams at once, from `start` to `ends`, shape (n, 2).
 
-    Args:
-        start: shape (2,), int64, the cell (row, column) in which all beams start.
-        ends: shape (n, 2), int64, the cells in which they end.
-
-    Returns:
-        Of every cell of every beam the row, the column, the index of the beam, and how many cells follow in it: shape
-        (total,) each.
+    Returns of every cell of every beam the row, the column, the index of the beam, and how many cells follow in it:
+    shape (total,) each.
     """
     travel = ends - start
     lengths = np.abs(travel).max(axis=1)
@@ -99,20 +80,7 @@ class NaiveSlam:
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, match_scans: bool = True) -> None:
-        """Build a SLAM for one lidar.
-
-        Args:
-            lidar: geometry of the scans.
-            params: what to do with them.
-            match_scans: whether to look for a better pose than the one that the motions lead to.
-
-        Raises:
-            ValueError: the params ask for something that only `envs.slam` has.
-        """
-        wanted = {"cell": "avg", "estimator": "const", "blur": "assign", "odometry": "robot_frame"}
-        for field, value in wanted.items():
-            if getattr(params, field) != value:
-                raise ValueError(f"{field} must be {value!r} here, got {getattr(params, field)!r}")
+        """Build a SLAM for one lidar; without matching it takes the pose that the motions lead to."""
         self._lidar, self._params, self._match_scans = lidar, params, match_scans
         angles = lidar.angles + lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
@@ -131,7 +99,6 @@ class NaiveSlam:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         """Estimated pose; the first is the origin."""
         self.num_integrated = 0
-        """Number of integrated scans."""
         self._last_integrated: Pose2D | None = None
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:

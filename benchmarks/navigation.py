@@ -7,10 +7,8 @@ true position came within 0.3 m of it and nothing was touched before that. Run `
 
 import json as json_format
 import math
-import multiprocessing
-import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,10 +17,11 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
-from tqdm import tqdm
 
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import Drive, drive
+from benchmarks.parallel import run_each
+from benchmarks.simulation import measure
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigation import (
@@ -48,18 +47,12 @@ def _environment(world: str, physics: str, localizer: str) -> NavigateEnv:
     return NavigateEnv(world=world, physics=physics, localizer=localizer)
 
 
-def _drive(task: tuple[str, str, str, str, int]) -> Drive:
-    world, physics, localizer, local_planner, seed = task
+def _drive(world: str, physics: str, localizer: str, local_planner: str, seed: int) -> Drive:
     return drive(_environment(world, physics, localizer), seed, MapNavigatorParams(local_planner=local_planner))
 
 
 def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
-    """Summarise drives by measures by name; times are NaN where no goal was reached.
-
-    Args:
-        drives: at least one.
-        max_v: the robot's greatest speed [m/s].
-    """
+    """Summarise at least one drive; times are NaN where no goal was reached, `max_v` is the robot's limit [m/s]."""
     reached = [d for d in drives if d.is_success]
     times = [d.duration for d in reached] or [math.nan]
     shortest = sum(d.geodesic_distance for d in reached)
@@ -80,15 +73,9 @@ def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
     }
 
 
-def _best(work: Any, repeats: int = REPEATS) -> float:
+def _best(work: Callable[[], object], repeats: int = REPEATS) -> float:
     """Return the least wall-clock time of some work [us], after one run that compiles it."""
-    work()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return 1e6 * min(times)
+    return float(measure({"": work}, repeats, batch=1)[""].min())
 
 
 def planning_costs(world: str) -> dict[str, Any]:
@@ -132,21 +119,11 @@ def planning_costs(world: str) -> dict[str, Any]:
     }
 
 
-def run(tasks: list[tuple[str, str, str, str, int]], jobs: int) -> list[Drive]:
-    """Do all drives, in processes where more than one is asked for."""
-    bar: dict[str, Any] = {"total": len(tasks), "desc": f"{tasks[0][0]}, {tasks[0][3]}", "unit": "goal"}
-    if jobs == 1:
-        return [_drive(task) for task in tqdm(tasks, **bar)]
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return list(tqdm(pool.map(_drive, tasks, chunksize=5), **bar))
-
-
 def table(results: dict[str, dict[str, Any]]) -> Table:
     """Lay measures out, a column per world."""
     shown = Table("measure", *results)
-    for measure in next(iter(results.values())):
-        values = [result[measure] for result in results.values()]
-        shown.add_row(measure, *(_text(value) for value in values))
+    for name in next(iter(results.values())):
+        shown.add_row(name, *(_text(result[name]) for result in results.values()))
     return shown
 
 
@@ -182,8 +159,8 @@ def main(
     for world in worlds:
         tasks = [(world, physics, localizer, local_planner, seed + k) for k in range(goals)]
         max_v = _environment(world, physics, localizer).robot.max_v
-        driven = summary(run(tasks, jobs), max_v) if tasks else {}
-        results[world] = {**driven, **planning_costs(world)}
+        drives = run_each(_drive, tasks, jobs, desc=f"{world}, {local_planner}", unit="goal") if tasks else []
+        results[world] = {**(summary(drives, max_v) if drives else {}), **planning_costs(world)}
     Console().print(table(results))
     if json is not None:
         json.write_text(json_format.dumps(results, indent=1) + "\n")

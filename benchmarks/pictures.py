@@ -17,6 +17,7 @@ from envs.rendering import style
 
 HOLD = 3.0
 """Time for which a film shows its last picture [s]."""
+FPS = 10.0
 
 
 @dataclass(slots=True)
@@ -29,29 +30,29 @@ class Film:
     """Simulated time between two pictures [s]."""
     frames: list[np.ndarray] = field(default_factory=list)
     """Shape (height, width, 3), uint8 each."""
-    explored: list[float] = field(default_factory=list)
-    """Explored fraction at each picture."""
-    plans: list[float] = field(default_factory=list)
-    """Length of the planned path at each picture [m]."""
+    shown: list[tuple[bool, float]] = field(default_factory=list)
+    """Whether about half of the world is explored, and the length of the planned path [m], at each picture."""
+    explored: float = 0.0
+    """Explored fraction at the last call of `shoot`."""
 
     def shoot(self, info: dict[str, Any]) -> None:
         """Take a picture if it is time for one."""
+        self.explored = info["explored_fraction"]
         if info["time"] >= len(self.frames) * self.every - 1e-6:
-            self.finish(info)
+            self.finish()
 
-    def finish(self, info: dict[str, Any]) -> None:
+    def finish(self) -> None:
         """Take a picture in any case, such as the last one."""
         frame = self.env.render()
         assert frame is not None
         self.frames.append(frame)
-        self.explored.append(info["explored_fraction"])
-        plan = self.env.plan
-        self.plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
+        plan = 0.0 if self.env.plan is None else float(lengths_along(self.env.plan)[-1])
+        self.shown.append((0.5 <= self.explored <= 0.75, plan))
 
     @property
     def hero(self) -> np.ndarray:
         """The picture that shows most at a glance: half of the world known, and a long path planned."""
-        return self.frames[max(range(len(self.frames)), key=lambda i: (0.5 <= self.explored[i] <= 0.75, self.plans[i]))]
+        return self.frames[self.shown.index(max(self.shown))]
 
 
 def _palette() -> Image.Image:
@@ -78,15 +79,8 @@ def _mixture(a: style.Colour, b: style.Colour, share: float) -> style.Colour:
     return red, green, blue
 
 
-def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960, fps: float = 10.0) -> None:
-    """Save frames as an endless GIF.
-
-    Args:
-        frames: pictures drawn by `envs.rendering`, shape (height, width, 3), uint8 each.
-        path: of the file.
-        width: of the film [px].
-        fps: pictures per second.
-    """
+def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
+    """Save frames of `envs.rendering`, shape (height, width, 3), uint8 each, as an endless GIF of a width [px]."""
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
     palette = _palette()
     first, *rest = [
@@ -95,49 +89,41 @@ def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960, fps: fl
         .quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in frames
     ]
-    durations = [round(1000 / fps)] * len(rest) + [round(1000 * HOLD)]
+    durations = [round(1000 / FPS)] * len(rest) + [round(1000 * HOLD)]
     first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """Explore a world; save a film of it and one picture."""
+def main(
+    world: str = "turtlebot3_house",
+    explorer: str = "frontier",
+    seed: int = 0,
+    every: float = 4.0,
+    film: Path = Path("docs/images/exploring.gif"),
+    picture: Path = Path("docs/images/hero.png"),
+) -> None:
+    """Explore a world; save a film of it and one picture.
 
-    world: str = "turtlebot3_house"
-    """Library world, procedural family, or path of a world YAML or map_server YAML."""
-    explorer: str = "frontier"
-    """One of the classic explorers."""
-    seed: int = 0
-    """Seed of world, start and noise."""
-    every: float = 4.0
-    """Simulated time between two pictures of the film [s]."""
-    film: Path = Path("docs/images/exploring.gif")
-    """Where the film goes."""
-    picture: Path = Path("docs/images/hero.png")
-    """Where the picture goes."""
-
-
-def main(options: Options) -> None:
-    """Explore once and save what it looked like."""
-    env = ExploreEnv(world=options.world, start="spawn", render_mode="rgb_array")
-    film = Film(env, options.every)
-    last: dict[str, Any] = {}
-
-    def watch(info: dict[str, Any]) -> None:
-        last.update(info)
-        film.shoot(info)
-
-    episode = run_episode(env, make_explorer(options.explorer), options.seed, watch)
-    film.finish(last)
+    Args:
+        world: Library world, procedural family, or path of a world YAML or map_server YAML.
+        explorer: One of the classic explorers.
+        seed: Seed of world, start and noise.
+        every: Simulated time between two pictures of the film [s].
+        film: Where the film goes.
+        picture: Where the picture goes.
+    """
+    env = ExploreEnv(world=world, start="spawn", render_mode="rgb_array")
+    taken = Film(env, every)
+    episode = run_episode(env, make_explorer(explorer), seed, taken.shoot)
+    taken.finish()
     env.close()
-    for path in (options.film, options.picture):
+    for path in (film, picture):
         path.parent.mkdir(parents=True, exist_ok=True)
-    save_gif(film.frames, options.film)
-    Image.fromarray(film.hero).save(options.picture, optimize=True)
-    print(f"{options.world}: {100 * episode.explored_fraction:.1f} % explored in {episode.duration:.0f} s")
-    for path in (options.film, options.picture):
+    save_gif(taken.frames, film)
+    Image.fromarray(taken.hero).save(picture, optimize=True)
+    print(f"{world}: {100 * episode.explored_fraction:.1f} % explored in {episode.duration:.0f} s")
+    for path in (film, picture):
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    tyro.cli(main)

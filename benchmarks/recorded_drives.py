@@ -59,9 +59,7 @@ class RandomGoalDriver:
 
     def __init__(self, robot: RobotParams, area: ExplorableArea, rng: np.random.Generator) -> None:
         """Prepare for a drive; goals are drawn from `rng`."""
-        self._robot = robot
-        self._area = area
-        self._rng = rng
+        self._robot, self._area, self._rng = robot, area, rng
         params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
         self._costmap = make_costmap(area.walls, params)
         self._path = np.empty((0, 2))
@@ -96,15 +94,7 @@ def record(
     rng_driver: np.random.Generator,
     duration: float,
 ) -> Drive:
-    """Drive a robot to one random goal after another.
-
-    Args:
-        setup: world, robot and physics.
-        start: pose at the start, world frame.
-        rng_simulator: noise of the robot and its sensors.
-        rng_driver: source of the goals.
-        duration: length of the drive [s].
-    """
+    """Drive a robot from a pose in the world to one random goal after another, drawn from `rng_driver`, so long [s]."""
     driver = RandomGoalDriver(setup.robot, setup.area, rng_driver)
     simulator = make_simulator(setup.physics, setup.robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]

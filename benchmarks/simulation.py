@@ -4,14 +4,15 @@ Every figure is the least over many repetitions, in microseconds, on one core; t
 turn, so that a busy machine slows all of them alike. The second figure is the median.
 """
 
-import argparse
 import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+import tyro
 
+from benchmarks.speed.references import cast_rays_in_numpy
 from envs.geometry.raycast import Beams, cast_rays
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, Twist, make_simulator
@@ -40,18 +41,6 @@ def print_table(title: str, times: dict[str, np.ndarray]) -> None:
         print(f"  {name:<58} {values.min():9.1f} {np.median(values):9.1f}")
 
 
-def all_pairs(x: float, y: float, heading: float, segments: np.ndarray) -> np.ndarray:
-    """Cast rays in plain NumPy, every beam against every segment."""
-    angles = heading + 2.0 * math.pi / BEAMS * np.arange(BEAMS)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    a, e = segments[:, :2] - (x, y), segments[:, 2:] - segments[:, :2]
-    with np.errstate(all="ignore"):
-        scale = 1.0 / (directions[:, :1] * e[:, 1] - directions[:, 1:] * e[:, 0])
-        t = (a[:, 0] * e[:, 1] - a[:, 1] * e[:, 0]) * scale
-        u = (a[:, 0] * directions[:, 1:] - a[:, 1] * directions[:, :1]) * scale
-    return np.where((t >= 0) & (u >= 0) & (u <= 1), t, np.inf).min(axis=1)
-
-
 def thicket(num_segments: int) -> np.ndarray:
     """Return segments of about 0.7 m scattered over 30 x 30 m, none near the origin."""
     rng = np.random.default_rng(0)
@@ -62,14 +51,15 @@ def thicket(num_segments: int) -> np.ndarray:
 
 def ray_casting(repetitions: int) -> None:
     out = np.empty(BEAMS, dtype=np.float32)
-    beams = Beams(0.0, 2.0 * math.pi / BEAMS, REACH)
+    beams, angles = Beams(0.0, 2.0 * math.pi / BEAMS, REACH), 2.0 * math.pi / BEAMS * np.arange(BEAMS)
     calls: dict[str, Callable[[], object]] = {}
     for size in (216, 1216):
         segments = thicket(size)
-        calls[f"cast_rays, {size} scattered segments"] = partial(
-            cast_rays, 0.0, 0.0, 0.3, beams, segments, np.empty((0, 3)), out
+        scattered = (segments, np.empty((0, 3)))
+        calls[f"cast_rays, {size} scattered segments"] = partial(cast_rays, 0.0, 0.0, 0.3, beams, *scattered, out)
+        calls[f"every beam against {size} segments in NumPy"] = partial(
+            cast_rays_in_numpy, 0.0, 0.0, 0.3 + angles, REACH, *scattered
         )
-        calls[f"every beam against {size} segments in NumPy"] = partial(all_pairs, 0.0, 0.0, 0.3, segments)
     for name in ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse"):
         world = load_world(name)
         label = f"cast_rays, {name} ({len(world.segments)} segments, {len(world.circles)} circles)"
@@ -90,14 +80,16 @@ def stepping(world: World, names: Sequence[str], repetitions: int) -> None:
     print_table(f"One control step of 0.1 s with all sensors, {world.name} [us]", measure(calls, repetitions, batch=10))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--world", default="turtlebot3_world", help="name of a library world (%(default)s)")
-    parser.add_argument("--repetitions", type=int, default=200, help="how often each is measured (%(default)s)")
-    arguments = parser.parse_args()
-    ray_casting(arguments.repetitions)
-    stepping(load_world(arguments.world), ("turtlebot3_burger", "turtlebot3_waffle_pi"), arguments.repetitions)
+def main(world: str = "turtlebot3_world", repetitions: int = 200) -> None:
+    """Measure, and print.
+
+    Args:
+        world: name of a library world.
+        repetitions: how often each is measured.
+    """
+    ray_casting(repetitions)
+    stepping(load_world(world), ("turtlebot3_burger", "turtlebot3_waffle_pi"), repetitions)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -7,9 +7,8 @@ those of the estimated pose, in the frame of the start, over all scans of a driv
 
 import json
 import math
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import tyro
@@ -24,27 +23,25 @@ from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
 
 
-@dataclass(frozen=True, slots=True)
-class DriveErrors:
-    """Errors of one drive."""
+class DriveErrors(NamedTuple):
+    """Errors of one drive, root mean squares over its scans, and how the map overlaps the walls, from 0 to 1."""
 
     seed: int
-    """Seed of the drive."""
     path_length: float
     """Length of the robot's path [m]."""
     slam_position: float
-    """Root mean square error of the estimated position [m]."""
+    """[m]"""
     slam_heading: float
-    """Root mean square error of the estimated heading [deg]."""
+    """[deg]"""
     odometry_position: float
-    """Root mean square error of the position by wheel odometry alone [m]."""
+    """By wheel odometry alone [m]."""
     odometry_heading: float
-    """Root mean square error of the heading by wheel odometry alone [deg]."""
+    """By wheel odometry alone [deg]."""
     slam_position_aligned: float
-    """Root mean square error of the position [m] after alignment of the estimated trajectory with the true one: errors
-    within the map, without that of its heading against the start."""
+    """After alignment of the estimated trajectory with the true one [m]: errors within the map, without that of its
+    heading against the start."""
     map_iou: float
-    """Intersection over union of the map's occupied cells with the walls, within 0.1 m, from 0 to 1."""
+    """Intersection over union of the map's occupied cells with the walls, within 0.1 m."""
     map_iou_aligned: float
     """The same after that alignment."""
 
@@ -52,11 +49,7 @@ class DriveErrors:
 def drive(setup: Setup, slam: Estimator, seed: int, duration: float) -> DriveErrors:
     """Drive a robot to random goals from the world's first spawn, and compare estimated with true poses.
 
-    Args:
-        setup: world, robot and physics.
-        slam: estimates the pose; it is reset.
-        seed: of all noise.
-        duration: length of the drive [s].
+    The SLAM is reset; the seed is that of all noise, the duration in [s].
     """
     rng_simulator, rng_slam, rng_driver = np.random.default_rng(seed).spawn(3)
     start = setup.world.spawns[0]
@@ -92,12 +85,7 @@ def _errors(poses: list[Pose2D], start: Pose2D, truth: np.ndarray) -> tuple[floa
 
 
 def alignment(estimated: np.ndarray, true: np.ndarray) -> Pose2D:
-    """Return the frame in which positions come closest to others, in the least squares sense.
-
-    Args:
-        estimated: shape (n, 2), in the frame sought [m].
-        true: shape (n, 2), in the world frame [m].
-    """
+    """Return the frame in which estimated positions come closest to true ones, shape (n, 2) [m], by least squares."""
     u, v = estimated - estimated.mean(axis=0), true - true.mean(axis=0)
     theta = math.atan2(float(np.sum(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])), float(np.sum(u * v)))
     x, y = true.mean(axis=0) - Pose2D(0.0, 0.0, theta).transform(estimated.mean(axis=0))
@@ -137,12 +125,12 @@ def main(
         print(_row(str(seed), results[-1:]))
     print(_row("med", results))
     if json_path is not None:
-        json_path.write_text(json.dumps([asdict(result) for result in results], indent=2) + "\n")
+        json_path.write_text(json.dumps([result._asdict() for result in results], indent=2) + "\n")
 
 
 def _row(name: str, results: list[DriveErrors]) -> str:
     """Return a line of the table, with medians over the drives."""
-    columns = {field: float(np.median([getattr(one, field) for one in results])) for field in DriveErrors.__slots__}
+    columns = dict(zip(DriveErrors._fields, np.median(results, axis=0)))
     return (
         f"{name:>4}"
         " {path_length:6.1f}  | {slam_position:7.3f}   ({slam_position_aligned:.3f}) {odometry_position:9.3f}"

@@ -5,28 +5,27 @@ world and the same start for every number of robots, so times are compared pair 
 `python -m benchmarks.team --help`.
 """
 
-import csv
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import tyro
-from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.transforms import Affine2D
 from rich.console import Console
 from rich.table import Table
-from tqdm import tqdm
 
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
 from benchmarks.arena.measures import Measure
+from benchmarks.arena.plots import show_map, show_only
+from benchmarks.arena.records import Row, append_row, read_tables
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
+from benchmarks.parallel import run_each
 from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
+from envs.worlds import FAMILIES
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
 ROOMS_SIZE = (20.0, 20.0)
@@ -36,86 +35,54 @@ MARK = 0.95
 TIME = Measure("time_to_95", "time to 95 %", "s", False, 0)
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, 2)
 
-Task = tuple[str, int, int, str, str]
-"""World, number of robots, seed, physics, SLAM."""
-Row = dict[str, str | int | float]
+TASK = ("world", "num_robots", "seed", "physics", "slam")
 COLUMNS = (
-    *("world", "num_robots", "seed", "physics", "slam"),
+    *TASK,
     *("time_to_95", "time_to_90", "explored_fraction", "area_left"),
     *("path_length", "longest_path", "collisions", "position_rmse", "end_reason", "time_limit"),
 )
-"""Of the CSV file; the first five are those of the task."""
+READERS = dict.fromkeys(COLUMNS, str) | {"num_robots": int, "seed": int}
+"""Columns of the CSV file, and how they are read."""
 
 
-def make_env(world: str, num_robots: int, physics: str, slam: str, target_coverage: float = MARK) -> ExploreTeamEnv:
+def make_env(world: str, num_robots: int, physics: str, slam: str) -> ExploreTeamEnv:
     """Make the environment of an episode."""
-    is_family = world in ("rooms", "maze", "warehouse", "caves")
     return ExploreTeamEnv(
         world=world,
         num_robots=num_robots,
         physics=physics,
         slam=slam,
         split="test",
-        world_size=ROOMS_SIZE if is_family else None,
-        target_coverage=target_coverage,
+        world_size=ROOMS_SIZE if world in FAMILIES else None,
+        target_coverage=MARK,
     )
 
 
-def measure(task: Task) -> Row:
+def measure(world: str, num_robots: int, seed: int, physics: str, slam: str) -> Row:
     """Run an episode."""
-    world, num_robots, seed, physics, slam = task
     env = make_env(world, num_robots, physics, slam)
     episode = run_team_episode(env, RrtTeam(), seed)
     env.close()
-    return {
-        "world": world,
-        "num_robots": num_robots,
-        "seed": seed,
-        "physics": physics,
-        "slam": slam,
-        "time_to_95": episode.time_to_95,
-        "time_to_90": episode.time_to_90,
-        "explored_fraction": episode.explored_fraction,
-        "area_left": episode.area_left,
+    own = dict(zip(TASK, (world, num_robots, seed, physics, slam))) | {
         "path_length": float(episode.path_length.sum()),
         "longest_path": float(episode.path_length.max()),
         "collisions": int(episode.collisions.sum()),
         "position_rmse": float(np.sqrt((episode.position_rmse**2).mean())),
-        "end_reason": episode.end_reason,
-        "time_limit": episode.time_limit,
     }
+    return {name: own[name] if name in own else getattr(episode, name) for name in COLUMNS}
 
 
-def run(tasks: list[Task], jobs: int, path: Path) -> list[Row]:
+def run(tasks: list[tuple[str, int, int, str, str]], jobs: int, path: Path) -> list[Row]:
     """Run episodes in processes and append them to a CSV file as they end; those that are in it are not run again.
 
     Raises:
         ValueError: the file has other columns.
     """
-    rows: list[Row] = []
-    if path.exists():
-        with path.open(newline="") as file:
-            reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != COLUMNS:
-                raise ValueError(f"{path} has other columns than this version writes; choose another --out")
-            rows += [{**row, **{key: int(row[key]) for key in ("num_robots", "seed")}} for row in reader]
-    done = {_task(row) for row in rows}
-    missing = [task for task in tasks if task not in done]
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(measure, task) for task in missing]
-        for future in tqdm(as_completed(futures), total=len(missing), unit="episode"):
-            rows.append(future.result())
-            is_new = not path.exists()
-            with path.open("a", newline="") as file:
-                writer = csv.DictWriter(file, COLUMNS)
-                if is_new:
-                    writer.writeheader()
-                writer.writerow(rows[-1])
-    return [row for row in rows if _task(row) in tasks]
-
-
-def _task(row: Row) -> tuple[str | int | float, ...]:
-    return tuple(row[key] for key in COLUMNS[:5])
+    rows = {tuple(row[name] for name in TASK): row for row in read_tables(path.parent, path.stem, READERS)}
+    missing = [task for task in tasks if task not in rows]
+    results = run_each(measure, missing, jobs, partial(append_row, path, READERS), unit="episode") if missing else []
+    rows |= zip(missing, results)
+    return [rows[task] for task in tasks]
 
 
 def values(rows: list[Row], name: str, world: str, num_robots: int) -> np.ndarray:
@@ -154,8 +121,8 @@ def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> 
             shown.add_row(
                 pooled[0] if len(pooled) == 1 else "all",
                 str(num),
-                _text(estimate(taken, reached), TIME),
-                _text(speed_up(rows, pooled, num), SPEED_UP) if 1 in robots else "",
+                "{} [{}]".format(*TIME.texts(estimate(taken, reached))),
+                "{} [{}]".format(*SPEED_UP.texts(speed_up(rows, pooled, num))) if 1 in robots else "",
                 f"{np.concatenate(reached).sum()} of {len(paths)}",
                 f"{np.median(paths):.0f}",
                 f"{contacts.sum():.0f}",
@@ -163,17 +130,8 @@ def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> 
     return shown
 
 
-def _text(numbers: Estimate, measure: Measure) -> str:
-    return "{} [{}]".format(*measure.texts(numbers))
-
-
 def draw(env: ExploreTeamEnv, time: float) -> Figure:
-    """Draw the shared map over the true walls, and the trail of each robot in its own colour.
-
-    Args:
-        env: at the end of an episode.
-        time: since the reset [s].
-    """
+    """Draw the shared map over the true walls at a time [s], and the trail of each robot in its own colour."""
     grid, theme, start = env.beliefs[0].grid, LIGHT, env.start
     x_min, y_min, x_max, y_max = env.world.bounds
     width, height = x_max - x_min, y_max - y_min
@@ -182,11 +140,7 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
     picture = np.full((*grid.data.shape, 4), to_rgba(theme.unknown), dtype=np.float32)
     picture[(grid.data >= 0) & (grid.data < OCCUPIED_FROM)] = to_rgba(theme.paper)
     picture[grid.data >= OCCUPIED_FROM] = to_rgba(theme.ink)
-    left, low, right, high = grid.bounds
-    image = axes.imshow(picture, origin="lower", extent=(left, right, low, high), interpolation="auto")
-    image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
-    walls = LineCollection(list(env.world.segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
-    axes.add_collection(walls)
+    show_map(axes, picture, grid, start, env.world.segments, theme)
     for k, (robot, truth) in enumerate(zip(env.robots, env.truths)):
         color = theme.lines[k]
         trail = start.transform(robot.trail.positions)
@@ -194,13 +148,10 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
         axes.plot(*trail.T, color=color, linewidth=1.6, label=label)
         axes.plot(*trail[0], marker="o", markersize=5, color=theme.paper, markeredgecolor=color, markeredgewidth=1.5)
         axes.plot(*trail[-1], marker="o", markersize=7, color=color, markeredgecolor=theme.paper)
-    axes.set(xlim=(x_min - 0.3, x_max + 0.3), ylim=(y_min - 0.3, y_max + 0.3), xticks=[], yticks=[], aspect="equal")
-    axes.set_facecolor(theme.unknown)
+    show_only(axes, (x_min - 0.3, x_max + 0.3, y_min - 0.3, y_max + 0.3), theme.unknown)
     fraction = 100.0 * env.coverage.explored_fraction
     axes.set_title(f"{env.world.name}: {fraction:.0f} % after {time:.0f} s", color=theme.ink, fontsize=10)
     figure.legend(loc="outside lower center", ncols=len(env.robots), frameon=False, labelcolor=theme.ink, fontsize=9)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
     return figure
 
 

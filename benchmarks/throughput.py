@@ -15,12 +15,10 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from benchmarks.speed.report import plot_growth, print_results
+from benchmarks.speed.report import plot_growth, print_results, targets
 from benchmarks.speed.results import FULL, QUICK, run
-from benchmarks.speed.targets import targets
 
 PLOT = Path(__file__).parents[1] / "docs" / "images" / "throughput.png"
-"""Where the plot goes."""
 
 
 def main(

@@ -13,11 +13,9 @@ class Measure:
     name: str
     """Key in `summary.json`."""
     label: str
-    """Heading for people."""
     unit: str
-    """Unit in tables."""
     higher_is_better: bool | None
-    """Whether greater values are better; None where neither is better by itself."""
+    """None where neither is better by itself."""
     digits: int = 1
     """Decimals in tables."""
     scale: float = 1.0
@@ -49,8 +47,6 @@ class Measure:
         return middle, "never" if estimate.never == estimate.n else f"{low} to {high}"
 
 
-_DEGREE = 180.0 / math.pi
-
 MEASURES = (
     Measure("explored_fraction", "explored", "%", True, 1, 100.0),
     Measure("time_to_90", "time to 90 %", "s", False, 0, limit="time_limit"),
@@ -61,7 +57,7 @@ MEASURES = (
     Measure("path_length", "path", "m", None),
     Measure("collisions", "collisions", "", False),
     Measure("position_rmse", "position error", "cm", False, 1, 100.0),
-    Measure("heading_rmse", "heading error", "deg", False, 2, _DEGREE),
+    Measure("heading_rmse", "heading error", "deg", False, 2, math.degrees(1.0)),
     Measure("map_iou", "map IoU", "%", True, 1, 100.0),
     Measure("decision_ms", "decision", "ms", False, 2),
     Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True),
@@ -70,8 +66,7 @@ RELATIVE = (
     Measure("relative_time", "time to 95 %, relative", "", False, 2, limit="relative_time_limit"),
     Measure("relative_distance", "distance to 95 %, relative", "", False, 2, limit="relative_distance_limit"),
 )
-"""Measures as shares of what the reference needed from the same start (`benchmarks.arena.pairs`): seconds and metres in
-a maze and in a warehouse are not of a kind, these are."""
+"""Shares of what the reference needed from the same start (`benchmarks.arena.pairs.relate`): seconds and metres in a
+maze and in a warehouse are not of a kind, these are."""
 REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True)
-"""Share of the episodes in which that mark was reached."""
 BY_NAME = {measure.name: measure for measure in (*MEASURES, *RELATIVE, REACHED)}

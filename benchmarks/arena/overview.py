@@ -8,18 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from baselines.episode import Curve
-from benchmarks.arena.curve_plots import Bands, draw_curves, draw_profiles, sample_curves, sample_profiles
 from benchmarks.arena.leaderboard import story
-from benchmarks.arena.map_plots import draw_growth
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Figure, Section
-from benchmarks.arena.pairs import by_start, case_of, policies_of, reference_of, value_of, values_of
-from benchmarks.arena.plots import Picture
-from benchmarks.arena.ranking import PRIMARY, typical_and_worst
+from benchmarks.arena.pairs import (
+    Case,
+    by_start,
+    case_of,
+    label_cases,
+    policies_of,
+    reference_of,
+    start_of,
+    value_of,
+    values_of,
+)
+from benchmarks.arena.plots import NUM_POINTS, Bands, draw_curves, draw_growth, draw_profiles, sample_curves
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Band
-from benchmarks.arena.summary import split
-from benchmarks.arena.theme import short
+from benchmarks.arena.statistics import performance_profile
+from benchmarks.arena.summary import PRIMARY, typical_and_worst
+from benchmarks.arena.theme import Picture, short
 from benchmarks.arena.trace import Trace, load_curve, slug, trace_path
 
 TIME, DISTANCE = BY_NAME["time_to_95"], BY_NAME["distance_to_95"]
@@ -37,48 +44,43 @@ def curves_section(folder: Path, rows: Sequence[Row]) -> Section:
     """
     reference = short(reference_of(policies_of(rows)))
     curves = _relative_curves(folder, rows)
-    scores = {policy: values_of(rows, policy, PRIMARY) for policy in curves}
-    speeds = {policy: [-values for values in _reached_times(rows, policy)] for policy in curves}
     over_time, over_distance = (sample_curves(curves, over, SHARES) for over in ("time", "path_length"))
-    profiles = sample_profiles(scores, 0.4, 1.0)
-    races = _mirrored(sample_profiles(speeds, -SHARES, 0.0))
+    areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
+    profiles, races = {}, {}
+    # Infinite where it was never reached.
+    unlimited = replace(BY_NAME["relative_time"], limit="")
+    for policy in curves:
+        profiles[policy] = performance_profile(values_of(rows, policy, PRIMARY), areas)
+        races[policy] = performance_profile([-values for values in values_of(rows, policy, unlimited)], -shares)
+    drawn = {
+        "curves_time": (
+            partial(draw_curves, over_time, f"time, as a share of {reference}'s to 95 %"),
+            "Explored over time.",
+        ),
+        "curves_distance": (
+            partial(draw_curves, over_distance, f"distance, as a share of {reference}'s to 95 %"),
+            "Explored over the distance driven.",
+        ),
+        "profile_area": (
+            partial(draw_profiles, Bands(areas, profiles), "area under curve above"),
+            "Performance profile: share of episodes whose area under the curve is above a threshold.",
+        ),
+        "profile_time": (
+            partial(draw_profiles, Bands(shares, races), f"95 % within this share of {reference}'s time"),
+            f"Performance profile: share of episodes that explored 95 % within a share of {reference}'s time.",
+        ),
+    }
     text = (
         f"Every start has its own unit: what {reference} needed to explore 95 % from it. Bands are 95 % intervals; "
         "dotted is the bound."
     )
-    figures = (
-        Figure(
-            "curves_time",
-            Picture.of(partial(draw_curves, over_time, f"time, as a share of {reference}'s to 95 %")),
-            "Explored over time.",
-        ),
-        Figure(
-            "curves_distance",
-            Picture.of(partial(draw_curves, over_distance, f"distance, as a share of {reference}'s to 95 %")),
-            "Explored over the distance driven.",
-        ),
-        Figure(
-            "profile_area",
-            Picture.of(partial(draw_profiles, profiles, "area under curve above")),
-            "Performance profile: share of episodes whose area under the curve is above a threshold.",
-        ),
-        Figure(
-            "profile_time",
-            Picture.of(partial(draw_profiles, races, f"95 % within this share of {reference}'s time")),
-            f"Performance profile: share of episodes that explored 95 % within a share of {reference}'s time.",
-        ),
-    )
+    figures = [Figure(name, Picture.of(draw), caption) for name, (draw, caption) in drawn.items()]
     return Section("Curves and performance profiles", (text, *figures))
 
 
 def gallery_section(folder: Path, rows: Sequence[Row]) -> Section:
-    """Return film strips of a typical and of the worst episode of every explorer.
-
-    Args:
-        folder: of the evaluation; holds the traces.
-        rows: all episodes.
-    """
-    labels = {case_of(row): label for label, here in split(rows).items() for row in here}
+    """Return film strips of a typical and of the worst of all episodes of every explorer; `folder` holds the traces."""
+    labels = label_cases(rows)
     figures = []
     for policy in policies_of(rows):
         for kind, row in zip(("typical", "worst"), typical_and_worst(rows, policy), strict=True):
@@ -96,9 +98,9 @@ def gallery_section(folder: Path, rows: Sequence[Row]) -> Section:
 def _relative_curves(folder: Path, rows: Sequence[Row]) -> dict[str, list[list[Curve]]]:
     """Return each policy's curves by case, in units of what the reference needed; what it saw at once is left out."""
     references = by_start(rows, reference_of(policies_of(rows)))
-    curves: dict[str, dict[tuple[str, ...], list[Curve]]] = {}
+    curves: dict[str, dict[Case, list[Curve]]] = {}
     for row in rows:
-        unit = references.get((case_of(row), row["seed"]))
+        unit = references.get(start_of(row))
         if unit is None or unit["time_to_95"] <= 0.0 or unit["distance_to_95"] <= 0.0:
             continue
         curve = load_curve(folder, row)
@@ -107,15 +109,3 @@ def _relative_curves(folder: Path, rows: Sequence[Row]) -> dict[str, list[list[C
         )
         curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
     return {policy: list(strata.values()) for policy, strata in curves.items()}
-
-
-def _mirrored(bands: Bands) -> Bands:
-    """Turn thresholds on a negated score back into thresholds on what was negated."""
-    by_policy = {policy: Band(*(line[::-1] for line in band)) for policy, band in bands.by_policy.items()}
-    return Bands(-bands.grid[::-1], by_policy)
-
-
-def _reached_times(rows: Sequence[Row], policy: str) -> list[np.ndarray]:
-    """Return the relative times to 95 %; infinite where it was never reached."""
-    unlimited = replace(BY_NAME["relative_time"], limit="")
-    return values_of(rows, policy, unlimited)

@@ -1,4 +1,4 @@
-"""A page of text, tables and pictures that becomes Markdown as well as HTML."""
+"""A page of text, tables and pictures that becomes Markdown as well as HTML; tables also go to the terminal."""
 
 import base64
 import html
@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import rich.table
+from rich import box
+from rich.text import Text
+
 from benchmarks.arena.measures import Measure
-from benchmarks.arena.plots import Picture
 from benchmarks.arena.statistics import Estimate
+from benchmarks.arena.theme import Picture
 from envs.files import write_file
 
 
@@ -17,11 +21,9 @@ class Cell:
     """A cell of a table."""
 
     text: str
-    """What it says."""
     note: str = ""
-    """What is said more quietly: an interval."""
+    """In small print: an interval."""
     is_best: bool = False
-    """Whether it is the best of its kind."""
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
@@ -33,14 +35,12 @@ class Cell:
 class Table:
     """A table; its first column names the rows."""
 
-    head: tuple[str, ...]
-    """Headings."""
-    lines: tuple[tuple[Cell, ...], ...]
-    """Rows of cells."""
+    head: Sequence[str]
+    lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
     """Columns of words, beside the first."""
     title: str = ""
-    """Said in a line above; a table with a title is folded away."""
+    """A line above; a table with a title is folded away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,33 +50,20 @@ class Figure:
     name: str
     """Of its file, without ending."""
     picture: Picture
-    """What it shows."""
     caption: str
-    """What it says."""
     is_wide: bool = False
-    """Whether it needs the whole width."""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading and its content."""
+    """A heading, and paragraphs, tables and pictures under it."""
 
     title: str
-    """The heading."""
     parts: tuple[str | Table | Figure, ...]
-    """Paragraphs, tables and pictures."""
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
-    """Write a page, and its pictures as PNG files for light paper.
-
-    Args:
-        title: heading of the page.
-        text: shown under it.
-        sections: its content.
-        page: file of the page.
-        pictures: folder for the pictures.
-    """
+    """Write a page, and its pictures as PNG files for light paper into the folder `pictures`, which is emptied."""
     pictures.mkdir(parents=True, exist_ok=True)
     for old in pictures.glob("*.png"):
         old.unlink()
@@ -140,8 +127,7 @@ def _html_table(table: Table) -> str:
         )
         lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
     head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.head)
-    table_head = f"<thead><tr>{head}</tr></thead>"
-    content = f'<div class="table"><table>{table_head}<tbody>{"".join(lines)}</tbody></table></div>'
+    content = f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
     if not table.title:
         return content
     return f"<details><summary>{html.escape(table.title)}</summary>{content}</details>"
@@ -159,6 +145,17 @@ def _markdown_table(table: Table) -> str:
 def _markdown_cell(cell: Cell) -> str:
     text = f"**{_escape(cell.text)}**" if cell.is_best else _escape(cell.text)
     return f"{text} <sub>{_escape(cell.note)}</sub>" if cell.note else text
+
+
+def to_terminal(table: Table, title: str) -> rich.table.Table:
+    """Return a table for the terminal; intervals stand in brackets."""
+    shown = rich.table.Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, heading in enumerate(table.head):
+        shown.add_column(heading, justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
+    for line in table.lines:
+        texts = [Text(cell.text, style="bold" if cell.is_best else "") for cell in line]
+        shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(texts, line)))
+    return shown
 
 
 def _escape(text: str) -> str:

@@ -1,6 +1,7 @@
 """Episodes that share a start: what makes explorers comparable with each other, and worlds with each other."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -17,11 +18,18 @@ PAIRED_AXES = ("physics", "slam")
 
 Case = tuple[str, str, str, str]
 """World, robot, physics and SLAM: a stratum of the statistics."""
+Start = tuple[Case, int]
+"""Case and seed."""
 
 
 def case_of(row: Row) -> Case:
     """Return where, and under which conditions."""
     return row["world"], row["robot"], row["physics"], row["slam"]
+
+
+def start_of(row: Row) -> Start:
+    """Return what an episode shares with those of other policies."""
+    return case_of(row), row["seed"]
 
 
 def label_cases(rows: Iterable[Row]) -> dict[Case, str]:
@@ -35,6 +43,15 @@ def label_cases(rows: Iterable[Row]) -> dict[Case, str]:
     return labels
 
 
+def split(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows by the label of their case."""
+    labels = label_cases(rows)
+    parts: dict[str, list[Row]] = {}
+    for row in rows:
+        parts.setdefault(labels[case_of(row)], []).append(row)
+    return parts
+
+
 def policies_of(rows: Iterable[Row]) -> list[str]:
     """Return the policies in the order in which they come."""
     return list(dict.fromkeys(row["policy"] for row in rows))
@@ -45,53 +62,54 @@ def reference_of(policies: Sequence[str]) -> str:
     return next((name for name in REFERENCES if name in policies), policies[0])
 
 
-def by_start(rows: Iterable[Row], policy: str) -> dict[tuple[Case, int], Row]:
-    """Return a policy's episodes by case and seed."""
-    return {(case_of(row), row["seed"]): row for row in rows if row["policy"] == policy}
+def by_start(rows: Iterable[Row], policy: str) -> dict[Start, Row]:
+    """Return a policy's episodes by their starts."""
+    return {start_of(row): row for row in rows if row["policy"] == policy}
+
+
+def from_shared_starts(rows: Sequence[Row], policies: Iterable[str]) -> list[Row]:
+    """Return the episodes, of whichever policy, from starts from which all of some policies have one."""
+    starts = set.intersection(*(set(by_start(rows, policy)) for policy in policies))
+    return [row for row in rows if start_of(row) in starts]
 
 
 def common_starts(rows: Sequence[Row]) -> list[Row]:
     """Return the episodes from starts from which every competitor has one: no policy profits from a world left out."""
-    competitors = [name for name in policies_of(rows) if name != BOUND] or policies_of(rows)
-    starts = set.intersection(*(set(by_start(rows, name)) for name in competitors)) if competitors else set()
-    return [row for row in rows if (case_of(row), row["seed"]) in starts]
+    policies = policies_of(rows)
+    return from_shared_starts(rows, [name for name in policies if name != BOUND] or policies) if policies else []
 
 
 def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
     """Return the rows with `REACHED` added, and `RELATIVE` where the reference has an episode from the same start.
 
-    Where the reference never reached the mark, its limit is what others are divided by.
-
-    Args:
-        rows: episodes.
-        reference: a policy; None takes the usual one.
+    Where the reference never reached the mark, its limit is what others are divided by. None takes the usual reference.
     """
     if not rows:
         return []
     references = by_start(rows, reference or reference_of(policies_of(rows)))
     related = []
     for row in rows:
-        same_start = references.get((case_of(row), row["seed"]))
-        related.append(row | {"reached_95": int(row["explored_fraction"] >= 0.95)})
-        if same_start is not None:
-            for relative, column in (("relative_time", "time_to_95"), ("relative_distance", "distance_to_95")):
+        row = row | {"reached_95": int(row["explored_fraction"] >= 0.95)}
+        same_start = references.get(start_of(row))
+        for name, column in (("relative_time", "time_to_95"), ("relative_distance", "distance_to_95")):
+            if same_start is not None:
                 measure = BY_NAME[column]
-                # Zero where the first scan shows 95 %: it shows that to everyone.
                 unit = value_of(same_start, measure)
-                shares = [value / unit if unit > 0.0 else 1.0 for value in (row[column], row[measure.limit])]
-                related[-1] |= dict(zip((relative, BY_NAME[relative].limit), shares, strict=True))
+                for share, value in ((name, row[column]), (BY_NAME[name].limit, row[measure.limit])):
+                    # Zero where the first scan shows 95 %: it shows that to everyone.
+                    row[share] = value / unit if unit > 0.0 else 1.0
+        related.append(row)
     return related
 
 
 def value_of(row: Row, measure: Measure) -> float:
     """Return what an episode counts as: its limit where it never reached the mark."""
-    return min(row[measure.column], row[measure.limit]) if measure.limit else row[measure.column]
+    return float(min(row[measure.column], row[measure.limit]) if measure.limit else row[measure.column])
 
 
 def values_of(rows: Iterable[Row], policy: str, measure: Measure) -> list[np.ndarray]:
     """Return what a policy's episodes count as (`value_of`): per case an array in the order of seeds, float64."""
-    mine = by_start(rows, policy).items()
-    return _by_case({start: value_of(row, measure) for start, row in mine if measure.column in row})
+    return _by_case(_with(rows, policy, measure), partial(value_of, measure=measure))
 
 
 def pool(rows: Iterable[Row], policy: str, measure: Measure) -> Estimate:
@@ -100,24 +118,26 @@ def pool(rows: Iterable[Row], policy: str, measure: Measure) -> Estimate:
     Raises:
         ValueError: if it has no episode with that measure.
     """
-    strata = values_of(rows, policy, measure)
+    mine = _with(rows, policy, measure)
+    strata = _by_case(mine, partial(value_of, measure=measure))
     if measure.is_share:
         return success_rate(strata)
-    mine = by_start(rows, policy).items()
-    reached = _by_case({s: float(np.isfinite(row[measure.column])) for s, row in mine if measure.column in row})
-    return estimate(strata, [stratum > 0.0 for stratum in reached])
+    return estimate(strata, _by_case(mine, lambda row: bool(np.isfinite(row[measure.column]))))
 
 
 def paired_values(rows: Sequence[Row], a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return a measure of two policies from the starts that they share: per case an array each, in the same order."""
-    ours, theirs = by_start(rows, a), by_start(rows, b)
-    shared = [start for start in ours if start in theirs and measure.column in ours[start]]
-    first, second = ({start: value_of(side[start], measure) for start in shared} for side in (ours, theirs))
-    return _by_case(first), _by_case(second)
+    theirs, value = by_start(rows, b), partial(value_of, measure=measure)
+    shared = [row for row in _with(rows, a, measure) if start_of(row) in theirs]
+    return _by_case(shared, value), _by_case([theirs[start_of(row)] for row in shared], value)
 
 
-def _by_case(values: dict[tuple[Case, int], float]) -> list[np.ndarray]:
+def _with(rows: Iterable[Row], policy: str, measure: Measure) -> list[Row]:
+    return [row for row in rows if row["policy"] == policy and measure.column in row]
+
+
+def _by_case(rows: Iterable[Row], value: Callable[[Row], float]) -> list[np.ndarray]:
     strata: dict[Case, list[float]] = {}
-    for case, seed in sorted(values):
-        strata.setdefault(case, []).append(values[case, seed])
-    return [np.array(stratum, dtype=np.float64) for stratum in strata.values()]
+    for row in sorted(rows, key=start_of):
+        strata.setdefault(case_of(row), []).append(value(row))
+    return [np.array(stratum) for stratum in strata.values()]

@@ -30,7 +30,6 @@ class Policy:
     given: Any = None
     """The policy itself, where it was given in Python."""
     level: Level = "twist"
-    """What it decides."""
 
     def make(self, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
         """Make the policy for an action space."""
@@ -38,10 +37,7 @@ class Policy:
             from agents.explorer import PPOExplorer
 
             return PPOExplorer.load(self.checkpoint)
-        return make_policy(self._source(), space)
-
-    def _source(self) -> Any:
-        return resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given
+        return make_policy(resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given, space)
 
 
 def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:

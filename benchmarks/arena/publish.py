@@ -5,47 +5,37 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmarks.arena.leaderboard import (
-    axis_sections,
-    gap_section,
-    measures_section,
-    missing_section,
-    origin_section,
-    pairs_section,
-    ranking_section,
-    unfinished_section,
-    worlds_section,
-)
+from benchmarks.arena import leaderboard
+from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.overview import curves_section, gallery_section
-from benchmarks.arena.page import Section, write_markdown
-from benchmarks.arena.pairs import common_starts, relate
-from benchmarks.arena.plots import draw_world
-from benchmarks.arena.ranking import rank
+from benchmarks.arena.page import Section, to_terminal, write_markdown
+from benchmarks.arena.pairs import common_starts, relate, split
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
-from benchmarks.arena.report import build_report
-from benchmarks.arena.runner import Evaluation, Failure, group_failures
-from benchmarks.arena.summary import Summary, split, summarise, to_json
-from benchmarks.arena.terminal import ranking_table, terminal_table
+from benchmarks.arena.report import build_report, draw_case
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.summary import Summary, summarise, to_json
 from benchmarks.arena.theme import short
-from benchmarks.arena.trace import load_traces, slug
+from benchmarks.arena.trace import slug
+from benchmarks.arena.unfinished import group_failures, missing_section, unfinished_section
 from benchmarks.arena.workers import Result
 from envs.files import write_file
 
 TITLE = "The arena"
-"""Heading of the leaderboard's page."""
 TEXT = (
     "Explorers meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees. "
 )
-"""First lines of that page."""
+"""First lines of the leaderboard's page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
-"""Follows it in the documentation."""
+PRINTED = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", "reached_95"))
+"""Columns of the ranking in the terminal."""
 
 
-def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> list[Failure]:
+def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> list[Result]:
     """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
     columns = (
         TextColumn("{task.description}"),
@@ -64,9 +54,8 @@ def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, consol
             progress.update(task, advance=1, latest=latest)
 
         failures = evaluation.run(jobs, ray, on_result)
-    for (where, reason), group in group_failures(failures).items():
-        who = ", ".join(dict.fromkeys(short(one.key.policy) for one in group))
-        line = f"{len(group)} episodes of {who} in {where} could not be run: {reason}"
+    for (where, reason), (number, who) in group_failures(failures).items():
+        line = f"{number} episodes of {who} in {where} could not be run: {reason}"
         console.print(line, style="red", markup=False, highlight=False)
     return failures
 
@@ -88,46 +77,58 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
         raise ValueError(f"{folder} holds no episode yet")
     summary, cases = summarise(rows), split(rows)
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    pictures = {}
-    for case, here in cases.items() if settings.world_sections else ():
-        drawn = pictures[case] = draw_world(load_traces(folder, here))
-        write_file(folder / f"curves_{slug(case)}_time.png", drawn.over_time.light)
-        write_file(folder / f"curves_{slug(case)}_distance.png", drawn.over_distance.light)
-        write_file(folder / f"growth_{slug(case)}.png", drawn.growth.light)
-        for policy, picture in drawn.maps.items():
-            write_file(folder / f"map_{slug(case)}_{slug(policy)}.png", picture.light)
+    pictures = {case: draw_case(folder, here) for case, here in cases.items() if settings.world_sections}
+    for case, drawn in pictures.items():
+        for name, picture in drawn.items():
+            write_file(folder / f"{name.format(slug(case))}.png", picture.light)
+    # The rows of the evaluation and of its SLAM axis, each once.
+    all_rows = list({key_of(row): row for row in (*rows, *evaluation.slam_axis_rows())}.values())
     has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
-    sections = _leaderboard(evaluation, rows, command) if has_more else []
-    write_file(folder / "report.html", build_report(rows, settings, pictures, sections, **report))
+    sections = _leaderboard(evaluation, rows, all_rows, command) if has_more else []
+    write_file(folder / "report.html", build_report(rows, summary, settings, pictures, sections, **report))
     if sections:
         write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown(TITLE, TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
-        write_rows(docs / "arena" / "episodes.csv", _all_rows(evaluation))
+        write_rows(docs / "arena" / "episodes.csv", all_rows)
     return summary
 
 
-def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], command: str) -> list[Section]:
+def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
     fair = relate(common_starts(rows))
     sections = [
-        ranking_section(fair) if fair else None,
+        leaderboard.ranking_section(fair) if fair else None,
         curves_section(evaluation.folder, fair) if fair else None,
-        gap_section(fair),
-        pairs_section(fair) if fair else None,
-        measures_section(fair) if fair else None,
-        *axis_sections(_all_rows(evaluation)),
-        worlds_section(rows),
+        leaderboard.gap_section(fair),
+        leaderboard.pairs_section(fair) if fair else None,
+        leaderboard.measures_section(fair) if fair else None,
+        *leaderboard.axis_sections(all_rows),
+        leaderboard.worlds_section(rows),
         unfinished_section(rows),
         missing_section(evaluation.missing(), len(rows), len(fair)),
         gallery_section(evaluation.folder, rows),
-        origin_section(evaluation.settings, json.loads((evaluation.folder / SETTINGS_FILE).read_text()), command),
+        _origin_section(evaluation, command),
     ]
     return [section for section in sections if section]
 
 
-def _all_rows(evaluation: Evaluation) -> list[Row]:
-    """Return the rows of the evaluation and of its SLAM axis, each once."""
-    return list({key_of(row): row for row in (*evaluation.rows(), *evaluation.slam_axis_rows())}.values())
+def _origin_section(evaluation: Evaluation, command: str) -> Section:
+    """Say how the page came to be."""
+    facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds", "world_sections"})
+    versions = json.loads((evaluation.folder / SETTINGS_FILE).read_text())["versions"]
+    parts = (
+        f"Command: {command}",
+        f"Settings: {yaml.safe_dump(facts, default_flow_style=True, width=10_000).strip()}",
+        f"Versions: {', '.join(f'{name} {version}' for name, version in versions.items())}",
+    )
+    return Section("How it was made", parts)
+
+
+def print_case(console: Console, summary: Summary, case: str) -> None:
+    """Print a case's estimates: a row per measure, a column per policy."""
+    estimates = {policy: cases[case] for policy, cases in summary.items() if case in cases}
+    episodes = max(values["explored_fraction"].n for values in estimates.values())
+    console.print(to_terminal(leaderboard.measures_table(estimates), f"{case}, {episodes} episodes"))
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
@@ -135,9 +136,10 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
     console, folder = Console(), evaluation.folder
     cases = list(split(evaluation.rows()))
     for case in cases if evaluation.settings.world_sections else ():
-        console.print(terminal_table(summary, case))
+        print_case(console, summary, case)
     if len(cases) > 1:
-        console.print(ranking_table(rank(relate(common_starts(evaluation.rows())))))
+        ranking = leaderboard.ranking_table(relate(common_starts(evaluation.rows())), PRINTED)
+        console.print(to_terminal(ranking, "All worlds"))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.")
     messages.print(

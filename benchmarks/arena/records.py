@@ -23,7 +23,6 @@ FAILURES = "failures"
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
-"""Libraries whose versions are kept."""
 
 Row = dict[str, Any]
 """One episode, by the names of `COLUMNS`."""
@@ -32,28 +31,20 @@ Readers = Mapping[str, Callable[[str], Any]]
 
 
 class Key(NamedTuple):
-    """Identifies an episode. The names are columns."""
+    """Identifies an episode; policy and world as given on the command line. The names are columns."""
 
     policy: str
-    """As given on the command line."""
     world: str
-    """As given on the command line."""
     seed: int
     robot: str
     physics: str
     slam: str
 
 
-_READERS: dict[Any, Callable[[str], Any]] = {float: float, int: int, bool: int, str: str}
-
-COLUMNS: Readers = {
-    **{name: _READERS[kind] for name, kind in Key.__annotations__.items()},
-    "model": str,
-    **{field.name: _READERS[field.type] for field in fields(Episode) if field.name != "curve"},
-}
+_MEASURES: dict[str, Any] = {f.name: int if f.type is bool else f.type for f in fields(Episode) if f.name != "curve"}
+COLUMNS: Readers = Key.__annotations__ | {"model": str} | _MEASURES
 """Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
-FAILURE_COLUMNS: Readers = {**{name: _READERS[kind] for name, kind in Key.__annotations__.items()}, "reason": str}
-"""Columns of what could not be run."""
+FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
 
 
 def make_row(policy: Policy, key: Key, episode: Episode) -> Row:
@@ -90,9 +81,8 @@ class Records:
         ending = f"-{shard}.csv" if shard else ".csv"
         self._rows_file = folder / f"{ROWS}{ending}"
         self._failures_file = folder / f"{FAILURES}{ending}"
-        _open_table(self._rows_file, COLUMNS)
-        self._rows = {key_of(row): row for row in _read_all(folder, ROWS, COLUMNS)}
-        self._failures = {key_of(row): row["reason"] for row in _read_all(folder, FAILURES, FAILURE_COLUMNS)}
+        self._rows = {key_of(row): row for row in read_tables(folder, ROWS, COLUMNS)}
+        self._failures = {key_of(row): row["reason"] for row in read_tables(folder, FAILURES, FAILURE_COLUMNS)}
 
     def find(self, policy: Policy, key: Key) -> Row | None:
         """Return the row of an episode, or None if it has not been run.
@@ -114,16 +104,14 @@ class Records:
 
     def add(self, row: Row) -> None:
         """Append a row and see it to the disk."""
-        _append(self._rows_file, (row[name] for name in COLUMNS))
+        append_row(self._rows_file, COLUMNS, row)
         self._rows[key_of(row)] = row
 
     def add_failure(self, key: Key, reason: str) -> None:
         """Record an episode that could not be run."""
-        if self._failures.get(key) == reason:
-            return
-        _open_table(self._failures_file, FAILURE_COLUMNS)
-        _append(self._failures_file, (*key, reason))
-        self._failures[key] = reason
+        if self._failures.get(key) != reason:
+            append_row(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
+            self._failures[key] = reason
 
     def _check_settings(self, settings: dict[str, Any]) -> None:
         path = self.folder / SETTINGS_FILE
@@ -141,33 +129,34 @@ class Records:
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
     """Write rows as one table."""
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([row[name] for name in COLUMNS] for row in rows)
-    write_file(path, table.getvalue())
+    write_file(path, "".join(map(_line, (COLUMNS, *([row[name] for name in COLUMNS] for row in rows)))))
 
 
-def _open_table(path: Path, columns: Readers) -> None:
-    """Make sure that there is a table to append to: one with its columns at the top and a whole line at the end."""
+def append_row(path: Path, columns: Readers, row: Row) -> None:
+    """Append a row to a table, which gets its columns at the top if it is new, and see it to the disk."""
     content = path.read_bytes() if path.exists() else b""
     whole = content[: content.rfind(b"\n") + 1]
     if whole != content:
         # The process died while it wrote the last line: that episode runs again.
         os.truncate(path, len(whole))
-    if not whole:
-        _append(path, columns)
-
-
-def _append(path: Path, values: Iterable[Any]) -> None:
     with open(path, "a", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerow(values)
+        file.write(("" if whole else _line(columns)) + _line(row[name] for name in columns))
         file.flush()
         os.fsync(file.fileno())
 
 
-def _read_all(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
-    """Yield the rows of all parts of a table. An incomplete last line of another machine's part is skipped."""
+def _line(values: Iterable[Any]) -> str:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(values)
+    return line.getvalue()
+
+
+def read_tables(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
+    """Yield the rows of all parts of a table, `<name>.csv` and `<name>-*.csv`; an incomplete last line is skipped.
+
+    Raises:
+        ValueError: if a file has other columns.
+    """
     for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
         content = path.read_bytes().decode()
         header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]

@@ -12,11 +12,10 @@ from agents.run_folder import CheckpointError
 from baselines.episode import exploration_of
 from benchmarks.arena.pairs import BOUND
 from benchmarks.arena.policies import parse_policy
-from benchmarks.arena.ray_pool import run_on_ray
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import trace_path
-from benchmarks.arena.workers import Result, Task, prepare, run_all
+from benchmarks.arena.workers import Result, Task, prepare, run_all, run_on_ray
 from envs.files import write_file
 
 NOT_RUN = "not tried yet"
@@ -28,9 +27,8 @@ class Shard:
     """A part of an evaluation: of the starts in their order, every `total`-th."""
 
     number: int = 1
-    """Which part, from 1."""
+    """From 1."""
     total: int = 1
-    """How many parts there are."""
 
     @classmethod
     def parse(cls, text: str) -> "Shard":
@@ -49,23 +47,6 @@ class Shard:
     def name(self) -> str:
         """What its files are called by; empty if it is the whole."""
         return f"{self.number}of{self.total}" if self.total > 1 else ""
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """An episode that could not be run."""
-
-    key: Key
-    reason: str
-    """In a line."""
-
-
-def group_failures(failures: Sequence[Failure]) -> dict[tuple[str, str], list[Failure]]:
-    """Return failures by world (with its robot) and reason."""
-    groups: dict[tuple[str, str], list[Failure]] = {}
-    for failure in failures:
-        groups.setdefault((f"{failure.key.world} with {failure.key.robot}", failure.reason), []).append(failure)
-    return groups
 
 
 class Evaluation:
@@ -99,7 +80,7 @@ class Evaluation:
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
         # Pairs stay together, so that a part of an evaluation is a fair one.
-        tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
+        tasks = self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in tasks))}
         own = [task for key, task in tasks.items() if groups[key.world, key.seed] % shard.total == shard.number - 1]
         self._check_fit(list(tasks.values()))
@@ -115,7 +96,7 @@ class Evaluation:
 
     def run(
         self, jobs: int = 1, ray: str | None = None, on_result: Callable[[Result], None] | None = None
-    ) -> list[Failure]:
+    ) -> list[Result]:
         """Run the episodes that are missing.
 
         Args:
@@ -132,7 +113,7 @@ class Evaluation:
         for result in run_on_ray(self._missing, ray) if ray else run_all(self._missing, jobs):
             if result.row is None:
                 self._records.add_failure(result.key, result.reason)
-                failures.append(Failure(result.key, result.reason))
+                failures.append(result)
             else:
                 path = trace_path(self.folder, result.row)
                 path.parent.mkdir(exist_ok=True)
@@ -145,17 +126,16 @@ class Evaluation:
 
     def rows(self) -> list[Row]:
         """Return the rows that the folder holds, of all shards."""
-        return [row for task in self._tasks if (row := self._find(task))]
+        return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
         """Return the rows of the SLAM axis."""
-        return [row for task in self._axis_tasks if (row := self._find(task))]
+        return list(filter(None, map(self._find, self._axis_tasks)))
 
-    def missing(self) -> list[Failure]:
+    def missing(self) -> list[Result]:
         """Return the episodes of all shards that the folder does not hold, and why."""
-        tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
-        missing = [key for key, task in tasks.items() if self._find(task) is None]
-        return [Failure(key, self._records.failure(key) or NOT_RUN) for key in missing]
+        missing = [key for key, task in self._all_tasks.items() if self._find(task) is None]
+        return [Result(key, reason=self._records.failure(key) or NOT_RUN) for key in missing]
 
     def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
         tasks: dict[Key, Task] = {}

@@ -1,13 +1,14 @@
 """What an evaluation consists of."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product, starmap
 from types import MappingProxyType
 from typing import Annotated, Any
 
 import gymnasium
 import tyro
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
 import envs  # noqa: F401  registers the environments
 from agents.config import Section
@@ -24,15 +25,13 @@ GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """World, robot, physics and SLAM of an episode."""
+    """World, robot, physics and SLAM of an episode, as the environment takes them, or names of those that are given."""
 
     world: str
-    """As the environment takes it, or the name of one that is given."""
     robot: str
-    """As the environment takes it, or the name of one that is given, or `usual`."""
+    """May be `usual`."""
     physics: str
     slam: str
-    """As the environment takes it, or the name of one that is given."""
 
     def make_env(
         self,
@@ -41,13 +40,10 @@ class Case:
         level: Level = "twist",
         given: Mapping[str, Any] = MappingProxyType({}),
     ) -> gymnasium.Env[Any, Any]:
-        """Make the environment; procedural families draw from their test split.
+        """Make the environment, in which policies decide at a level; procedural families draw from their test split.
 
-        Args:
-            time_limit: length of an episode [s]; None lets the environment choose it for the world.
-            render_mode: as the environment takes it.
-            level: what policies decide in it.
-            given: worlds, robots and SLAMs of the user's own that names stand for.
+        `time_limit` is the length of an episode [s], None lets the environment choose it for the world. `given` holds
+        worlds, robots and SLAMs of the user's own that names stand for.
         """
         return gymnasium.make(
             IDS[level],
@@ -101,20 +97,14 @@ class Settings(Section):
     slam_axis: SlamAxis = SlamAxis()
     """What mapping error costs."""
 
-    @field_validator("policies")
+    @field_validator("policies", "worlds")
     @classmethod
-    def _check_policies(cls, policies: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(policies)) < len(policies):
+    def _expand(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        if info.field_name == "worlds":
+            names = tuple(one for name in names for one in GROUPS.get(name, (name,)))
+        if len(set(names)) < len(names):
             raise ValueError("must name none twice")
-        return policies
-
-    @field_validator("worlds")
-    @classmethod
-    def _expand(cls, worlds: tuple[str, ...]) -> tuple[str, ...]:
-        expanded = tuple(name for world in worlds for name in GROUPS.get(world, (world,)))
-        if len(set(expanded)) < len(expanded):
-            raise ValueError("must name none twice")
-        return expanded
+        return names
 
     @property
     def all_policies(self) -> tuple[str, ...]:
@@ -123,27 +113,14 @@ class Settings(Section):
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield every case and seed, and the policies that start there."""
-        for case in _cases(self.worlds, self.robots, self.physics, self.slam):
-            for seed in self._seeds(case.world):
+        for case in starmap(Case, product(self.worlds, self.robots, self.physics, self.slam)):
+            episodes = (case.world in FAMILIES and self.family_episodes) or self.episodes
+            for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the same for the SLAM axis; those of the evaluation may be among them."""
         axis = self.slam_axis
-        for case in _cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
+        for case in starmap(Case, product(axis.worlds, self.robots[:1], self.physics[:1], axis.slam)):
             for seed in range(self.seed, self.seed + axis.episodes):
                 yield case, seed, axis.policies
-
-    def _seeds(self, world: str) -> range:
-        episodes = self.family_episodes if world in FAMILIES and self.family_episodes else self.episodes
-        return range(self.seed, self.seed + episodes)
-
-
-def _cases(
-    worlds: Sequence[str], robots: Sequence[str], physics: Sequence[str], slams: Sequence[str]
-) -> Iterator[Case]:
-    for world in worlds:
-        for robot in robots:
-            for one in physics:
-                for slam in slams:
-                    yield Case(world, robot, one, slam)

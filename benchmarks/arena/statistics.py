@@ -4,6 +4,8 @@ Interquartile means, stratified bootstrap intervals, performance profiles and th
 Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). Worlds are the strata:
 every resample keeps the number of episodes of each world. SciPy's `bootstrap` draws the same resamples, but refuses a
 stratum of one episode and has no pairs; a test holds this module against it.
+
+Values are given per world, an array of shape (episodes,) each; pairs as two such sequences in the same order.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +15,6 @@ import numpy as np
 from scipy import stats
 
 CONFIDENCE = 0.95
-"""Coverage of the intervals."""
 TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 """Quantiles of the resamples at which the intervals end."""
 NUM_RESAMPLES = 2000
@@ -23,14 +24,12 @@ NUM_CURVE_RESAMPLES = 500
 
 
 class Estimate(NamedTuple):
-    """A number and how sure it is."""
+    """A number and its 95 % interval."""
 
     iqm: float
     """The estimate: an interquartile mean, or what the function that returns it says."""
     low: float
-    """Lower end of the 95 % interval."""
     high: float
-    """Upper end of the 95 % interval."""
     n: int
     """Episodes that went in."""
     never: int = 0
@@ -40,14 +39,11 @@ class Estimate(NamedTuple):
 
 
 class Band(NamedTuple):
-    """A curve and how sure it is."""
+    """A curve and the ends of its 95 % intervals, shape (points,) each."""
 
     middle: np.ndarray
-    """Shape (points,), the curve."""
     low: np.ndarray
-    """Shape (points,), lower ends of the 95 % intervals."""
     high: np.ndarray
-    """Shape (points,), upper ends of the 95 % intervals."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -58,10 +54,8 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def estimate(strata: Sequence[np.ndarray], reached: Sequence[np.ndarray] | None = None) -> Estimate:
     """Return the interquartile mean over all strata, with its stratified bootstrap interval.
 
-    Args:
-        strata: per world the values of its episodes, shape (episodes,). One episode alone gives an interval of no
-            width: it says nothing about the spread, and `n` tells.
-        reached: shapes as `strata`, bool: where False, the value is only a lower bound; None where there are no such.
+    One episode alone gives an interval of no width: it says nothing about the spread, and `n` tells. Where `reached`
+    (shapes as `strata`, bool) is False, the value is only a lower bound; None where there are no such.
     """
     found = _bootstrap(strata, interquartile_mean)
     if reached is None or all(stratum.all() for stratum in reached):
@@ -77,10 +71,7 @@ def success_rate(strata: Sequence[np.ndarray]) -> Estimate:
     """Return the share of successes with its Wilson score interval.
 
     A share is a mean: the interquartile mean of zeros and ones would round it. Of ten successes in ten the bootstrap
-    would conclude that failure is impossible; the score interval does not.
-
-    Args:
-        strata: per world the outcomes of its episodes, shape (episodes,), 0 or 1.
+    would conclude that failure is impossible; the score interval does not. `strata` holds 0 or 1.
     """
     outcomes = np.concatenate(strata)
     test = stats.binomtest(int(outcomes.sum()), len(outcomes))
@@ -92,10 +83,6 @@ def paired_difference(a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> Estim
     """Return the interquartile mean of the differences a - b, pair by pair, with its stratified bootstrap interval.
 
     Pairs share world and seed, so what makes one start harder than another cancels out.
-
-    Args:
-        a: per world the values of its episodes, shape (episodes,).
-        b: the same of the other policy, in the same order.
     """
     return _bootstrap([x - y for x, y in zip(a, b, strict=True)], interquartile_mean)
 
@@ -104,11 +91,6 @@ def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray],
     """Return how probably a does better than b on the same world and seed, with its stratified bootstrap interval.
 
     The share of pairs that a wins; ties count half.
-
-    Args:
-        a: per world the values of its episodes, shape (episodes,).
-        b: the same of the other policy, in the same order.
-        higher_is_better: whether greater values are better.
     """
     sign = 1.0 if higher_is_better else -1.0
     wins = [0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)]
@@ -122,12 +104,8 @@ def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Est
     reference, 1 the bound. A ratio of means and not a mean of ratios: starts from which the bound gains next to nothing
     would decide the latter. Where the bound does not clearly gain (the lower end of its interval is not positive),
     there is no gap to close: NaN.
-
-    Args:
-        gains: per world what the policy gains on the reference, shape (episodes,).
-        bounds: per world what the bound gains on it from the same starts, shape (episodes,).
     """
-    gap = paired_difference(bounds, [np.zeros_like(values) for values in bounds])
+    gap = _bootstrap(bounds, interquartile_mean)
     if gap.low <= 0.0:
         return Estimate(np.nan, np.nan, np.nan, gap.n)
     own, whole = np.concatenate(gains), np.concatenate(bounds)
@@ -138,22 +116,13 @@ def gap_closed(gains: Sequence[np.ndarray], bounds: Sequence[np.ndarray]) -> Est
 
 
 def performance_profile(strata: Sequence[np.ndarray], thresholds: np.ndarray) -> Band:
-    """Return the share of episodes whose score is above each threshold, with its stratified bootstrap interval.
-
-    Args:
-        strata: per world the scores of its episodes, shape (episodes,).
-        thresholds: shape (points,).
-    """
+    """Return the share of episodes whose score is above each threshold, with its stratified bootstrap interval."""
     above = [(np.asarray(values)[:, None] > thresholds).astype(np.float64) for values in strata]
     return _band(above, np.mean)
 
 
 def curve_band(strata: Sequence[np.ndarray]) -> Band:
-    """Return the interquartile mean of curves with its stratified bootstrap interval, point by point.
-
-    Args:
-        strata: per world the curves of its episodes, shape (episodes, points).
-    """
+    """Return the interquartile mean of curves, shape (episodes, points) per world, with its interval at each point."""
     return _band(strata, interquartile_mean)
 
 

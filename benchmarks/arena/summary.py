@@ -1,21 +1,29 @@
-"""From rows of episodes to estimates per policy and case, and to comparisons between policies."""
+"""From rows of episodes to estimates per policy and case, and to the ranking of the policies."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
-from benchmarks.arena.pairs import BOUND, case_of, label_cases, paired_values, policies_of, pool, reference_of
+from benchmarks.arena.pairs import (
+    BOUND,
+    from_shared_starts,
+    paired_values,
+    policies_of,
+    pool,
+    reference_of,
+    split,
+)
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Estimate, paired_difference, probability_of_improvement
+from benchmarks.arena.statistics import Estimate, gap_closed
 
 Summary = dict[str, dict[str, dict[str, Estimate]]]
 """Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
-
 JSON = ("iqm", "low", "high", "n", "never")
 """Fields of an estimate that `summary.json` holds."""
-COMPARED = tuple(BY_NAME[name] for name in ("area_under_curve", "time_to_95", "distance_to_95"))
-"""Measures in which policies are compared pair by pair in one world."""
+PRIMARY = BY_NAME["area_under_curve"]
+"""What the explorers are ranked by: it has no threshold, and every episode has one."""
+GAPS = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", "relative_distance"))
+"""Measures in which the gap between the reference and the bound is closed, more or less."""
 
 
 def summarise(rows: Sequence[Row]) -> Summary:
@@ -25,15 +33,6 @@ def summarise(rows: Sequence[Row]) -> Summary:
         for policy in policies_of(here):
             summary.setdefault(policy, {})[label] = {measure.name: pool(here, policy, measure) for measure in MEASURES}
     return summary
-
-
-def split(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows by the label of their case."""
-    labels = label_cases(rows)
-    parts: dict[str, list[Row]] = {}
-    for row in rows:
-        parts.setdefault(labels[case_of(row)], []).append(row)
-    return parts
 
 
 def to_json(summary: Summary) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
@@ -47,39 +46,7 @@ def to_json(summary: Summary) -> dict[str, dict[str, dict[str, dict[str, Any]]]]
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """A policy against the reference, on the same worlds and seeds."""
-
-    policy: str
-    reference: str
-    measure: Measure
-    difference: Estimate
-    """Interquartile mean of policy minus reference."""
-    improvement: Estimate
-    """Probability that the policy does better than the reference."""
-
-
-def compare(rows: Sequence[Row], measures: Sequence[Measure] = COMPARED) -> list[Comparison]:
-    """Compare every policy with the reference (`benchmarks.arena.pairs`) on the starts that they share.
-
-    Args:
-        rows: all episodes. Where they are of several cases, the measures should be comparable between them.
-        measures: in which.
-    """
-    policies = policies_of(rows)
-    reference = reference_of(policies)
-    comparisons = []
-    for policy in policies:
-        for measure in measures:
-            a, b = paired_values(rows, policy, reference, measure)
-            if policy != reference and a and measure.higher_is_better is not None:
-                better = probability_of_improvement(a, b, measure.higher_is_better)
-                comparisons.append(Comparison(policy, reference, measure, paired_difference(a, b), better))
-    return comparisons
-
-
-def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
+def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
     """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better.
 
     The bound does not compete.
@@ -95,3 +62,38 @@ def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
     best = max(shown.values()) if measure.higher_is_better else min(shown.values())
     winners = {policy for policy, value in shown.items() if value == best}
     return winners if len(winners) < len(shown) else set()
+
+
+def rank(rows: Sequence[Row]) -> list[str]:
+    """Return the policies, best first by `PRIMARY`, and the bound, which does not compete, at the end."""
+    areas = {policy: pool(rows, policy, PRIMARY).iqm for policy in policies_of(rows)}
+    return sorted(areas, key=lambda policy: (policy == BOUND, -areas[policy]))
+
+
+def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
+    """Return which share of the gap from the reference to the bound a policy closes, by the names of `GAPS`.
+
+    Only starts count from which all three have an episode. Empty where one of them takes no part, or is the policy.
+
+    Args:
+        rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
+        policy: name of the policy.
+    """
+    policies = policies_of(rows)
+    reference = reference_of(policies)
+    if BOUND not in policies or policy in (reference, BOUND):
+        return {}
+    shared = from_shared_starts(rows, (policy, reference, BOUND))
+    found = {}
+    for measure in GAPS if shared else ():
+        sign = 1.0 if measure.higher_is_better else -1.0
+        pairs = (zip(*paired_values(shared, name, reference, measure), strict=True) for name in (policy, BOUND))
+        gains, bounds = ([sign * (ours - theirs) for ours, theirs in one] for one in pairs)
+        found[measure.name] = gap_closed(gains, bounds)
+    return found
+
+
+def typical_and_worst(rows: Sequence[Row], policy: str) -> tuple[Row, Row]:
+    """Return a policy's median episode and its worst one, by `PRIMARY`."""
+    mine = sorted((row for row in rows if row["policy"] == policy), key=lambda row: row[PRIMARY.column])
+    return mine[len(mine) // 2], mine[0]

@@ -3,7 +3,6 @@
 import io
 import re
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,11 +36,10 @@ class Trace:
 
     def to_bytes(self) -> bytes:
         """Return the trace as a compressed NumPy archive."""
-        samples = np.stack([self.curve.time, self.curve.path_length, self.curve.explored_fraction])
-        archive = io.BytesIO()
+        curve, archive = self.curve, io.BytesIO()
         np.savez_compressed(
             archive,
-            curve=samples.astype(np.float32),
+            curve=np.stack([curve.time, curve.path_length, curve.explored_fraction]).astype(np.float32),
             trail=self.trail,
             map=self.grid.data,
             resolution=self.grid.resolution,
@@ -123,14 +121,6 @@ def load_curve(folder: Path, row: Row) -> Curve:
     """Read the curve of a row's episode, and nothing else of its trace."""
     with np.load(trace_path(folder, row), allow_pickle=False) as file:
         return Curve(*file["curve"])
-
-
-def load_traces(folder: Path, rows: Sequence[Row]) -> dict[str, list[Trace]]:
-    """Read the traces of episodes, by policy and in the order of the rows."""
-    traces: dict[str, list[Trace]] = {}
-    for row in rows:
-        traces.setdefault(row["policy"], []).append(Trace.load(trace_path(folder, row)))
-    return traces
 
 
 def slug(name: str) -> str:

@@ -27,19 +27,20 @@ from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
 
+MAX_RETRIES = 1
+"""How often an episode whose machine or process has died on a Ray cluster is tried again."""
 WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One episode to run."""
+    """One episode to run, at most `time_limit` long [s]; None lets the environment choose."""
 
     key: Key
     policy: Policy
     case: Case
     time_limit: float | None
-    """Length of the episode [s]; None lets the environment choose it."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """World, robot and SLAM of the user's own that the case names."""
 
@@ -65,8 +66,7 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
     """Yield the results of tasks as they end."""
     if jobs == 1 or len(tasks) < 2:
         with contextlib.closing(_Worker()) as worker:
-            for task in tasks:
-                yield _run(worker, task)
+            yield from map(worker.run, tasks)
         return
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
@@ -83,9 +83,43 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
+def run_on_ray(tasks: list[Task], address: str) -> Iterator[Result]:
+    """Yield the results of tasks as they end on the machines of a Ray cluster; Ray is an extra, imported here alone.
+
+    The project must be installed on every machine, in the same version, and checkpoints of learned policies must lie
+    there under the same path. Ray keeps worker processes, and with them the environments, between tasks.
+
+    Args:
+        tasks: what to run.
+        address: of the cluster, as `ray.init` takes it (`auto`, `HOST:PORT`, `ray://HOST:PORT`).
+
+    Raises:
+        ImportError: if Ray is not installed.
+        ConnectionError: if there is no cluster at the address.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise ImportError("--ray needs Ray: pip install 'lidarnaut[ray]', or -e '.[ray]' in a checkout") from error
+    ray.init(address=address, log_to_driver=False, configure_logging=False)
+    try:
+        # Ray gives a process as many threads as it has cores for it: one.
+        run = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_in_worker)
+        pending = {run.remote(task): task for task in tasks}
+        while pending:
+            (done,), _ = ray.wait(list(pending), num_returns=1)
+            task = pending.pop(done)
+            try:
+                yield ray.get(done)
+            except ray.exceptions.RayError as error:
+                yield Result(task.key, reason=f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+    finally:
+        ray.shutdown()
+
+
 def run_in_worker(task: Task) -> Result:
     """Run a task in a process that keeps its environment and explorers for the next one."""
-    return _run(_worker, task)
+    return _worker.run(task)
 
 
 class _Worker:
@@ -97,8 +131,22 @@ class _Worker:
         self._explorers: dict[str, Explorer | ObservationPolicy] = {}
 
     def run(self, task: Task) -> Result:
-        """Run an episode."""
-        env = self._find_env(task)
+        """Run an episode. What goes wrong in it is its own result: the others go on."""
+        try:
+            return self._run(task)
+        except Exception as error:
+            if not isinstance(error, (ValueError, CheckpointError)):  # those speak for themselves
+                logging.getLogger(__name__).exception("%s", task.key)
+            *_, last = traceback.extract_tb(error.__traceback__)
+            said = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            return Result(task.key, reason=f"{said} ({Path(last.filename).name}, line {last.lineno})")
+
+    def _run(self, task: Task) -> Result:
+        env_key = (task.case, task.time_limit, task.policy.level)
+        if self._env is None or env_key != self._env_key:
+            self.close()
+            self._env, self._env_key = task.make_env(), env_key
+        env = self._env
         explorer = self._explorers.get(task.policy.name)
         if explorer is None:
             explorer = task.policy.make(env.action_space)
@@ -115,13 +163,6 @@ class _Worker:
             self._env.close()
             self._env = None
 
-    def _find_env(self, task: Task) -> gymnasium.Env[Any, Any]:
-        key = (task.case, task.time_limit, task.policy.level)
-        if self._env is None or key != self._env_key:
-            self.close()
-            self._env, self._env_key = task.make_env(), key
-        return self._env
-
 
 def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, steps: int = 0) -> None:
     """Let an explorer get ready for an environment, and drive it for a few steps that are not measured."""
@@ -130,7 +171,6 @@ def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy
 
 
 _worker = _Worker()
-"""What a worker process keeps between tasks."""
 
 
 def _start_worker() -> None:
@@ -147,17 +187,3 @@ def _follow(parent: int) -> None:
     """End this process when its parent has died: a worker would wait for tasks for ever."""
     multiprocessing.connection.wait([parent])
     os._exit(1)
-
-
-def _run(worker: _Worker, task: Task) -> Result:
-    """Run an episode. What goes wrong in it is its own result: the others go on."""
-    try:
-        return worker.run(task)
-    except Exception as error:
-        if not isinstance(error, (ValueError, CheckpointError)):  # those speak for themselves
-            logging.getLogger(__name__).exception("%s", task.key)
-        *_, last = traceback.extract_tb(error.__traceback__)
-        said = " ".join(str(error).split())
-        return Result(
-            task.key, reason=f"{type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
-        )

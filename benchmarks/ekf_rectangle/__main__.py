@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from tqdm import tqdm
 
-from .drive import DRIVER, Drive, run_drives
+from .drive import DRIVER, PAPER, Drive, measure, nees_bounds, run_drives
 from .figures import draw_figures
-from .measures import PAPER, measure, nees_bounds
 
 LABELS = {
     "encoder": "encoder alone",
@@ -40,7 +38,7 @@ def main(
         json_path: also write `{fusion: {physics_measure: value}}` to this file.
         images: folder for the figures.
     """
-    drives: list[Drive] = list(tqdm(run_drives(physics, seeds, jobs), total=seeds * len(physics), unit="drive"))
+    drives = run_drives(physics, seeds, jobs)
     by_physics = {name: [drive for drive in drives if drive.physics == name] for name in physics}
     results = {name: {fusion: measure(some, fusion) for fusion in LABELS} for name, some in by_physics.items()}
     for name, some in by_physics.items():

@@ -1,21 +1,31 @@
-"""One drive around the rectangle, with the estimates of all fusions."""
+"""Drives around the rectangle with the estimates of all fusions, their measures, and the paper's results."""
 
 import itertools
-import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from baselines.explorer import to_action
 from baselines.route_follower import RouteFollower
+from benchmarks.parallel import run_each
 from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf, Estimate
 from envs.localization.fusion import FUSIONS, make_filter, start_covariance
+from envs.logs import rms
 from envs.track import TrackEnv
 
+PAPER = {
+    "position_rmse": 0.0203,
+    "heading_rmse": 0.6939,
+    "max_x": 0.03,
+    "max_y": 0.028,
+    "max_heading": 3.3,
+}
+"""Results of Nguyen et al. (2021) for the full fusion: errors of the position [m] and of the heading [deg], root mean
+square (equations 11 and 12) and greatest."""
 DRIVER = "full"
 """Fusion by which the robot drives. The others run along on the same measurements."""
 
@@ -25,13 +35,11 @@ class Drive:
     """Record of a drive: poses in the map frame, after each control period."""
 
     physics: str
-    """Simulator."""
     seed: int
     """Seed of the drive, and of the one that made its map."""
     end_reason: str
     """Why it ended; see `TrackEnv`."""
     collisions: int
-    """Number of contacts."""
     time: np.ndarray
     """Shape (n,), float64 [s]."""
     truth: np.ndarray
@@ -86,13 +94,7 @@ def follow_route(env: TrackEnv, seed: int) -> Iterator[dict[str, Any]]:
 
 
 def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
-    """Map the route, then drive it.
-
-    Args:
-        physics: simulator.
-        seed: of the drive, and of the one that makes its map.
-        max_steps: number of control periods to stop after; None drives to the end.
-    """
+    """Map the route, then drive it with the same seed, for so many control periods; None drives to the end."""
     env = make_env(physics, map_seed=seed)
     filters = {name: make_started_filter(env) for name, kinds in FUSIONS.items() if kinds and name != DRIVER}
     rows: list[tuple[float, float, Pose2D]] = []
@@ -121,13 +123,37 @@ def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
     )
 
 
-def run_drives(physics: tuple[str, ...], seeds: int, jobs: int) -> Iterator[Drive]:
-    """Yield the drives of all physics and seeds, in order, run by `jobs` processes."""
-    tasks = [(name, seed) for name in physics for seed in range(seeds)]
-    if jobs == 1:
-        for task in tasks:
-            yield run_drive(*task)
-        return
-    # A fresh interpreter each: forked copies of a process that has threads may hang.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(run_drive, *zip(*tasks))
+def run_drives(physics: tuple[str, ...], seeds: int, jobs: int) -> list[Drive]:
+    """Return the drives of all physics and seeds, in order, run by `jobs` processes."""
+    return run_each(run_drive, list(itertools.product(physics, range(seeds))), jobs, unit="drive")
+
+
+def nees_bounds(num_drives: int) -> tuple[float, float]:
+    """Return the 95 % bounds of the mean NEES of poses over drives."""
+    low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
+    return float(low), float(high)
+
+
+def measure(drives: list[Drive], fusion: str) -> dict[str, float]:
+    """Measure a fusion over drives under one physics.
+
+    Returns:
+        The median over the drives of each of the paper's measures, and as `{name}_worst` the worst drive's. `nees`: the
+        mean NEES of the pose over all drives and times, 3 for a consistent estimate, more for an overconfident one.
+        `nees_within`: the share of control periods in which the mean over the drives lies within `nees_bounds`.
+    """
+    rows = []
+    for drive in drives:
+        error = drive.error(fusion) * (1.0, 1.0, np.degrees(1.0))
+        rows.append((rms(np.hypot(error[:, 0], error[:, 1])), rms(error[:, 2]), *np.abs(error).max(axis=0).tolist()))
+    measured = dict(zip(PAPER, zip(*rows)))
+    steps = min(len(drive.time) for drive in drives)
+    nees = np.array([drive.nees(fusion)[:steps] for drive in drives])
+    low, high = nees_bounds(len(drives))
+    mean = nees.mean(axis=0)
+    return {
+        **{key: float(np.median(values)) for key, values in measured.items()},
+        **{f"{key}_worst": max(values) for key, values in measured.items()},
+        "nees": float(nees.mean()),
+        "nees_within": float(np.mean((low <= mean) & (mean <= high))),
+    }

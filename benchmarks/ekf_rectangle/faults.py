@@ -1,6 +1,7 @@
 """Robustness of the fusion: drives with late, missing or wrong measurements, or without one of the sensors."""
 
 import dataclasses
+import math
 from collections import Counter
 from collections.abc import Callable
 
@@ -14,47 +15,31 @@ from envs.localization.measurements import Measurement
 from .drive import follow_route, make_env, make_started_filter
 
 Delivery = tuple[float, Measurement]
-"""Delay [s], and the measurement."""
-Fault = Callable[[Measurement, np.random.Generator], list[Delivery]]
+"""Delay [s], infinite for a measurement that is lost, and the measurement."""
+Fault = Callable[[Measurement, np.random.Generator], Delivery]
 
 
-def _without(kind: str) -> Fault:
-    return lambda measurement, rng: [] if measurement.kind == kind else [(0.0, measurement)]
-
-
-def _late(measurement: Measurement, rng: np.random.Generator) -> list[Delivery]:
-    return [(rng.uniform(0.0, 0.8), measurement)]
-
-
-def _too_late(measurement: Measurement, rng: np.random.Generator) -> list[Delivery]:
-    return [(3.0 if rng.random() < 0.1 else 0.0, measurement)]
-
-
-def _missing(measurement: Measurement, rng: np.random.Generator) -> list[Delivery]:
-    return [(0.0, measurement)] if rng.random() < 0.5 else []
-
-
-def _silent(measurement: Measurement, rng: np.random.Generator) -> list[Delivery]:
-    return [] if 40.0 < measurement.time < 45.0 else [(0.0, measurement)]
-
-
-def _wrong(measurement: Measurement, rng: np.random.Generator) -> list[Delivery]:
+def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
     if rng.random() < 0.05:
         off = 3.0 * rng.standard_normal(len(measurement.values))
         measurement = dataclasses.replace(measurement, values=measurement.values + off)
-    return [(0.0, measurement)]
+    return 0.0, measurement
+
+
+def _lost_if(is_lost: Callable[[Measurement, np.random.Generator], bool]) -> Fault:
+    return lambda sent, rng: (math.inf if is_lost(sent, rng) else 0.0, sent)
 
 
 FAULTS: dict[str, Fault] = {
-    "none": lambda measurement, rng: [(0.0, measurement)],
-    "each up to 0.8 s late, out of order": _late,
-    "one in ten 3 s late": _too_late,
-    "half of all missing": _missing,
-    "all silent for 5 s": _silent,
+    "none": lambda sent, rng: (0.0, sent),
+    "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
+    "one in ten 3 s late": lambda sent, rng: (3.0 if rng.random() < 0.1 else 0.0, sent),
+    "half of all missing": _lost_if(lambda sent, rng: rng.random() >= 0.5),
+    "all silent for 5 s": _lost_if(lambda sent, rng: 40.0 < sent.time < 45.0),
     "one in twenty wrong by metres": _wrong,
-    "no compass": _without("compass"),
-    "no map": _without("map"),
-    "no encoders": _without("encoder"),
+    "no compass": _lost_if(lambda sent, rng: sent.kind == "compass"),
+    "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
+    "no encoders": _lost_if(lambda sent, rng: sent.kind == "encoder"),
 }
 """Faults by name."""
 
@@ -73,7 +58,9 @@ class FaultyChannel:
     def deliver(self, time: float, measurements: list[Measurement]) -> None:
         """Give measurements to the filter, now or later."""
         for measurement in measurements:
-            self._delayed += [(time + delay, late) for delay, late in self._fault(measurement, self._rng)]
+            delay, sent = self._fault(measurement, self._rng)
+            if delay < math.inf:
+                self._delayed.append((time + delay, sent))
         due = [delivery for delivery in self._delayed if delivery[0] <= time]
         self._delayed = [delivery for delivery in self._delayed if delivery[0] > time]
         for _, measurement in sorted(due, key=lambda delivery: delivery[0]):

@@ -2,44 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.arena.theme import LIGHT
 
-from .drive import DRIVER, Drive, make_env
-from .measures import PAPER
+from .drive import DRIVER, PAPER, Drive, make_env
 
 COLOURS = {"encoder": LIGHT.lines[1], "amcl": LIGHT.lines[2], "encoder_compass": LIGHT.lines[3], "full": LIGHT.lines[0]}
-"""Colours of the fusions."""
 
 
 def draw_figures(drives: Sequence[Drive], labels: Mapping[str, str], folder: Path) -> None:
-    """Draw all figures; those of one drive show the first.
+    """Draw `ekf_position.png`, `ekf_heading.png` and `ekf_errors.png` into a folder; labels name the fusions.
 
-    Args:
-        drives: of one or more physics.
-        labels: names of the fusions in the legends.
-        folder: receives `ekf_position.png`, `ekf_heading.png` and `ekf_errors.png`.
+    Drives may be of several physics; figures of one drive show the first.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with plt.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
-        _save(_draw_position(drives[0], labels), folder / "ekf_position.png")
-        _save(_draw_heading(drives[0], labels), folder / "ekf_heading.png")
-        _save(_draw_errors(drives, labels), folder / "ekf_errors.png")
+    with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
+        _draw_position(drives[0], labels).savefig(folder / "ekf_position.png", dpi=110)
+        _draw_heading(drives[0], labels).savefig(folder / "ekf_heading.png", dpi=110)
+        _draw_errors(drives, labels).savefig(folder / "ekf_errors.png", dpi=110)
 
 
-def _save(figure: Any, path: Path) -> None:
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
+def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Figure:
     """Figures 5 and 6: the map made beforehand, the true and the estimated paths."""
     env = make_env(drive.physics, map_seed=drive.seed)
     env.reset(seed=drive.seed)
@@ -51,7 +38,8 @@ def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
     x, y = grid.origin
     extent = (x + left * grid.resolution, x + right * grid.resolution)
     extent += (y + bottom * grid.resolution, y + top * grid.resolution)
-    figure, axes = plt.subplots(figsize=(10, 7.4), layout="constrained")
+    figure = Figure(figsize=(10, 7.4), layout="constrained")
+    axes = figure.subplots()
     axes.imshow(shades, cmap="gray", origin="lower", extent=extent, vmin=0, vmax=1, interpolation="antialiased")
     for fusion, label in labels.items():
         axes.plot(*drive.estimated[fusion][:, :2].T, color=COLOURS[fusion], lw=1.6, label=label)
@@ -64,9 +52,10 @@ def _draw_position(drive: Drive, labels: Mapping[str, str]) -> Any:
     return figure
 
 
-def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Any:
+def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Figure:
     """Figure 7: the heading over time."""
-    figure, axes = plt.subplots(figsize=(10, 3.6), layout="constrained")
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    axes = figure.subplots()
     for fusion, label in labels.items():
         axes.plot(drive.time, np.degrees(np.unwrap(drive.estimated[fusion][:, 2])), color=COLOURS[fusion], label=label)
     axes.plot(drive.time, np.degrees(np.unwrap(drive.truth[:, 2])), color=LIGHT.ink, lw=0.8, ls="--", label="truth")
@@ -76,18 +65,11 @@ def _draw_heading(drive: Drive, labels: Mapping[str, str]) -> Any:
     return figure
 
 
-def _draw_errors(drives: Sequence[Drive], labels: Mapping[str, str]) -> Any:
+def _draw_errors(drives: Sequence[Drive], labels: Mapping[str, str]) -> Figure:
     """Figures 8 to 10: errors of the localizer alone and of the full fusion, all drives, and the paper's greatest."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
-    figure, grid = plt.subplots(
-        3,
-        len(physics),
-        figsize=(5.2 * len(physics), 7.4),
-        layout="constrained",
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-    )
+    figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
+    grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)
     rows = (("x error [mm]", 1e3, "max_x"), ("y error [mm]", 1e3, "max_y"), ("heading error [deg]", 180 / np.pi, ""))
     for k, (label, scale, key) in enumerate(rows):
         for axes, name in zip(grid[k], physics):

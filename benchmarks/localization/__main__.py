@@ -9,29 +9,23 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from benchmarks.localization import intel
 from benchmarks.localization.maps import load_known_world, symmetries
 from benchmarks.localization.pictures import draw
 from benchmarks.localization.runs import Run, run
 from benchmarks.localization.timing import cost_by_size, update_times
-from envs.localization import load_preset
+from benchmarks.parallel import run_each
 from envs.logs import rms
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
-"""Worlds, each with its usual robot."""
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
-"""Folder of the Intel log."""
 INTEL_SEEDS = range(100, 105)
-"""Seeds on the Intel log."""
 
 
 def main(
@@ -87,43 +81,26 @@ def main(
     return results
 
 
-def _run(world: str, preset: str, physics: str, seed: int) -> Run:
-    known = load_known_world(world, physics)
-    return run(known, symmetries(known.grid), load_preset(preset), seed)
-
-
 def _measure(world: str, preset: str, seeds: range, physics: str, jobs: int) -> dict[str, Any]:
     """Run all seeds in one world, and summarise the runs."""
-    work = partial(_run, world, preset, physics)
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            done = list(tqdm(pool.map(work, seeds), world, len(seeds), leave=False))
-    else:
-        done = [work(seed) for seed in tqdm(seeds, world, leave=False)]
-
-    def mean(field: str) -> float:
-        return float(np.mean([getattr(one, field) for one in done]))
-
-    def quantile(field: str, share: float) -> float | None:
-        return time_quantile([getattr(one, field) for one in done], share)
-
-    position, heading = (np.array([getattr(one, field) for one in done]) for field in ("position", "heading"))
+    tasks = [(world, preset, physics, seed) for seed in seeds]
+    done = Run(*map(np.array, zip(*run_each(run, tasks, jobs, desc=world, leave=False))))
     return {
-        "tracking_rmse_m": rms(position),
-        "tracking_rmse_deg": rms(heading),
-        "tracking_worst_run_m": float(position.max()),
-        "tracking_worst_run_deg": float(heading.max()),
+        "tracking_rmse_m": rms(done.position),
+        "tracking_rmse_deg": rms(done.heading),
+        "tracking_worst_run_m": float(done.position.max()),
+        "tracking_worst_run_deg": float(done.heading.max()),
         "symmetries": len(symmetries(load_known_world(world, physics).grid)),
-        "global_success": mean("found"),
-        "global_success_up_to_symmetry": mean("found_up_to_symmetry"),
-        "global_median_s": quantile("found_after", 0.5),
-        "global_p90_s": quantile("found_after", 0.9),
-        "kidnapped_recovery": mean("recovered"),
-        "kidnapped_median_s": quantile("recovered_after", 0.5),
-        "kidnapped_p90_s": quantile("recovered_after", 0.9),
-        "kidnapped_noticed_median_s": quantile("noticed_after", 0.5),
-        "confident_and_wrong_share": mean("confident_and_wrong"),
-        "lost_while_right_share": mean("lost_while_right"),
+        "global_success": float(done.found.mean()),
+        "global_success_up_to_symmetry": float(done.found_up_to_symmetry.mean()),
+        "global_median_s": time_quantile(done.found_after, 0.5),
+        "global_p90_s": time_quantile(done.found_after, 0.9),
+        "kidnapped_recovery": float(done.recovered.mean()),
+        "kidnapped_median_s": time_quantile(done.recovered_after, 0.5),
+        "kidnapped_p90_s": time_quantile(done.recovered_after, 0.9),
+        "kidnapped_noticed_median_s": time_quantile(done.noticed_after, 0.5),
+        "confident_and_wrong_share": float(done.confident_and_wrong.mean()),
+        "lost_while_right_share": float(done.lost_while_right.mean()),
     }
 
 

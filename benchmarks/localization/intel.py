@@ -13,7 +13,7 @@ from envs.logs import Log, load_log, pose_errors, rms
 from envs.robots import LidarParams
 from envs.slam import KnownPoses, TinySlamParams
 
-from .tracks import localize
+from .runs import localize
 
 SHARE_OF_HITS = 16
 """A cell is occupied from this share of hits among all that beams say of it [percent]: what log odds make of 0.9 for a
@@ -63,17 +63,9 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
 def measure_filter(
     drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params: AmclParams, seed: int
 ) -> dict[str, float]:
-    """Track the robot along its raw odometry from the first reference pose on.
+    """Track the robot of a log along its raw odometry from the first reference pose on, on a map in their frame.
 
-    Args:
-        drive: the log, with the reference poses for ground truth.
-        lidar: geometry of the scans.
-        grid: the map, in the frame of the reference poses.
-        params: of the filter.
-        seed: of its noise.
-
-    Returns:
-        Errors over all scans against the reference, time of an update and number of particles.
+    Returns errors over all scans against the reference, time of an update and number of particles.
     """
     track = localize(Amcl(lidar, params), grid, drive, seed, START_STD)
     distance, angle = pose_errors(track.poses, drive.truth)
@@ -89,11 +81,9 @@ def measure_filter(
 
 
 def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive]:
-    """Read a log, and its scans with their reference poses, which begin at the origin.
+    """Read the first scans of a log, None for all, with their reference poses, which begin at the origin.
 
-    Args:
-        path: the log's arrays, which also hold the reference, `corr`.
-        num_scans: scans to read; None for all.
+    The log's arrays also hold the reference, `corr`.
     """
     log = load_log(path)
     log = replace(log, scan_rows=log.scan_rows[:num_scans], ranges=log.ranges[:num_scans])

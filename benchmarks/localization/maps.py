@@ -49,12 +49,8 @@ def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: f
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
     """Find the turns by multiples of 30 degrees about the middle of the free space that lay a map over itself.
 
-    Args:
-        grid: the map.
-        share: of its occupied cells that must come to lie within two cells of another one.
-
-    Returns:
-        The motions, in the map frame.
+    At least a `share` of its occupied cells must come to lie within two cells of another one. Returns the motions, in
+    the map frame.
     """
     occupied, free = grid.data == OCCUPIED, grid.data == FREE
     distances = ndimage.distance_transform_edt(~occupied)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.recorded_drives import PERIOD
 from envs.geometry import Pose2D
@@ -10,33 +11,20 @@ from envs.localization import PRESETS, Amcl
 from envs.logs import pose_errors
 
 from .maps import KnownWorld, record_from_anywhere
-from .runs import KIDNAPPED_AT, START_STD
-from .tracks import localize
+from .runs import KIDNAPPED_AT, START_STD, localize
 
 PARTICLE_TIMES = (0.0, 0.2, 3.0, 15.0)
 """Times at which particles are shown [s]."""
 
 
 def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Draw particles during global localization, errors of a kidnapped robot over time, and cost by size.
-
-    Args:
-        known: world and map.
-        seed: of drives and noise.
-        cost: from `cost_by_size`.
-        path: the picture's.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplot_mosaic("0123;eecc", figsize=(15, 7.6), layout="constrained")
+    """Draw particles during global localization, errors of a kidnapped robot over time, and cost (`cost_by_size`)."""
+    figure = Figure(figsize=(15, 7.6), layout="constrained")
+    axes = figure.subplot_mosaic("0123;eecc")
     _draw_particles([axes[key] for key in "0123"], known, seed)
     _draw_error(axes["e"], known, seed)
     _draw_cost(axes["c"], cost)
     figure.savefig(path, dpi=80)
-    plt.close(figure)
 
 
 def _draw_particles(axes, known: KnownWorld, seed: int) -> None:
@@ -49,13 +37,8 @@ def _draw_particles(axes, known: KnownWorld, seed: int) -> None:
         if k in ax_at:
             ax, particles = ax_at[k], amcl.particles
             shown = particles[:: max(1, len(particles) // 4000)]
-            ax.imshow(
-                np.where(known.grid.data < 0, 60, known.grid.data),
-                cmap="Greys",
-                origin="lower",
-                extent=(x_min, x_max, y_min, y_max),
-                vmax=160,
-            )
+            shades, extent = np.where(known.grid.data < 0, 60, known.grid.data), (x_min, x_max, y_min, y_max)
+            ax.imshow(shades, cmap="Greys", origin="lower", extent=extent, vmax=160)
             ax.scatter(shown[:, 0], shown[:, 1], s=2, color="tab:blue", linewidths=0)
             ax.plot(*drive.truth[k, :2], "o", color="tab:red", markersize=7, markerfacecolor="none")
             ax.set_title(f"{k * PERIOD:g} s: {len(particles):,} particles")

@@ -1,17 +1,17 @@
-"""One run of each experiment: pose tracking, global localization, kidnapped robot."""
+"""AMCL along recorded drives, and one run of each experiment: tracking, global localization, kidnapped robot."""
 
 import math
-from dataclasses import dataclass
+import time
+from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.recorded_drives import PERIOD
-from envs.geometry import Pose2D
-from envs.localization import Amcl, AmclParams
+from benchmarks.recorded_drives import PERIOD, Drive
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.localization import Amcl, load_preset
 from envs.logs import pose_errors, rms
 
-from .maps import KnownWorld, record_from_anywhere
-from .tracks import localize
+from .maps import load_known_world, record_from_anywhere, symmetries
 
 TRACKING_TIME = 60.0
 """Length of the drives for pose tracking and global localization [s]."""
@@ -29,9 +29,48 @@ START_STD = (0.05, 0.05, 0.05)
 """Standard deviations of the initial pose [m, m, rad]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Results of one seed."""
+class Track(NamedTuple):
+    """Estimates at the n scans of a drive, all of shape (n, ...)."""
+
+    poses: np.ndarray
+    """Shape (n, 3), float64: estimated poses [m, rad]."""
+    is_lost: np.ndarray
+    """Whether the filter called itself lost."""
+    fit: np.ndarray
+    """Share of hits that the map explains."""
+    is_corrected: np.ndarray
+    num_particles: np.ndarray
+    seconds: np.ndarray
+    """Time of the update [s]."""
+
+
+def localize(
+    amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
+) -> Track:
+    """Localize along a drive.
+
+    Args:
+        amcl: the filter; it is reset.
+        grid: the map.
+        drive: the recorded drive.
+        seed: of the filter's noise.
+        start_std: standard deviations of the initial pose, which is the true one [m, m, rad]; None for global
+            localization.
+    """
+    start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
+    covariance = None if start_std is None else np.diag(np.square(start_std))
+    amcl.reset(grid, start, np.random.default_rng(seed), covariance=covariance)
+    rows = []
+    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
+        begin = time.perf_counter()
+        estimate = amcl.update(ranges, Pose2D(*motion))
+        seconds = time.perf_counter() - begin
+        rows.append((estimate.pose, estimate.is_lost, estimate.fit, estimate.is_corrected, amcl.num_particles, seconds))
+    return Track(*map(np.array, zip(*rows)))
+
+
+class Run(NamedTuple):
+    """Results of one seed, or columns of the results of many; times are infinite for never."""
 
     position: float
     """Pose tracking: root mean square error of the position [m]."""
@@ -42,13 +81,13 @@ class Run:
     found_up_to_symmetry: bool
     """Whether it did so up to a rotation of the map onto itself."""
     found_after: float
-    """Time from which on the estimate was correct [s]; inf for never."""
+    """Time from which on the estimate was correct [s]."""
     recovered: bool
     """Whether the kidnapped robot was localized again."""
     recovered_after: float
-    """Time after the kidnapping from which on the estimate was correct [s]; inf for never."""
+    """Time after the kidnapping from which on the estimate was correct [s]."""
     noticed_after: float
-    """Time after the kidnapping at which the filter first called itself lost [s]; inf for never."""
+    """Time after the kidnapping at which the filter first called itself lost [s]."""
     confident_and_wrong: float
     """Share of the time of these two experiments with a wrong estimate by a filter that did not call itself lost."""
     lost_while_right: float
@@ -72,12 +111,13 @@ def time_of_success(is_right: np.ndarray) -> float:
     return float(wrong[-1] + 1) * PERIOD if len(wrong) else 0.0
 
 
-def run(known: KnownWorld, symmetries: list[Pose2D], params: AmclParams, seed: int) -> Run:
+def run(world: str, preset: str, physics: str, seed: int) -> Run:
     """Do all three experiments with one seed."""
+    known = load_known_world(world, physics)
     first, second = np.random.SeedSequence(seed).spawn(2)
     drive = record_from_anywhere(known.setup, first, TRACKING_TIME)
     elsewhere = record_from_anywhere(known.setup, second, RECOVERY_TIME)
-    amcl = Amcl(known.setup.robot.lidar, params)
+    amcl = Amcl(known.setup.robot.lidar, load_preset(preset))
 
     tracked = localize(amcl, known.grid, drive, seed, START_STD)
     distance, angle = pose_errors(tracked.poses, drive.truth)
@@ -85,7 +125,8 @@ def run(known: KnownWorld, symmetries: list[Pose2D], params: AmclParams, seed: i
 
     found = localize(amcl, known.grid, drive, seed, None)
     is_right = _is_right(found.poses, drive.truth)
-    turned = [np.array([motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()]) for motion in symmetries]
+    motions = symmetries(known.grid)
+    turned = [np.array([motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()]) for motion in motions]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)

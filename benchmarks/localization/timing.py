@@ -16,8 +16,7 @@ from envs.localization.resampling import Injection, KldParams, resample
 from envs.robots import LidarParams
 
 from .maps import KnownWorld, record_from_anywhere
-from .runs import START_STD
-from .tracks import localize
+from .runs import START_STD, localize
 
 REPEATS = 5
 """Number of repetitions; the median of their medians is reported."""

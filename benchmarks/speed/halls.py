@@ -23,18 +23,13 @@ WALL = 0.2
 
 
 class Box(NamedTuple):
-    """An upright box that stands on the floor."""
+    """An upright box that stands on the floor: its centre [m], the direction of its length [rad], its size [m]."""
 
     x: float
-    """Centre [m]."""
     y: float
-    """Centre [m]."""
     yaw: float
-    """Direction of its length [rad]."""
     length: float
-    """[m]"""
     width: float
-    """[m]"""
 
     def outline(self) -> np.ndarray:
         """Return its four sides, shape (4, 4), (x0, y0, x1, y1) [m]."""
@@ -90,10 +85,6 @@ def make_hall(num_bodies: int) -> Hall:
         bounds=(-half, -half, half, half),
     )
     middle, length = half + 0.5 * WALL, SIDE + 2.0 * WALL
-    walls = (
-        Box(0.0, middle, 0.0, length, WALL),
-        Box(0.0, -middle, 0.0, length, WALL),
-        Box(middle, 0.0, 0.0, WALL, SIDE),
-        Box(-middle, 0.0, 0.0, WALL, SIDE),
-    )
+    walls = [Box(0.0, y, 0.0, length, WALL) for y in (middle, -middle)]
+    walls += [Box(x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle)]
     return Hall(world, (*crates, *walls))

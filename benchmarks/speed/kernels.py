@@ -1,4 +1,8 @@
-"""Kernels, one by one, beside the same work in plain NumPy."""
+"""Kernels, one by one, beside the same work in plain NumPy.
+
+They run in compiled loops: from Python each call would cost microseconds of its own. The loops are compiled anew in
+each run, since cached ones would not notice that a kernel has changed.
+"""
 
 import math
 import time
@@ -6,32 +10,25 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from benchmarks import naive_slam
 from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.designs import benchmark_robot
 from benchmarks.speed.halls import Hall
-from benchmarks.speed.loops import (
-    repeat_advance,
-    repeat_cast_rays,
-    repeat_crop,
-    repeat_integrate_scan,
-    repeat_match,
-    repeat_pool_cells,
-)
 from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
 from envs.estimation import Window
-from envs.estimation.map_pyramid import Level
+from envs.estimation.map_pyramid import Level, crop_level, pool_cells
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
-from envs.simulation.kinematic import Obstacles
+from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import robot_record
 from envs.simulation.state import STATE_SIZE
 from envs.slam import load_params
 from envs.slam.cells import probabilities
 from envs.slam.grid_map import GridMap
-from envs.slam.map_update import AVG
+from envs.slam.map_update import AVG, beam_ends, integrate_scan
 from envs.slam.matcher import match, project_hits
 
 PERIOD = 0.1
@@ -44,13 +41,43 @@ class Kernel(NamedTuple):
     """A kernel and the same work in NumPy, on the same input."""
 
     name: str
-    """What it is called in tables."""
-    repeat: Callable[[int], None]
-    """Runs it so many times, from compiled code as its users do."""
+    function: Any
+    arguments: Callable[[], tuple[Any, ...]]
+    varied: int | None
+    """The argument that differs from call to call, such that no compiler takes the work out of the loop; None where
+    the work changes its own input."""
     result: Callable[[], np.ndarray]
     """Runs it once and returns what it computes."""
     reference: Callable[[], np.ndarray]
-    """Computes the same in NumPy."""
+
+    def repeat(self, times: int) -> None:
+        """Run it so many times, from compiled code as its users do."""
+        arguments, k = self.arguments(), self.varied
+        if k is None:
+            _repeat(times, self.function, arguments)
+        else:
+            _repeat_varied(times, self.function, arguments[:k], arguments[k], arguments[k + 1 :])
+
+
+@njit
+def _repeat(times, kernel, arguments):
+    for _ in range(times):
+        kernel(*arguments)
+
+
+@njit
+def _repeat_varied(times, kernel, before, x, after):
+    for i in range(times):
+        kernel(*(before + (x + 1e-9 * i,) + after))  # Numba joins tuples by +
+
+
+@njit
+def _integrate(cells, scan, x, sensor, ends, how, new_cells):
+    words, occupancy = cells
+    ranges, directions, range_max, skips_exceeding = scan
+    y, c, s, resolution = sensor
+    beam_ends(ranges, directions, range_max, skips_exceeding, x, y, c, s, resolution, ends)
+    integrate_scan(words, occupancy, ranges, range_max, ends, x, y, *how, new_cells)
 
 
 class Scene:
@@ -59,43 +86,33 @@ class Scene:
     def __init__(self, hall: Hall) -> None:
         self.world, self.robot, self.params = hall.world, benchmark_robot(), load_params("default")
         self.lidar = self.robot.lidar
-        self._rng = np.random.default_rng(0)
+        mount, rng = self.lidar.mount, np.random.default_rng(0)
+        ranges = np.empty(self.lidar.num_beams, dtype=np.float32)
         self.map, self.naive = GridMap(self.params, self.lidar), NaiveSlam(self.lidar, self.params)
         for k in range(12):
             angle = 2.0 * math.pi * k / 12
             self.naive.pose = self.pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), angle)
-            self.ranges = self._scan()
+            # Pose of the lidar; map frame and world frame are one here.
+            self.sensor = self.pose.compose(Pose2D(mount.x, mount.y, mount.yaw))
+            cast_rays(*self.sensor, self.lidar.beams, hall.world.segments, hall.world.circles, ranges)
+            self.ranges = ranges + rng.normal(0.0, self.lidar.noise_std, ranges.shape).astype(np.float32)
             self.naive.integrate(self.ranges, self.params.quality)
             self.map.integrate(self.ranges, self.pose, self.params.quality)
-
-    @property
-    def sensor(self) -> Pose2D:
-        """Pose of the lidar; map frame and world frame are one here."""
-        mount = self.lidar.mount
-        return self.pose.compose(Pose2D(mount.x, mount.y, mount.yaw))
-
-    def _scan(self) -> np.ndarray:
-        ranges = np.empty(self.lidar.num_beams, dtype=np.float32)
-        cast_rays(*self.sensor, self.lidar.beams, self.world.segments, self.world.circles, ranges)
-        return ranges + self._rng.normal(0.0, self.lidar.noise_std, ranges.shape).astype(np.float32)
 
 
 def make_kernels(hall: Hall) -> list[Kernel]:
     """Prepare every kernel with what it would meet in a hall."""
     scene = Scene(hall)
-    makers = (_cast_rays, _match, _integrate_scan, _pool_map, _crop, _advance)
-    return [make(scene) for make in makers]
+    return [make(scene) for make in (_cast_rays, _match, _integrate_scan, _pool_map, _crop, _advance)]
 
 
 def time_kernel(kernel: Kernel, seconds: float, repeats: int) -> tuple[float, float]:
     """Return the median times of a kernel and of its reference, measured in turn [us]."""
-    kernel.repeat(1)
-    kernel.reference()
-    fast, slow = [], []
-    for _ in range(repeats):
-        fast.append(_time_call(kernel.repeat, seconds))
-        slow.append(_time_call(lambda count: [kernel.reference() for _ in range(count)], seconds))
-    return float(np.median(fast)), float(np.median(slow))
+    ways = (kernel.repeat, lambda count: [kernel.reference() for _ in range(count)])
+    for repeat in ways:
+        repeat(1)
+    fast, slow = np.median([[_time_call(repeat, seconds) for repeat in ways] for _ in range(repeats)], axis=0)
+    return float(fast), float(slow)
 
 
 def _time_call(repeat: Callable[[int], Any], seconds: float) -> float:
@@ -120,12 +137,10 @@ def _cast_rays(scene: Scene) -> Kernel:
         cast_rays(*arguments)
         return out
 
-    return Kernel(
-        "cast_rays",
-        lambda times: repeat_cast_rays(times, *arguments),
-        result,
-        lambda: cast_rays_in_numpy(sensor.x, sensor.y, sensor.theta + lidar.angles, lidar.range_max, *around),
-    )
+    def reference() -> np.ndarray:
+        return cast_rays_in_numpy(sensor.x, sensor.y, sensor.theta + lidar.angles, lidar.range_max, *around)
+
+    return Kernel("cast_rays", cast_rays, lambda: arguments, 0, result, reference)
 
 
 def _match(scene: Scene) -> Kernel:
@@ -138,60 +153,56 @@ def _match(scene: Scene) -> Kernel:
     x, y = grid_map.to_cells(scene.pose.x + 0.01, scene.pose.y)
     start = Pose2D(x, y, scene.pose.theta + 0.01)
     search = (*sigma, params.max_failed, params.max_tries, noise, np.empty((0, 5)))
-    arguments = (grid_map.words, points, count, grid_map.unvisited, *start)
-    return Kernel(
-        "match",
-        lambda times: repeat_match(times, *arguments, search),
-        lambda: np.array(match(*arguments, *search)[:3]),
-        lambda: np.array(
-            naive_slam.match(scene.naive.values, points[:, :count], start, sigma, noise, params.max_failed)
-        ),
-    )
+    arguments = (grid_map.words, points, count, grid_map.unvisited, *start, *search)
+
+    def reference() -> np.ndarray:
+        hits = points[:, :count]
+        return np.array(naive_slam.match(scene.naive.values, hits, start, sigma, noise, params.max_failed))
+
+    return Kernel("match", match, lambda: arguments, 4, lambda: np.array(match(*arguments)[:3]), reference)
 
 
 def _integrate_scan(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     x, y = grid_map.to_cells(scene.sensor.x, scene.sensor.y)
     scan = (scene.ranges, grid_map.directions, lidar.range_max, params.skip_exceeding)
-    sensor = (x, y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
-    ends = np.empty((lidar.num_beams, 2))
+    sensor = (y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
     probs = (params.occupied_prob, params.empty_prob, params.quality)
     how = (AVG, params.estimator == "area", *probs, params.hole_width / params.resolution, params.blur == "add")
     new_cells = np.empty((grid_map.words.size, 2), dtype=np.int32)
+    rest = (scan, x, sensor, np.empty((lidar.num_beams, 2)), how, new_cells)
     naive = NaiveSlam(lidar, params)
     naive.pose = scene.pose
 
-    def repeat(times: int) -> None:
-        words, occupancy = grid_map.words.copy(), grid_map.grid.data.copy()
-        repeat_integrate_scan(times, words, occupancy, scan, *sensor, ends, how, new_cells)
+    def arguments() -> tuple[Any, ...]:
+        return (grid_map.words.copy(), grid_map.grid.data.copy()), *rest
 
     def result() -> np.ndarray:
         empty = GridMap(params, lidar)
-        repeat_integrate_scan(1, empty.words, empty.grid.data, scan, *sensor, ends, how, new_cells)
+        _integrate((empty.words, empty.grid.data), *rest)
         return probabilities(empty.words)
 
     def reference() -> np.ndarray:
         naive.integrate(scene.ranges, params.quality)  # a mean does not change when the same is averaged in again
         return naive.values
 
-    return Kernel("integrate_scan", repeat, result, reference)
+    return Kernel("integrate_scan", _integrate, arguments, 2, result, reference)
 
 
 def _pool_map(scene: Scene) -> Kernel:
     grid, level = scene.map.grid, _near_level(scene)
-    (row_min, col_min), (row_max, col_max) = _known_corners(grid.data)
-    window = Window(col_min, row_min, col_max, row_max)
+    known = np.argwhere(grid.data >= 0)
+    (row_min, col_min), (row_max, col_max) = known.min(axis=0).tolist(), known.max(axis=0).tolist()
+    arguments = (grid.data, Window(col_min, row_min, col_max, row_max), level.block, level.words)
 
     def result() -> np.ndarray:
-        repeat_pool_cells(1, grid.data, window, level.block, level.words)
+        pool_cells(*arguments)
         return level.words[:-1].reshape(level.height, level.width) & 0xFF
 
-    return Kernel(
-        "pool_map",
-        lambda times: repeat_pool_cells(times, grid.data, window, level.block, level.words),
-        result,
-        lambda: pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)[1],
-    )
+    def reference() -> np.ndarray:
+        return pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)[1]
+
+    return Kernel("pool_map", pool_cells, lambda: arguments, None, result, reference)
 
 
 def _crop(scene: Scene) -> Kernel:
@@ -199,15 +210,16 @@ def _crop(scene: Scene) -> Kernel:
     crop, side = np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8), level.block * grid.resolution
     x, y = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side
     pooled = pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)
-
-    def repeat(times: int) -> None:
-        repeat_crop(times, level.words, level.height, level.width, x, y, pose.theta, NEAR_PIXEL / side, crop)
+    arguments = (level.words, level.height, level.width, x, y, pose.theta, NEAR_PIXEL / side, crop)
 
     def result() -> np.ndarray:
-        repeat(1)
+        crop_level(*arguments)
         return crop
 
-    return Kernel("crop", repeat, result, lambda: crop_in_numpy(pooled, x, y, pose.theta, NEAR_PIXEL / side, CROP_SIZE))
+    def reference() -> np.ndarray:
+        return crop_in_numpy(pooled, x, y, pose.theta, NEAR_PIXEL / side, CROP_SIZE)
+
+    return Kernel("crop", crop_level, lambda: arguments, 3, result, reference)
 
 
 def _near_level(scene: Scene) -> Level:
@@ -217,32 +229,21 @@ def _near_level(scene: Scene) -> Level:
     return level
 
 
-def _known_corners(data: np.ndarray) -> tuple[list[int], list[int]]:
-    """Return first and last (row, column) of what is known of a map, shape (height, width), int8."""
-    cells = np.argwhere(data >= 0)
-    return cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
-
-
 def _advance(scene: Scene) -> Kernel:
     world, record = scene.world, robot_record(scene.robot, PERIOD)
     # A circle in the free middle of the hall, driven for ever.
     command, normals = (0.1, 1.0), (0.3, -0.2)
     driven, at_rest = np.zeros(STATE_SIZE), np.zeros(STATE_SIZE)
-
-    def repeat(times: int) -> None:
-        obstacles = Obstacles(world.segments, world.circles, world.circles)
-        repeat_advance(times, driven, command, normals, record, obstacles)
+    obstacles = Obstacles(world.segments, world.circles, world.circles)
+    arguments = (driven, command, normals, record, obstacles)
 
     def result() -> np.ndarray:
         driven[:] = at_rest
-        repeat(1)
+        advance(*arguments)
         return driven
 
-    return Kernel(
-        "advance",
-        repeat,
-        result,
-        lambda: advance_in_numpy(
-            at_rest, command, normals, PERIOD, int(record.substeps), scene.robot, world.segments, world.circles
-        ),
-    )
+    def reference() -> np.ndarray:
+        numbers = (PERIOD, int(record.substeps), scene.robot, world.segments, world.circles)
+        return advance_in_numpy(at_rest, command, normals, *numbers)
+
+    return Kernel("advance", advance, lambda: arguments, None, result, reference)

@@ -14,16 +14,8 @@ def cast_rays_in_numpy(
 ) -> np.ndarray:
     """Test every beam against every segment and circle, from outside the circles; see `cast_rays`.
 
-    Args:
-        x: position of the sensor [m].
-        y: the same [m].
-        angles: shape (num_beams,), directions of the beams, world frame [rad].
-        range_max: farthest return [m].
-        segments: shape (n, 4) [m].
-        circles: shape (m, 3) [m].
-
-    Returns:
-        Shape (num_beams,), float64, inf for no return.
+    `angles` are the directions of the beams, shape (num_beams,), world frame [rad]; returns shape (num_beams,), float64
+    [m], inf for no return.
     """
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
     ax, ay = segments[:, 0] - x, segments[:, 1] - y
@@ -53,9 +45,8 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
         times 255, and 255 where the robot has been in it.
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
-    padded = np.pad(
-        data, ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1])), constant_values=-1
-    ).reshape(rows, block, cols, block)
+    margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
+    padded = np.pad(data, margins, constant_values=-1).reshape(rows, block, cols, block)
     free = ((padded >= 0) & (padded < OCCUPIED_FROM)).sum(axis=(1, 3))
     pooled = np.zeros((3, rows, cols), dtype=np.uint8)
     pooled[0] = 255 * (padded >= OCCUPIED_FROM).any(axis=(1, 3))
@@ -65,18 +56,10 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Look at pooled blocks from the robot; see `envs.estimation.map_pyramid.crop_level`.
+    """Look at pooled blocks, shape (channels, rows, columns), uint8, from the robot; see `crop_level`.
 
-    Args:
-        pooled: shape (channels, rows, columns), uint8.
-        x: position of the robot from the map's corner [blocks].
-        y: the same [blocks].
-        theta: heading of the robot [rad].
-        pixel: side of a crop pixel [blocks].
-        size: side of the crop [pixels].
-
-    Returns:
-        Shape (channels, size, size), uint8; 0 outside.
+    `x` and `y` are measured from the map's corner [blocks], `pixel` is the side of a crop pixel [blocks]. Returns shape
+    (channels, size, size), uint8; 0 outside.
     """
     c, s = math.cos(theta), math.sin(theta)
     steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
@@ -100,18 +83,8 @@ def advance_in_numpy(
 ) -> np.ndarray:
     """Move a robot among static obstacles; see `envs.simulation.kinematic.advance`.
 
-    Args:
-        state: shape (11,), as there.
-        command: twist [m/s, rad/s].
-        normals: standard normal draws for the slip of the left and the right wheel.
-        period: control period [s].
-        substeps: into how many equal parts it is cut.
-        robot: params of the robot.
-        segments: shape (n, 4) [m].
-        circles: shape (m, 3) [m].
-
-    Returns:
-        Shape (11,), the state after the period.
+    `normals` are standard normal draws for the slip of the left and the right wheel, `substeps` are the equal parts
+    into which the control period [s] is cut. Returns the state after it, shape (11,).
     """
     x, y, theta, v, w, left_angle, right_angle, _, _, _, bias = state.tolist()
     turned = 0.0

@@ -1,15 +1,32 @@
-"""Readable results: tables on the terminal, and a plot."""
+"""Readable results: the project's targets compared with what was measured, tables on the terminal, and a plot."""
 
 import itertools
 from pathlib import Path
+from typing import NamedTuple
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.speed.results import BODIES, SLAMS, Results
-from benchmarks.speed.targets import targets
+from benchmarks.speed.designs import Design
+from benchmarks.speed.results import BODIES, FEW, MANY, SLAMS, Results
 
+NAIVE, BULLET, KINEMATIC = Design("naive"), Design("bullet"), Design("kinematic")
+VECTOR, TWO_CORES = Design("vector", MANY), Design("vector", MANY, 2)
+BULLETS = Design("bullet_vector", FEW, 2)
+TRAINING = Design("ppo", MANY, 2)
+SPEEDS = (
+    (f"vector, {MANY} sub-environments, one core, tinyslam [steps/s]", 10_000, "tinyslam", VECTOR),
+    (f"vector, {MANY} sub-environments, one core, truth [steps/s]", 18_000, "truth", VECTOR),
+    ("bullet, tinyslam [steps/s]", 4_000, "tinyslam", BULLET),
+    ("bullet over naive, tinyslam", 10.0, "tinyslam", BULLET, NAIVE),
+    ("vector on two cores over one, tinyslam", 1.8, "tinyslam", TWO_CORES, VECTOR),
+    ("vector over kinematic, tinyslam", 0.9, "tinyslam", VECTOR, KINEMATIC),
+    ("bullet vector on two cores over bullet, tinyslam", 1.7, "tinyslam", BULLETS, BULLET),
+    ("ppo on two cores, tinyslam [steps/s]", 8_000, "tinyslam", TRAINING),
+    ("ppo on two cores, truth [steps/s]", 12_000, "truth", TRAINING),
+)
+"""Name, least speed that is wanted, SLAM, and the design; with two designs, the least ratio of the first's speed."""
 AXES = {
     "beams": "beams of a scan",
     "map_cells": "cells along each side of a map of 20 m",
@@ -17,61 +34,77 @@ AXES = {
 }
 """What the panels of the plot are about."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
-"""Of the lines."""
+
+
+class Target(NamedTuple):
+    """A figure, and the least (or, where `at_most`, the greatest) that it should be."""
+
+    name: str
+    wanted: float
+    measured: float
+    at_most: bool = False
+
+    @property
+    def met(self) -> bool:
+        """Whether it was reached."""
+        return self.measured <= self.wanted if self.at_most else self.measured >= self.wanted
+
+
+def targets(results: Results) -> list[Target]:
+    """Return all targets whose designs were measured, the worse of the two halls each."""
+    found = []
+    for name, wanted, slam, *designs in SPEEDS:
+        measured = []
+        for bodies in BODIES:
+            speeds = [results.speed(design, f"hall_{bodies}", slam) for design in designs]
+            if None not in speeds:
+                measured.append(speeds[0] / speeds[1] if len(speeds) > 1 else speeds[0])
+        if measured:
+            found.append(Target(name, wanted, min(measured)))
+    memory = "state of a sub-environment, 400 x 400 cells [MiB]"
+    return [*found, Target(memory, 1.0, results.state_bytes_per_env / 2**20, at_most=True)]
 
 
 def print_results(results: Results, console: Console) -> None:
     """Print everything as tables."""
-    console.print(_speeds(results))
-    console.print(_kernels(results))
-    console.print(_targets(results))
+    columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
+    speeds: dict[tuple[str, ...], dict[tuple[str, str], str]] = {}
+    for row in results.rows:
+        line = speeds.setdefault((row["design"], str(row["num_envs"]), str(row["cores"])), {})
+        line[row["world"], row["slam"]] = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
+    kernels = [
+        (row["kernel"], f"{row['us']:.1f}", f"{row['us_reference']:,.0f}", f"{row['us_reference'] / row['us']:.0f}")
+        for row in results.kernels
+    ]
+    wanted = [
+        (
+            t.name,
+            f"at {'most' if t.at_most else 'least'} {t.wanted:,g}",
+            f"{t.measured:,.4g}",
+            "met" if t.met else "missed",
+        )
+        for t in targets(results)
+    ]
+    tables = {
+        "Steps per second, all sub-environments together, and how often naive's": (
+            ("design", "num_envs", "cores", *(f"{world}\n{slam}" for world, slam in columns)),
+            [(*design, *(line.get(column, "") for column in columns)) for design, line in speeds.items()],
+        ),
+        "Microseconds per call, on one core": (("kernel", "compiled", "NumPy", "ratio"), kernels),
+        "Targets, the worse of the halls each": (("target", "wanted", "measured", ""), wanted),
+    }
+    for title, (head, lines) in tables.items():
+        table = Table(title=title, box=box.SIMPLE, padding=(0, 1, 0, 0))
+        for k, heading in enumerate(head):
+            table.add_column(heading, justify="right" if k else "left", no_wrap="\n" in heading)
+        for line in lines:
+            table.add_row(*line)
+        console.print(table)
     console.print(f"A further sub-environment takes {results.state_bytes_per_env / 1024:,.0f} KiB.")
     if results.busy:
         console.print(
             "The machine was busy with other programs: these figures are too low, and ratios uncertain.", style="bold"
         )
-
-
-def _speeds(results: Results) -> Table:
-    columns = list(itertools.product((f"hall_{bodies}" for bodies in BODIES), SLAMS))
-    table = Table(
-        title="Steps per second, all sub-environments together, and how often naive's",
-        box=box.SIMPLE,
-        padding=(0, 1, 0, 0),
-    )
-    for heading in ("design", "num_envs", "cores"):
-        table.add_column(heading, justify="left" if heading == "design" else "right")
-    for world, slam in columns:
-        table.add_column(f"{world}\n{slam}", justify="right", no_wrap=True)
-    cells: dict[tuple[str, int, int], dict[tuple[str, str], str]] = {}
-    for row in results.rows:
-        entry = f"{row['steps_per_second']:,.0f} {row['ratio_to_naive']:5.1f}"
-        line = cells.setdefault((row["design"], row["num_envs"], row["cores"]), {})
-        line[row["world"], row["slam"]] = entry
-    for (design, num_envs, cores), line in cells.items():
-        table.add_row(design, str(num_envs), str(cores), *(line.get(column, "") for column in columns))
-    return table
-
-
-def _kernels(results: Results) -> Table:
-    table = Table("kernel", title="Microseconds per call, on one core", box=box.SIMPLE)
-    for heading in ("compiled", "NumPy", "ratio"):
-        table.add_column(heading, justify="right")
-    for row in results.kernels:
-        ratio = row["us_reference"] / row["us"]
-        table.add_row(row["kernel"], f"{row['us']:.1f}", f"{row['us_reference']:,.0f}", f"{ratio:.0f}")
-    return table
-
-
-def _targets(results: Results) -> Table:
-    table = Table("target", title="Targets, the worse of the halls each", box=box.SIMPLE)
-    for heading in ("wanted", "measured", ""):
-        table.add_column(heading, justify="right")
-    for target in targets(results):
-        bound = "at most" if target.at_most else "at least"
-        verdict = "met" if target.met else "missed"
-        table.add_row(target.name, f"{bound} {target.wanted:,g}", f"{target.measured:,.4g}", verdict)
-    return table
 
 
 def plot_growth(results: Results, path: Path) -> None:

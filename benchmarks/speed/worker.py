@@ -10,20 +10,22 @@ import multiprocessing
 import os
 import signal
 import time
-import traceback
 import tracemalloc
-from collections.abc import Iterator
-from multiprocessing.connection import Connection
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from benchmarks.speed.designs import Case, Design, Drive, open_drive
-from benchmarks.speed.halls import Hall, make_hall
+from benchmarks.speed.halls import make_hall
 from benchmarks.speed.kernels import make_kernels, time_kernel
 
 WARM_UP = 5000
 """Steps of all sub-environments together before anything is measured, but 20 to 100 of each."""
 STATE_ENVS = (4, 12)
 """Numbers of sub-environments whose memory is compared."""
+
+_hall = lru_cache(maxsize=2)(make_hall)
 
 
 class Sample(NamedTuple):
@@ -39,14 +41,13 @@ class Bench:
     """What runs in a process that measures."""
 
     def __init__(self) -> None:
-        self._halls: dict[int, Hall] = {}
         self._drives: dict[Case, Drive] = {}
 
     def open(self, cases: list[Case]) -> None:
         """Set cases going, in place of those before."""
         self.close()
         for case in cases:
-            self._drives[case] = open_drive(case, self._hall(case.num_bodies))
+            self._drives[case] = open_drive(case, _hall(case.num_bodies))
             self._drives[case].step(min(max(WARM_UP // case.design.num_envs, 20), 100))
         # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
         gc.collect()
@@ -72,14 +73,17 @@ class Bench:
         gc.unfreeze()
         gc.collect()
 
-    def measure_kernels(self, num_bodies: int, seconds: float, repeats: int) -> list[tuple[str, float, float]]:
+    def measure_kernels(self, num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
         """Return name, time, and time of the reference of every kernel [us]."""
-        kernels = make_kernels(self._hall(num_bodies))
-        return [(kernel.name, *time_kernel(kernel, seconds, repeats)) for kernel in kernels]
+        rows = []
+        for kernel in make_kernels(_hall(num_bodies)):
+            us, us_reference = time_kernel(kernel, seconds, repeats)
+            rows.append({"kernel": f"{kernel.name} (hall_{num_bodies})", "us": us, "us_reference": us_reference})
+        return rows
 
     def measure_state(self, num_bodies: int, slam: str) -> int:
         """Return how much memory a further sub-environment takes, observations included [bytes]."""
-        hall = self._hall(num_bodies)
+        hall = _hall(num_bodies)
         open_drive(Case(Design("vector"), num_bodies, slam), hall).close()  # fills what all share
         sizes = []
         for num_envs in STATE_ENVS:
@@ -93,81 +97,47 @@ class Bench:
             tracemalloc.stop()
         return round((sizes[1] - sizes[0]) / (STATE_ENVS[1] - STATE_ENVS[0]))
 
-    def _hall(self, num_bodies: int) -> Hall:
-        if num_bodies not in self._halls:
-            self._halls[num_bodies] = make_hall(num_bodies)
-        return self._halls[num_bodies]
-
 
 class Worker:
     """A `Bench` in a process of its own."""
 
     def __init__(self, cores: list[int]) -> None:
-        """Start the process.
-
-        Args:
-            cores: those that it and its threads and processes may use.
-        """
-        context = multiprocessing.get_context("spawn")
-        self._pipe, far_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(far_end, cores))
-        with _environment(NUMBA_NUM_THREADS=str(len(cores)), OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1"):
-            self._process.start()
-        far_end.close()
+        """Start the process; it and its threads and processes may use some cores."""
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,))
+        before = dict(os.environ)
+        os.environ |= {"NUMBA_NUM_THREADS": str(len(cores)), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        try:
+            self.call("close")  # the process starts with the first call
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
 
     def call(self, method: str, *arguments: Any) -> Any:
-        """Call a method of the bench and wait for what it returns.
+        """Call a method of the bench and wait for what it returns; what it raises is raised here.
 
         Raises:
-            RuntimeError: it failed there; the message says where.
+            RuntimeError: the process died.
         """
-        self._pipe.send((method, arguments))
         try:
-            result, failure = self._pipe.recv()
-        except EOFError:
-            self._process.join()
-            raise RuntimeError(f"a measuring process died with exit code {self._process.exitcode}") from None
-        if failure is not None:
-            raise RuntimeError(f"a measuring process failed:\n{failure}")
-        return result
+            return self._pool.submit(_call, method, *arguments).result()
+        except BrokenProcessPool as error:
+            raise RuntimeError(f"a measuring process died in {method!r} (out of memory?)") from error
 
     def close(self) -> None:
         """End the process."""
-        self._pipe.close()
-        self._process.join(timeout=10.0)
-        if self._process.is_alive():
-            self._process.terminate()
+        with contextlib.suppress(RuntimeError):
+            self.call("close")
+        self._pool.shutdown()
 
 
-def _serve(pipe: Connection, cores: list[int]) -> None:
-    """Answer calls until the other end of the pipe closes."""
+_bench = Bench()
+
+
+def _start(cores: list[int]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the run closes its workers.
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, cores)
-    bench = Bench()
-    while True:
-        try:
-            method, arguments = pipe.recv()
-        except (EOFError, ConnectionResetError):
-            break
-        try:
-            result, failure = getattr(bench, method)(*arguments), None
-        except Exception:
-            result, failure = None, traceback.format_exc()
-        pipe.send((result, failure))
-    bench.close()
 
 
-@contextlib.contextmanager
-def _environment(**variables: str) -> Iterator[None]:
-    """Set environment variables for a while."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name)
-            else:
-                os.environ[name] = value
+def _call(method: str, *arguments: Any) -> Any:
+    return getattr(_bench, method)(*arguments)

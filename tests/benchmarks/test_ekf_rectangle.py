@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.ekf_rectangle import __main__ as experiment
-from benchmarks.ekf_rectangle.drive import Drive, run_drive
+from benchmarks.ekf_rectangle.drive import PAPER, Drive, measure, nees_bounds, run_drive
 from benchmarks.ekf_rectangle.faults import FAULTS, FaultyChannel
-from benchmarks.ekf_rectangle.measures import PAPER, measure, nees_bounds
 from envs.geometry import Pose2D
 from envs.localization.ekf import Ekf
 from envs.localization.fusion import FUSIONS, start_covariance
@@ -88,7 +87,7 @@ def test_nees_tells_honest_from_overconfident():
 
 
 def test_the_command_prints_writes_and_draws(drive, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(experiment, "run_drives", lambda physics, seeds, jobs: iter([drive] * seeds))
+    monkeypatch.setattr(experiment, "run_drives", lambda physics, seeds, jobs: [drive] * seeds)
     experiment.main(
         seeds=2, jobs=1, physics=("kinematic",), json_path=tmp_path / "out.json", images=tmp_path / "images"
     )

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.arena.axis import compare_axis
-from benchmarks.arena.leaderboard import gap_section, ranking_section, unfinished_section, worlds_section
+from benchmarks.arena.leaderboard import axis_section, gap_section, ranking_section, worlds_section
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
-from benchmarks.arena.ranking import gaps, rank, typical_and_worst
 from benchmarks.arena.records import COLUMNS
 from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.summary import best_of
-from benchmarks.arena.unfinished import find_unfinished
+from benchmarks.arena.summary import best_of, gaps, rank, typical_and_worst
+from benchmarks.arena.unfinished import unfinished_section
 from evaluate import main
 
 DEFAULTS = {str: "x", int: 0, float: 0.0}
@@ -55,16 +53,15 @@ def test_relative_measures_are_shares_of_the_same_starts_reference():
 
 
 def test_the_ranking_is_by_area_and_leaves_the_bound_out():
-    entries = rank(relate(ROWS))
-    assert [(entry.rank, entry.policy) for entry in entries] == [
-        *((1, "quick"), (2, "nearest"), (3, "slow")),
-        (None, "oracle"),
-    ]
-    quick = entries[0].estimates
-    assert quick["area_under_curve"].iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
-    assert quick["relative_time"][:3] == pytest.approx((0.8, 0.8, 0.8))
-    assert quick["success_rate"].iqm == 1.0
-    best = [cell.is_best for line in ranking_section(relate(ROWS)).parts[1].lines for cell in line]
+    related = relate(ROWS)
+    assert rank(related) == ["quick", "nearest", "slow", "oracle"]
+    head, lines = ranking_section(related).parts[1].head, ranking_section(related).parts[1].lines
+    assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle"]
+    quick = {title: cell.text for title, cell in zip(head, lines[0])}
+    assert pool(related, "quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
+    assert pool(related, "quick", BY_NAME["relative_time"])[:3] == pytest.approx((0.8, 0.8, 0.8))
+    assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
+    best = [cell.is_best for line in lines for cell in line]
     columns = len(best) // 4
     assert any(best[:columns])
     assert not any(best[-columns:])
@@ -103,16 +100,23 @@ def test_an_axis_is_compared_pair_by_pair():
     ]
     # These have no partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
-    entries = compare_axis(rows, "slam")
-    assert [(e.value, e.base, e.estimates["area_under_curve"].n) for e in entries] == [
-        *(("truth", "truth", 4), ("tinyslam", "truth", 4), ("odometry", "truth", 4)),
-    ]
-    assert {e.policy for e in entries} == {"a"}
-    assert entries[0].worlds == ("maze",)
-    assert entries[0].differences == {}
-    assert entries[1].differences["area_under_curve"].iqm == pytest.approx(-0.1)
-    assert entries[1].differences["relative_time"].iqm == pytest.approx(0.2)
-    assert entries[2].differences["relative_time"].iqm == pytest.approx(2.0)
+    section = axis_section(rows, "slam")
+    text, table = section.parts
+    assert section.title == "What mapping error costs"
+    assert "from the same 4 starts in maze." in text
+    assert table.head[1:4] == ("area under curve %", "95 % reached %", "position error cm")
+    assert table.head[5:] == (
+        "area under curve %, difference to truth",
+        "time to 95 %, relative, difference to truth",
+        "distance to 95 %, relative, difference to truth",
+    )
+    shown = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
+    assert list(shown) == ["a, truth", "a, tinyslam", "a, odometry"]
+    assert [cells[0] for cells in shown.values()] == ["80.0", "70.0", "20.0"]
+    assert shown["a, truth"][4:] == ["-", "-", "-"]
+    assert shown["a, tinyslam"][4:6] == ["-10.0", "+0.20"]
+    assert shown["a, odometry"][5] == "+2.00"
+    assert axis_section(rows, "physics") is None
 
 
 def test_what_was_not_finished_is_listed_with_why():
@@ -122,13 +126,13 @@ def test_what_was_not_finished_is_listed_with_why():
         row("a", 2, explored=0.5, end_reason="time_limit", area_left=8.0, position_rmse=0.9),
         row("b", 0, explored=0.98, end_reason="stuck", area_left=1.0),
     ]
-    first, second = find_unfinished(rows)
-    assert (first.policy, first.case, first.episodes, first.below) == ("a", "maze", 3, (1, 2))
-    assert (first.area_left, first.least_explored) == (5.0, 0.5)
-    assert first.reasons == "no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"
-    assert second.reasons == "could not move any more (1)"
-    titles = [part.title for part in unfinished_section(rows).parts[1:]]
-    assert titles == [
+    tables = unfinished_section(rows).parts[1:]
+    (first,), (second,) = ([[cell.text for cell in line] for line in table.lines] for table in tables)
+    assert first[:4] == ["maze", "3", "1", "2"]
+    assert first[4:6] == ["50.0", "5.0"]
+    assert first[6] == "no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"
+    assert second[6] == "could not move any more (1)"
+    assert [table.title for table in tables] == [
         "a: of 3 episodes 1 below 95 %, 2 below 99 %",
         "b: of 1 episodes 0 below 95 %, 1 below 99 %",
     ]

@@ -14,7 +14,7 @@ def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
     for _ in range(25):
         info = env.step(np.array([1.0, 0.3], dtype=np.float32))[4]
         film.shoot(info)
-    film.finish(info)
+    film.finish()
     env.close()
     assert len(film.frames) == 4  # at 0, 1, 2 s and the end
 

@@ -52,7 +52,7 @@ def test_episodes_that_are_in_the_file_are_not_run_again(tmp_path, monkeypatch):
         writer = csv.DictWriter(file, team.COLUMNS)
         writer.writeheader()
         writer.writerows(rows_of([100.0, 300.0, 80.0, 100.0]))
-    monkeypatch.setattr(team, "measure", lambda task: pytest.fail(f"{task} was run again"))
+    monkeypatch.setattr(team, "measure", lambda *task: pytest.fail(f"{task} was run again"))
     rows = team.run(TASKS[:2], 1, path)
     assert [(row["num_robots"], row["seed"]) for row in rows] == [(1, 1), (1, 0)]
     assert team.values(rows, "time_to_95", "rooms", 1).tolist() == [300.0, 100.0]
@@ -70,7 +70,7 @@ def test_an_episode_is_laid_out_as_a_row(monkeypatch):
     arrays = {"path_length": [3.0, 4.0], "collisions": [1, 0], "position_rmse": [0.1, 0.7]}
     episode = TeamEpisode(**parts | {name: np.array(values) for name, values in arrays.items()})
     monkeypatch.setattr(team, "run_team_episode", lambda *_: episode)
-    row = team.measure(TASKS[2])
+    row = team.measure(*TASKS[2])
     assert tuple(row) == team.COLUMNS
     assert tuple(row.values())[:5] == TASKS[2]
     assert row["area_left"] == episode.area_left

@@ -15,9 +15,8 @@ from benchmarks.speed.designs import Design, benchmark_robot, make_actions
 from benchmarks.speed.halls import GAP, Box, make_hall
 from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.references import advance_in_numpy
-from benchmarks.speed.report import plot_growth
+from benchmarks.speed.report import plot_growth, targets
 from benchmarks.speed.results import Effort, Results
-from benchmarks.speed.targets import targets
 from envs.estimation.motion import WheelMotion
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
