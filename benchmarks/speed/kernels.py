@@ -32,8 +32,8 @@ from envs.simulation.state import STATE_SIZE
 from envs.slam import load_params
 from envs.slam.cells import probabilities
 from envs.slam.grid_map import GridMap
-from envs.slam.map_update import AVG
-from envs.slam.matcher import match, project_hits
+from envs.slam.matcher import match, search_params
+from envs.slam.scans import project_hits
 
 PERIOD = 0.1
 """Control period [s]."""
@@ -132,20 +132,18 @@ def _cast_rays(scene: Scene) -> Kernel:
 def _match(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     points = np.empty((2, lidar.num_beams), dtype=np.float32)
-    mount = (lidar.mount.x, lidar.mount.y)
-    count = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
+    count = project_hits(scene.ranges, grid_map.geometry, points)
     noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
-    sigma = (params.sigma_xy / params.resolution, params.sigma_theta)
+    search = search_params(params)
     x, y = grid_map.to_cells(scene.pose.x + 0.01, scene.pose.y)
     start = Pose2D(x, y, scene.pose.theta + 0.01)
-    search = (*sigma, params.max_failed, params.max_tries, noise, np.empty((0, 5)))
-    arguments = (grid_map.words, points, count, grid_map.unvisited, *start)
+    hits = (grid_map.words, points, count)
     return Kernel(
         "match",
-        lambda times: repeat_match(times, *arguments, search),
-        lambda: np.array(match(*arguments, *search)[:3]),
+        lambda times: repeat_match(times, *hits, *start, search, noise),
+        lambda: np.array(match(*hits, tuple(start), search, noise)[:3]),
         lambda: np.array(
-            naive_slam.match(scene.naive.values, points[:, :count], start, sigma, noise, params.max_failed)
+            naive_slam.match(scene.naive.values, points[:, :count], start, search[:2], noise, params.max_failed)
         ),
     )
 
@@ -153,22 +151,21 @@ def _match(scene: Scene) -> Kernel:
 def _integrate_scan(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     x, y = grid_map.to_cells(scene.sensor.x, scene.sensor.y)
-    scan = (scene.ranges, grid_map.directions, lidar.range_max, params.skip_exceeding)
-    sensor = (x, y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
-    ends = np.empty((lidar.num_beams, 2))
-    probs = (params.occupied_prob, params.empty_prob, params.quality)
-    how = (AVG, params.estimator == "area", *probs, params.hole_width / params.resolution, params.blur == "add")
+    scan = (scene.ranges, grid_map.geometry, params.skip_exceeding)
+    sensor = (x, y, math.cos(scene.pose.theta), math.sin(scene.pose.theta))
+    ends = np.empty((lidar.num_beams, 3))
+    how = (grid_map.model, params.quality)
     new_cells = np.empty((grid_map.words.size, 2), dtype=np.int32)
     naive = NaiveSlam(lidar, params)
     naive.pose = scene.pose
 
     def repeat(times: int) -> None:
         words, occupancy = grid_map.words.copy(), grid_map.grid.data.copy()
-        repeat_integrate_scan(times, words, occupancy, scan, *sensor, ends, how, new_cells)
+        repeat_integrate_scan(times, words, occupancy, scan, *sensor, ends, *how, new_cells)
 
     def result() -> np.ndarray:
         empty = GridMap(params, lidar)
-        repeat_integrate_scan(1, empty.words, empty.grid.data, scan, *sensor, ends, how, new_cells)
+        repeat_integrate_scan(1, empty.words, empty.grid.data, scan, *sensor, ends, *how, new_cells)
         return probabilities(empty.words)
 
     def reference() -> np.ndarray:

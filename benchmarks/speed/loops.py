@@ -8,8 +8,9 @@ from numba import njit
 from envs.estimation.map_pyramid import crop_level, pool_cells
 from envs.geometry.raycast import cast_rays
 from envs.simulation.kinematic import advance
-from envs.slam.map_update import beam_ends, integrate_scan
+from envs.slam.map_update import integrate_scan
 from envs.slam.matcher import match
+from envs.slam.scans import beam_ends
 
 _LITTLE = 1e-9
 """By how much an argument differs from call to call, such that no compiler takes the work out of the loop."""
@@ -22,16 +23,16 @@ def repeat_cast_rays(times, x, y, heading, beams, segments, circles, out):
 
 
 @njit
-def repeat_match(times, words, points, count, unvisited, x, y, theta, search):
+def repeat_match(times, words, points, count, x, y, theta, params, noise):
     for i in range(times):
-        match(words, points, count, unvisited, x + _LITTLE * i, y, theta, *search)
+        match(words, points, count, (x + _LITTLE * i, y, theta), params, noise)
 
 
 @njit
-def repeat_integrate_scan(times, words, occupancy, scan, x, y, c, s, resolution, ends, how, new_cells):
+def repeat_integrate_scan(times, words, occupancy, scan, x, y, c, s, ends, model, quality, new_cells):
     for i in range(times):
-        beam_ends(*scan, x + _LITTLE * i, y, c, s, resolution, ends)
-        integrate_scan(words, occupancy, scan[0], scan[2], ends, x, y, *how, new_cells)
+        beam_ends(*scan, x + _LITTLE * i, y, c, s, ends)
+        integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells)
 
 
 @njit

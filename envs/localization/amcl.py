@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
-from envs.slam.tinyslam import check_scan
+from envs.slam.scans import check_scan
 from envs.worlds.map_files import FREE_THRESH
 
 from .beam_model import BeamModel

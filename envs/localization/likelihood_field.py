@@ -42,7 +42,7 @@ class Field(NamedTuple):
     """A table of likelihoods over a map, with a border around it."""
 
     data: np.ndarray
-    """Shape (height, width), uint16."""
+    """Shape (height, width): uint16 likelihoods, or the float32 distances that rays are cast by."""
     border: int
     """Width of the border, which no beam can leave from within the map [cells]; its entries are all the same."""
     origin: tuple[float, float]
@@ -169,7 +169,7 @@ class LikelihoodField:
         self._needs_mean = params.alpha_slow > 0.0
         resolution = occupancy.resolution
         self.beams = Beams(params, lidar, resolution)
-        range_max = self.beams.range_max
+        range_max = self.beams.geometry.range_max
         reach = math.ceil((range_max + math.hypot(lidar.mount.x, lidar.mount.y)) / resolution) + 2
         far = math.ceil(params.max_distance / resolution) + 1
 

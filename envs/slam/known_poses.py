@@ -8,7 +8,7 @@ from envs.robots import LidarParams
 
 from .grid_map import GridMap, has_moved
 from .params import TinySlamParams
-from .tinyslam import check_scan
+from .scans import check_scan
 
 
 class KnownPoses:
@@ -29,7 +29,14 @@ class KnownPoses:
         return self._belief
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start with an unknown map, or with a shared one; see `TinySlam`. Draws nothing from `rng`."""
+        """Start with an unknown map, or with one that other robots integrate their scans into as well.
+
+        Args:
+            rng: source of later noise.
+            pose: known pose of the robot, map frame.
+            map: the shared map; None for an unknown one.
+        """
+        self.rng = rng
         self.map = GridMap(self.params, self._lidar) if map is None else map
         self.last_integrated_pose: Pose2D | None = None
         self._belief = Belief(pose, self.map.grid)
@@ -40,16 +47,20 @@ class KnownPoses:
 
         Args:
             ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
-            motion: pose of the base now, seen from the base at the previous scan.
+            motion: pose of the base now, as the motion source sees it from the base at the previous scan.
 
         Raises:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
         ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
+        belief.pose, quality = self._locate(ranges, motion)
         last = self.last_integrated_pose
-        belief.pose = belief.pose.compose(motion)
         belief.update = NO_UPDATE
         if last is None or has_moved(*last, *belief.pose, params.min_travel_distance, params.min_travel_angle):
-            belief.update = self.map.integrate(ranges, belief.pose, params.quality)
+            belief.update = self.map.integrate(ranges, belief.pose, quality)
             self.last_integrated_pose = belief.pose
         return belief
+
+    def _locate(self, ranges: np.ndarray, motion: Pose2D) -> tuple[Pose2D, float]:
+        """Return the pose after a motion, and the weight of a scan that is taken there."""
+        return self._belief.pose.compose(motion), self.params.quality
