@@ -69,14 +69,9 @@ def next_cell(walk):
 
 @njit(cache=True, error_model="numpy")
 def cell_along(row, col, d_row, d_col, num_steps):
-    """Return (row, column) of the cell that lies some steps in a direction from a cell's centre.
+    """Return (row, column) of the cell that lies `num_steps` from the centre of the cell (row, col).
 
-    Args:
-        row: row of the first cell.
-        col: column of the first cell.
-        d_row: rows per step, from -1 to 1.
-        d_col: columns per step, from -1 to 1. Where the greater of both is 1, no column or row is left out.
-        num_steps: how many.
+    A step is `d_row` rows and `d_col` columns, both from -1 to 1. Where one of them is 1, no row or column is left out.
     """
     return math.floor(row + 0.5 + num_steps * d_row), math.floor(col + 0.5 + num_steps * d_col)
 
