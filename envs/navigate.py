@@ -11,7 +11,7 @@ from envs.arguments import choose_robot
 from envs.core import LidarEnv, make_robots
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import AmclParams, Localizer, PoseEstimate
-from envs.localization.known_map import KnownMapEstimator
+from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Observations
 from envs.rendering.scene import NavigationScene
 from envs.robots import RobotParams

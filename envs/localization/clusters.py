@@ -25,13 +25,7 @@ class BinRaster(NamedTuple):
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover a map with bins.
-
-        Args:
-            bounds: of the map, (x_min, y_min, x_max, y_max) [m].
-            size: side of a bin [m].
-            angle: size of a bin in heading [rad].
-        """
+        """Cover a map, (x_min, y_min, x_max, y_max) [m], with bins of `size` [m] and `angle` [rad]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -43,7 +37,7 @@ def find_bins(particles, raster, bins):
 
     Args:
         particles: shape (3, n), float32, x, y, heading [m, rad].
-        raster: the bins, `BinRaster`.
+        raster: `BinRaster`.
         bins: shape (n,), int32, written: flat indices into an array of `raster.shape`.
 
     Returns:

@@ -127,7 +127,7 @@ class Ekf:
         covariance = np.array(covariance, dtype=np.float64)
         _require_covariance(covariance, STATE_SIZE)
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
-        self._counts: dict[str, Counter[Verdict]] = {kind: Counter() for kind in KINDS}
+        self._counts: Counter[tuple[str, Verdict]] = Counter()
 
     @property
     def time(self) -> float:
@@ -137,11 +137,8 @@ class Ekf:
     @property
     def counts(self) -> dict[str, dict[Verdict, int]]:
         """Number of measurements since the reset, by kind and verdict."""
-        counts = {kind: Counter(counter) for kind, counter in self._counts.items()}
-        for moment in self._moments:
-            if moment.measurement is not None:
-                counts[moment.measurement.kind][moment.verdict] += 1
-        return {kind: dict(counter) for kind, counter in counts.items()}
+        counts = self._counts + _tally(self._moments)
+        return {kind: {verdict: n for (of, verdict), n in counts.items() if of == kind} for kind in KINDS}
 
     def add(self, measurement: Measurement) -> Verdict:
         """Apply a measurement.
@@ -153,11 +150,11 @@ class Ekf:
             ValueError: its covariance is not symmetric and positive definite.
         """
         if not np.isfinite(measurement.values).all():
-            self._counts[measurement.kind]["unusable"] += 1
+            self._counts[measurement.kind, "unusable"] += 1
             return "unusable"
         _require_covariance(measurement.covariance, len(measurement.values))
         if measurement.time < max(self._moments[0].time, self.time - self.params.horizon):
-            self._counts[measurement.kind]["too_old"] += 1
+            self._counts[measurement.kind, "too_old"] += 1
             return "too_old"
         added = _Moment(measurement.time, measurement)
         index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
@@ -213,11 +210,14 @@ class Ekf:
     def _prune(self) -> None:
         """Drop moments before the horizon but for the last one, from which late measurements are predicted."""
         oldest = self.time - self.params.horizon
-        keep = bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1
-        for moment in self._moments[: max(keep, 0)]:
-            if moment.measurement is not None:
-                self._counts[moment.measurement.kind][moment.verdict] += 1
-        del self._moments[: max(keep, 0)]
+        keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
+        self._counts.update(_tally(self._moments[:keep]))
+        del self._moments[:keep]
+
+
+def _tally(moments: list[_Moment]) -> Counter[tuple[str, Verdict]]:
+    """Count measurements by kind and verdict."""
+    return Counter((each.measurement.kind, each.verdict) for each in moments if each.measurement is not None)
 
 
 def _require_covariance(covariance: np.ndarray, size: int) -> None:

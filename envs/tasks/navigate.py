@@ -9,7 +9,7 @@ import numpy as np
 from envs.arguments import check_positive, is_pose
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
-from envs.localization.known_map import KnownMapEstimator
+from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Robot
 from envs.robots import RobotParams
