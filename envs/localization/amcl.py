@@ -34,12 +34,7 @@ class Amcl:
     """
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
-        """Build a localizer for one lidar.
-
-        Args:
-            lidar: geometry of the scans.
-            params: of the filter.
-        """
+        """Build a localizer for one lidar."""
         self.params = params
         self._lidar = lidar
         self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
@@ -78,11 +73,9 @@ class Amcl:
         """Start on a map, see `Localizer`; by default `covariance` follows from the params' `initial_std`."""
         self._prepare(occupancy)
         self.rng = rng
-        if pose is None:
-            self._start_globally()
-        else:
+        if pose is not None:
             self._check_pose(pose, occupancy)
-            self._start(self._draw_around(pose, covariance), is_confirmed=True)
+        self._start(pose, covariance)
         self._is_first = True
         self._moved = _ORIGIN
         self._estimate = self._corrected = self._summarise()
@@ -104,8 +97,8 @@ class Amcl:
             self._is_first = False
             self._moved = _ORIGIN
             self._correct(ranges)
-            if params.relocalize and self._has_diverged():
-                self._start_globally()
+            if params.relocalize and len(self._fits) == params.lost_updates and self._corrected.fit < params.lost_fit:
+                self._start(None)  # the map has not explained the last scans
                 self._correct(ranges)
             self._estimate = self._corrected
         else:
@@ -168,20 +161,14 @@ class Amcl:
         x, y, theta = noise + np.array(pose)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
-    def _start_globally(self) -> None:
-        params = self.params
-        self._start(self._draw_anywhere(params.global_particles or params.max_particles), is_confirmed=False)
-
-    def _start(self, particles: np.ndarray, is_confirmed: bool) -> None:
-        """Start with equally weighted particles, and no memory of scans.
-
-        Args:
-            particles: shape (3, n), float32.
-            is_confirmed: whether their pose can be trusted before scans have confirmed it.
-        """
-        self._particles = particles
-        self._is_confirmed = is_confirmed
-        count = particles.shape[1]
+    def _start(self, around: Pose2D | None, covariance: np.ndarray | None = None) -> None:
+        """Draw equally weighted particles around a pose, or for None anywhere, and forget all scans."""
+        if around is None:
+            self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
+        else:
+            self._particles = self._draw_around(around, covariance)
+        self._is_confirmed = around is not None
+        count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
         self._slow = self._fast = 0.0
@@ -193,19 +180,15 @@ class Amcl:
         if weigh is not None:
             likelihood = weigh(self._particles, self._weights)
             self._weights /= self._weights.sum()
-            self._average(likelihood)
+            if self._slow == 0.0:
+                self._slow = self._fast = likelihood
+            # Long-term and short-term average of the likelihood (Thrun et al. 2005, table 8.3).
+            self._slow += self.params.alpha_slow * (likelihood - self._slow)
+            self._fast += self.params.alpha_fast * (likelihood - self._fast)
         self._corrected = self._summarise(ranges)
         self._num_updates += 1
         if weigh is not None and self._num_updates % self.params.resample_interval == 0:
             self._resample()
-
-    def _average(self, likelihood: float) -> None:
-        """Update the long-term and the short-term average of the likelihood (Thrun et al. 2005, table 8.3)."""
-        if self._slow == 0.0:
-            self._slow = self._fast = likelihood
-            return
-        self._slow += self.params.alpha_slow * (likelihood - self._slow)
-        self._fast += self.params.alpha_fast * (likelihood - self._fast)
 
     def _resample(self) -> None:
         """Draw the next particles by weight; some at random where the likelihood has fallen."""
@@ -215,10 +198,8 @@ class Amcl:
             share = 1.0 - self._fast / self._slow
             injection = Injection(self._draw_anywhere(math.ceil(params.max_particles * share) + 1), share)
             self._slow = self._fast = 0.0
-        bins = self._bins[: self._particles.shape[1]]
-        count = resample(
-            *(self._particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
-        )
+        particles, bins = self._particles, self._bins[: self._particles.shape[1]]
+        count = resample(particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
@@ -246,7 +227,3 @@ class Amcl:
         self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
         is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
         return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
-
-    def _has_diverged(self) -> bool:
-        """Return whether the map has not explained the last `lost_updates` scans."""
-        return len(self._fits) == self._fits.maxlen and self._corrected.fit < self.params.lost_fit

@@ -37,9 +37,7 @@ def make_filter(robot: RobotParams) -> Ekf:
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     """Return the initial covariance of the filter for a robot at rest, shape (5, 5).
 
-    Args:
-        spread: standard deviation of the position along either axis [m].
-        turn: standard deviation of the heading [rad].
+    `spread` is the standard deviation of the position along either axis [m], `turn` that of the heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
@@ -52,7 +50,7 @@ class FusedPose:
         """Build a pose estimator for a robot.
 
         Args:
-            robot: the robot.
+            robot: params of the robot.
             localizer: estimates its pose on the map.
             fusion: one of `FUSIONS`.
             latency: delay of the localizer's estimates [s].

@@ -23,15 +23,10 @@ ONE = 65535
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Measure how far cells lie from the nearest obstacle, centre to centre.
-
-    Args:
-        obstacles: shape (height, width), bool.
-        resolution: side of a cell [m].
-        max_distance: upper limit of the distances [m].
+    """Measure how far cells lie from the nearest of `obstacles`, shape (height, width), bool, centre to centre.
 
     Returns:
-        Shape (height, width), float64 [m].
+        Shape (height, width), float64, at most `max_distance` [m].
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -127,15 +122,7 @@ def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_me
 
 @njit(cache=True, error_model="numpy")
 def count_near(field, near, points, num_points, pose):
-    """Count the points whose entry in the field is at least `near`.
-
-    Args:
-        field: `Field`.
-        near: threshold.
-        points: shape (2, >= num_points), float32, in the base frame [cells].
-        num_points: number of points.
-        pose: x, y, heading of the base in the map frame [m, m, rad].
-    """
+    """Count the points, as in `sum_fields`, whose entry is at least `near` as seen from a pose (x, y, heading)."""
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -157,13 +144,7 @@ class LikelihoodField:
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Precompute the field of a map.
-
-        Args:
-            params: of the filter.
-            lidar: geometry of the scans.
-            occupancy: the map.
-        """
+        """Precompute the field of a map."""
         self._is_product = params.sensor == "likelihood_field_prob"
         self._squash = params.squash
         self._needs_mean = params.alpha_slow > 0.0
