@@ -21,11 +21,8 @@ from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
 from .rewards import TrackRewards
-from .route import Progress, Route, rectangle
+from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
-
-END = 0.1
-"""Distance from the end of the route at which it counts as completed [m]."""
 
 
 class FusedRobot(Robot):

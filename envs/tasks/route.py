@@ -9,6 +9,8 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.polyline import lengths_along, points_at
 from envs.simulation import Twist
 
+END = 0.1
+"""This near to its end a route counts as driven [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
@@ -28,10 +30,7 @@ class Route:
 
     @classmethod
     def of(cls, corners: np.ndarray) -> "Route":
-        """Return the route along a polyline.
-
-        Args:
-            corners: shape (n, 2), n > 1 [m].
+        """Return the route along a polyline, shape (n, 2), n > 1 [m].
 
         Raises:
             ValueError: the shape is another, or something is not finite or of no length.
@@ -106,11 +105,7 @@ class Progress:
         """Of the nearest point, looking ahead from the last one."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Find the robot on the route.
-
-        Returns:
-            How far along the route it is, and how far to the left of it [m].
-        """
+        """Return how far along the route a pose is, and how far to the left of it [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -125,13 +120,9 @@ class Progress:
 
 
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
-    """Return the twist that leads to the route `lookahead` metres on, by pure pursuit.
+    """Return the twist with a speed [m/s] that leads to the route `lookahead` metres on, by pure pursuit.
 
-    Args:
-        progress: where the robot is, up to date.
-        pose: of the robot, in the frame of the route.
-        speed: to drive with [m/s].
-        lookahead: distance along the route to the point aimed at [m].
+    `progress` must be up to date with the pose of the robot, in the frame of the route.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

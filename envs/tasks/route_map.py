@@ -13,8 +13,9 @@ from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams
 from envs.simulation import Reading, make_simulator
 from envs.slam import TinySlam, load_params, make_slam
-from envs.tasks.route import Progress, Route, steer
 from envs.worlds import World
+
+from .route import END, Progress, Route, steer
 
 PRESET = Path(__file__).parent / "route_map.yaml"
 """Params of TinySLAM for a drive whose headings a compass tells: candidates need not be spread far."""
@@ -24,8 +25,6 @@ UPDATE_DISTANCE = 0.2
 """A scan is mapped once the robot is this far from where the last one was [m]..."""
 UPDATE_ANGLE = 0.15
 """... or has turned by this much since [rad]."""
-END = 0.1
-"""How near to the end of the route the drive ends [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +58,8 @@ def make_route_map(
     Args:
         world: in which the route lies.
         robot: params of the robot.
-        physics: by which physics.
-        slam: which SLAM maps.
+        physics: name of the physics.
+        slam: name of the SLAM that maps.
         path: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m].
         resolution: side of a map cell [m].
         control_period: time between two scans [s].
