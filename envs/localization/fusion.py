@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from envs.estimation import Belief
 from envs.estimation.motion import WheelMotion
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
@@ -68,6 +69,8 @@ class FusedPose:
         """Measurements that arrived with the last reading, of all kinds, be they used by the fusion or not."""
         self.localized: Estimate
         """The localizer's own estimate at the last reading, with speeds from the encoders."""
+        self.belief: Belief
+        """The fused pose on the map."""
         self._kinds = FUSIONS[fusion]
         self._latency = latency
         self._has_compass = robot.imu.has_compass
@@ -102,6 +105,7 @@ class FusedPose:
         self.ekf.reset(pose, covariance, time=reading.time)
         self.measurements = []
         self.localized = Estimate(reading.time, pose, 0.0, 0.0, covariance)
+        self.belief = Belief(pose, occupancy)
         return self.localized
 
     def update(self, reading: Reading) -> Estimate:
@@ -122,9 +126,10 @@ class FusedPose:
         covariance[:3, :3], covariance[3:, 3:] = localized.covariance, wheels.covariance
         v, w = wheels.values.tolist()
         self.localized = Estimate(reading.time, localized.pose, v, w, covariance)
-        if not self._kinds:
-            return self.localized
         for measurement in self.measurements:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)
-        return self.ekf.estimate(reading.time)
+        estimate = self.ekf.estimate(reading.time) if self._kinds else self.localized
+        self.belief.pose, self.belief.covariance = estimate.pose, estimate.covariance[:3, :3]
+        self.belief.is_lost = localized.is_lost
+        return estimate

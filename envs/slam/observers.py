@@ -44,14 +44,16 @@ def match_observed(
     """Do what `match` does, by the same steps, and tell observers of each; `predicted` is in metres."""
     indices = np.empty(points.shape[1], dtype=np.uint32)
 
+    def tell(event: str, *said: Pose2D | float) -> None:
+        for observer in observers:
+            getattr(observer, event)(*said)
+
     def test(x: float, y: float, theta: float, pose: Pose2D) -> int:
         total = score(grid_map.words, params.unvisited, points, num_points, x, y, theta, indices)
-        for observer in observers:
-            observer.on_scan_test(pose, num_points - total / ONE)
+        tell("on_scan_test", pose, num_points - total / ONE)
         return total
 
-    for observer in observers:
-        observer.on_matching_start(predicted)
+    tell("on_matching_start", predicted)
     x, y = grid_map.to_cells(predicted.x, predicted.y)
     best, search = predicted, Search(x, y, predicted.theta, test(x, y, predicted.theta, predicted))
     while search.failed < params.max_failed and search.tried < params.max_tries:
@@ -60,8 +62,6 @@ def match_observed(
         before, search = search, judge_candidate(search, params, x, y, theta, test(x, y, theta, pose))
         if search.accepted > before.accepted:
             best = pose
-            for observer in observers:
-                observer.on_pose_update(pose, num_points - search.total / ONE)
-    for observer in observers:
-        observer.on_matching_end(best, num_points - search.total / ONE)
+            tell("on_pose_update", pose, num_points - search.total / ONE)
+    tell("on_matching_end", best, num_points - search.total / ONE)
     return search

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -29,16 +29,11 @@ class Explore(WorldTask):
         self,
         robot: RobotParams,
         *,
-        world: Any,
-        split: Literal["train", "test"],
-        world_size: tuple[float, float] | None,
-        start: Any,
         target_coverage: float,
         reward: RewardWeights | Mapping[str, float],
-        resolution: float,
-        num_robots: int = 1,
+        **worlds: Any,
     ) -> None:
-        """See `ExploreEnv` for the arguments.
+        """See `ExploreEnv` for the arguments; `worlds` are those of `WorldTask`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -47,15 +42,7 @@ class Explore(WorldTask):
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
         self.weights = RewardWeights.of(reward)
         self.target_coverage = target_coverage
-        super().__init__(
-            robot,
-            world=world,
-            split=split,
-            world_size=world_size,
-            start=start,
-            resolution=resolution,
-            num_robots=num_robots,
-        )
+        super().__init__(robot, **worlds)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the peers of a team as "mates"; see `Task`."""

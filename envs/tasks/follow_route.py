@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from envs.arguments import check_positive
-from envs.estimation import ORIGIN, Belief
+from envs.estimation import ORIGIN
 from envs.estimation.motion import MotionSource
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
@@ -32,36 +32,22 @@ class FusedRobot(Robot):
         """Take the filter in place of an estimator; see `Robot`."""
         super().__init__(params, control_period, fused, odometry)  # type: ignore[arg-type]
         self._fused = fused
-        self._belief: Belief
-
-    @property
-    def belief(self) -> Belief:
-        """The fused pose on the known map."""
-        return self._belief
 
     def start_on(self, grid: OccupancyGrid, north: float, reading: Reading, rng: np.random.Generator, std: Any) -> None:
-        """Begin an episode at the origin of a map.
+        """Begin an episode at the origin of a map; see `FusedPose.reset`.
 
-        Args:
-            grid: the map.
-            north: what the compass reads in the direction of the map's x axis [rad].
-            reading: the first.
-            rng: noise of the localizer.
-            std: standard deviations of the start's position [m] and heading [rad].
+        `std` are the standard deviations of the start's position [m] and heading [rad].
         """
         self.estimate = self._fused.reset(grid, north, ORIGIN, reading, rng, start_covariance(*std))
-        self._belief = Belief(self.estimate.pose, grid)
         self.start(reading)
 
     def locate(self) -> None:
         """Process the last reading: its scan, encoders and compass."""
         self.estimate = self._fused.update(self.reading)
-        belief = self._belief
-        belief.pose, belief.covariance = self.estimate.pose, self.estimate.covariance[:3, :3]
-        belief.is_lost = self._fused.localizer.estimate.is_lost
         self.twist = Twist(self.estimate.v, self.estimate.w)
-        if self.trail.append(belief.pose):
-            self.pyramid.mark(belief.pose.x, belief.pose.y)
+        pose = self.estimate.pose
+        if self.trail.append(pose):
+            self.pyramid.mark(pose.x, pose.y)
 
 
 class FollowRoute(Task):

@@ -33,10 +33,6 @@ class Navigate(WorldTask):
         self,
         robot: RobotParams,
         *,
-        world: Any,
-        split: Literal["train", "test"],
-        world_size: tuple[float, float] | None,
-        start: Any,
         goal: Any,
         goal_tolerance: float,
         heading_tolerance: float,
@@ -44,9 +40,9 @@ class Navigate(WorldTask):
         map: OccupancyGrid | None,
         map_pose: tuple[float, float, float],
         reward: NavigateRewards | Mapping[str, float],
-        resolution: float,
+        **worlds: Any,
     ) -> None:
-        """See `NavigateEnv` for the arguments.
+        """See `NavigateEnv` for the arguments; `worlds` are those of `WorldTask`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -66,7 +62,7 @@ class Navigate(WorldTask):
         self._goal = goal
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
-        super().__init__(robot, world=world, split=split, world_size=world_size, start=start, resolution=resolution)
+        super().__init__(robot, **worlds)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
