@@ -24,18 +24,13 @@ _MARGIN = np.float32(1.42)
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
-    """Follow a ray to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
+    """Follow a ray from (x, y) to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
 
-    Args:
-        distances: shape (height, width), float32, from each cell to the nearest obstacle, 0 in it [cells].
-        x: start, float32 [cells].
-        y: start, float32 [cells].
-        dx: direction, float32, of length 1.
-        dy: direction, float32.
-        longest: end of the ray, float32 [cells].
+    All numbers are float32 [cells]. `distances`, shape (height, width), are those from each cell to the nearest
+    obstacle, 0 in it; the direction (dx, dy) has length 1.
 
     Returns:
-        Distance to the obstacle; `longest` if there is none, or the ray leaves the map [cells].
+        Distance to the obstacle; `longest` if there is none, or the ray leaves the map.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)

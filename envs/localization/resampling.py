@@ -70,7 +70,7 @@ def resample(particles, weights, bins, injection, start, kld, seen, drawn):
         particles: shape (3, n), float32 [m, rad].
         weights: shape (n,), float64, with the sum 1.
         bins: shape (n,), int32, the particles' bins.
-        injection: `Injection`; each of its particles counts as a bin of its own.
+        injection: `Injection`; each of its particles counts as a bin.
         start: position of the first draw in the cumulated weights, 0 to 1.
         kld: `KldParams`.
         seen: shape (num_bins,), bool, all False; scratch.

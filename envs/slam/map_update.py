@@ -23,9 +23,7 @@ class InverseSensorModel(NamedTuple):
     by_area: bool
     """Whether the area estimator is used."""
     occupied_prob: float
-    """Occupancy reported of the cell of a hit."""
     empty_prob: float
-    """Occupancy reported of cells that a beam passes."""
     hole: float
     """Length of the ramp in front of a hit [cells]; 0 for none."""
     add_blur: bool

@@ -13,29 +13,23 @@ from .params import TinySlamParams
 
 
 class SearchParams(NamedTuple):
-    """Spread and limits of a search, in cells; see `TinySlamParams`."""
+    """Spread and limits of a search; see `TinySlamParams`."""
 
     sigma_xy: float
     """Spread of positions at the start [cells]."""
     sigma_theta: float
-    """Spread of headings at the start [rad]."""
     max_failed: int
-    """Failures that end the search."""
     max_tries: int
-    """Candidates that end the search."""
     unvisited: int
     """Word of a cell never observed."""
 
 
 class Search(NamedTuple):
-    """State of a search."""
+    """State of a search: the best pose so far, with x and y from the map's corner [cells, cells, rad]."""
 
     x: float
-    """Best position so far, from the map's corner [cells]."""
     y: float
-    """Best position so far, from the map's corner [cells]."""
     theta: float
-    """Best heading so far [rad]."""
     total: int
     """What `score` returned for the best pose."""
     spread: float = 1.0
@@ -63,15 +57,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
     The original's cost is the number of hits minus this sum; the best pose is the same. Outside the map nothing was
     ever observed.
 
-    Args:
-        words: shape (height, width), int32, the map.
-        unvisited: word of a cell never observed.
-        points: shape (2, >= num_points), float32, the hits in the base frame [cells].
-        num_points: number of hits.
-        x: position of the base from the map's corner [cells].
-        y: position of the base from the map's corner [cells].
-        theta: heading of the base [rad].
-        indices: shape (>= num_points,), uint32: room to work in.
+    For the arguments see `match`; `indices`, shape (>= num_points,), uint32, is room to work in.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))

@@ -30,14 +30,12 @@ class Frame(NamedTuple):
 
 
 class TrueScan(NamedTuple):
-    """A scan and the true pose that it was taken from."""
+    """A scan, and the true position (x, y) [m] of the lidar that took it, world frame."""
 
     ranges: np.ndarray
     """Shape (num_beams,), float32 [m], as in `Reading.ranges`."""
     x: float
-    """True position of the lidar, world frame [m]."""
     y: float
-    """True position of the lidar, world frame [m]."""
     theta: float
     """True direction of the first beam, world frame [rad]."""
     increment: float
@@ -45,7 +43,6 @@ class TrueScan(NamedTuple):
     is_full_turn: bool
     """Whether the last beam is the first one's neighbour."""
     range_max: float
-    """Range of the lidar [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -227,13 +224,8 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     """Compare the occupied cells of a map with the true walls that can be seen.
 
     Intersection over union: visible wall cells with an occupied map cell within `tolerance`, over those plus the
-    visible wall cells without one plus the occupied map cells without a wall within `tolerance`.
-
-    Args:
-        grid: the map, in the map frame.
-        area: the ground truth.
-        start: pose of the map frame's origin in the world frame.
-        tolerance: distance up to which cells match [m].
+    visible wall cells without one plus the occupied map cells without a wall within `tolerance` [m]. `start` is the
+    pose of the map frame's origin in the world frame.
     """
     walls = area.walls
     wall = walls.data > 0

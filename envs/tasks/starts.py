@@ -117,7 +117,7 @@ def draw_starts(
         world: gives the movers at the start.
         robot: gives the footprint.
         first: pose of the first robot, world frame.
-        num_robots: how many there are, with the first.
+        num_robots: number of robots, with the first.
         rng: draws positions and headings.
 
     Raises:
