@@ -176,21 +176,23 @@ class Ekf:
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
         if index == 0 or not math.isfinite(time):
             raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
-        before = self._moments[index - 1]
+        state, covariance = self._predict(self._moments[index - 1], time)
+        x, y, theta, v, w = state.tolist()
+        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
+
+    def _predict(self, before: _Moment, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return state and covariance at a time [s] that is not before a moment."""
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
             predict(state, covariance, time - before.time, self._noise, self.params.max_step)
-        x, y, theta, v, w = state.tolist()
-        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
+        return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
         """Predict from one moment to the next, and update by the measurement of that one if it passes the gate."""
         measurement = after.measurement
         assert measurement is not None
         kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
-        state, covariance = before.state.copy(), before.covariance.copy()
-        if after.time > before.time:
-            predict(state, covariance, after.time - before.time, self._noise, self.params.max_step)
+        state, covariance = self._predict(before, after.time)
         innovation, spread, length = innovation_of(state, covariance, measured, measurement.values, noise)
         after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
         if length > self._gates[kind]:

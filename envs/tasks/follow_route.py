@@ -59,16 +59,12 @@ class FollowRoute(Task):
         *,
         world: str | World,
         path: Any,
-        physics: str,
-        slam: Any,
-        map_seed: int,
-        map_resolution: float,
-        control_period: float,
         max_deviation: float,
         start_spread: tuple[float, float],
         reward: TrackRewards | Mapping[str, float],
+        **mapping: Any,
     ) -> None:
-        """See `TrackEnv` for the arguments.
+        """See `TrackEnv` for the arguments; `mapping` are those of `make_route_map`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -87,16 +83,7 @@ class FollowRoute(Task):
         self._robot = robot
         self._max_deviation = max_deviation
         self._start_spread = start_spread
-        self._make_map = partial(
-            make_route_map,
-            robot=robot,
-            physics=physics,
-            slam=slam,
-            path=self.route_world.points.tobytes(),
-            resolution=map_resolution,
-            control_period=control_period,
-            seed=map_seed,
-        )
+        self._make_map = partial(make_route_map, robot=robot, path=self.route_world.points.tobytes(), **mapping)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the route; see `Task`."""

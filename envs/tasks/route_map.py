@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.estimation import Estimator
+from envs.estimation import ORIGIN, Estimator
 from envs.estimation.motion import WheelMotion
 from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams
@@ -71,11 +71,9 @@ def make_route_map(
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
-    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng)
-    progress = Progress(route)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    mapper.begin(reading)
-    truth = route.start
+    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng, reading)
+    progress, truth = Progress(route), route.start
     # Twice the time that the route takes at full speed, and some to speed up.
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
@@ -118,25 +116,23 @@ class _Mapper:
     A SLAM that matches every scan to the one before, which it has just integrated, follows that one's noise.
     """
 
-    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator) -> None:
+    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator, reading: Reading) -> None:
+        """Process the first reading."""
         self.slam = slam
         self.slam.reset(rng)
         self._wheels = WheelMotion(robot)
-        self._motion = Pose2D(0.0, 0.0, 0.0)
+        self._wheels.reset(reading)
+        self._motion = ORIGIN
         self._offsets: list[complex] = []
         self.poses: list[Pose2D] = []
+        self._first_heading = self._heading = reading.heading
+        self._use(reading)
 
     @property
     def north(self) -> float:
         """Mean of what the compass read less what the SLAM estimated [rad]; NaN without a compass."""
         mean = complex(np.mean(self._offsets))
         return math.atan2(mean.imag, mean.real)
-
-    def begin(self, reading: Reading) -> None:
-        """Process the first reading."""
-        self._wheels.reset(reading)
-        self._first_heading = self._heading = reading.heading
-        self._use(reading)
 
     def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
         """Process the next reading, mapping at the true motion if that is given."""
@@ -155,7 +151,7 @@ class _Mapper:
 
     def _use(self, reading: Reading) -> None:
         belief = self.slam.update(reading.ranges, self._motion)
-        self._motion = Pose2D(0.0, 0.0, 0.0)
+        self._motion = ORIGIN
         self.poses.append(belief.pose)
         offset = reading.heading - belief.pose.theta
         self._offsets.append(complex(math.cos(offset), math.sin(offset)))
