@@ -109,14 +109,9 @@ class Ekf:
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
-        """Start anew; also necessary after the clock was set back.
+        """Start anew at a time [s]; also necessary after the clock was set back.
 
-        Args:
-            pose: pose of the base in the map frame.
-            covariance: shape (5, 5), float64, of x, y, heading, speed and yaw rate.
-            v: forward speed [m/s].
-            w: yaw rate [rad/s].
-            time: time of this state [s].
+        For pose, speed, yaw rate and covariance see `Estimate`.
 
         Raises:
             ValueError: something is not finite, or the covariance is not symmetric and positive definite.
@@ -141,10 +136,7 @@ class Ekf:
         return {kind: {verdict: n for (of, verdict), n in counts.items() if of == kind} for kind in KINDS}
 
     def add(self, measurement: Measurement) -> Verdict:
-        """Apply a measurement.
-
-        Returns:
-            Whether it was used.
+        """Apply a measurement, and return whether it was used.
 
         Raises:
             ValueError: its covariance is not symmetric and positive definite.

@@ -48,13 +48,7 @@ class FusedPose:
     """Estimates a robot's pose from its sensors."""
 
     def __init__(self, robot: RobotParams, localizer: Localizer, fusion: str = "full", latency: float = 0.1) -> None:
-        """Build a pose estimator for a robot.
-
-        Args:
-            robot: params of the robot.
-            localizer: estimates its pose on the map.
-            fusion: one of `FUSIONS`.
-            latency: delay of the localizer's estimates [s].
+        """Fuse, by one of `FUSIONS`, a robot's sensors and a localizer whose estimates come `latency` [s] late.
 
         Raises:
             ValueError: the fusion is unknown, or the robot lacks the compass that it needs.
@@ -86,15 +80,9 @@ class FusedPose:
         rng: np.random.Generator,
         covariance: np.ndarray,
     ) -> Estimate:
-        """Start at rest on a map.
+        """Start at rest on a map, at a pose of the base, map frame, with a covariance as from `start_covariance`.
 
-        Args:
-            occupancy: the map.
-            north: what the compass reads in the direction of the map's x axis [rad].
-            pose: initial pose of the base, map frame.
-            reading: the first reading.
-            rng: source of the localizer's noise.
-            covariance: of the initial state, see `start_covariance`.
+        The compass reads `north` [rad] in the direction of the map's x axis; the localizer's noise comes from `rng`.
         """
         self._odometry.reset(reading)
         self._wheels.reset(reading.time, reading.ticks)

@@ -70,8 +70,7 @@ class Localizer(Protocol):
         """Update by one scan.
 
         Args:
-            ranges: shape (num_beams,), float32 [m], as in `Reading.ranges`: +inf for no return, NaN for a beam to
-                ignore.
+            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
             motion: pose of the base now, as odometry sees it from the base at the previous scan.
 
         Raises:

@@ -80,12 +80,9 @@ class NoisyMotion(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def propagate(particles, motion, seed):
-    """Move every particle by a noisy copy of a motion (Thrun et al. 2005, table 5.6).
+    """Move every particle by a noisy copy of a motion, with a seed, uint64 (Thrun et al. 2005, table 5.6).
 
-    Args:
-        particles: shape (3, n), float32, x, y, heading [m, rad]; changed in place.
-        motion: `NoisyMotion`.
-        seed: of the noise, uint64.
+    `particles`, shape (3, n), float32, x, y, heading [m, rad], are changed in place; `motion` is a `NoisyMotion`.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     rot1, trans, rot2 = np.float32(motion.rot1), np.float32(motion.trans), np.float32(motion.rot2)

@@ -61,13 +61,7 @@ class GridMap:
         return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Integrate a scan taken with the base at `pose`.
-
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            pose: of the base in the map frame.
-            quality: weight of the scan, from 0 to 1.
-        """
+        """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base, with a weight from 0 to 1."""
         x, y, extent = self._find_ends(ranges, pose)
         if self.grow_to_hold(*extent):
             x, y, extent = self._find_ends(ranges, pose)

@@ -29,13 +29,7 @@ class KnownPoses:
         return self._belief
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start with an unknown map, or with one that other robots integrate their scans into as well.
-
-        Args:
-            rng: source of later noise.
-            pose: known pose of the robot, map frame.
-            map: the shared map; None for an unknown one.
-        """
+        """Start at a known pose, map frame, with an unknown map or one that other robots integrate into as well."""
         self.rng = rng
         self.map = GridMap(self.params, self._lidar) if map is None else map
         self.last_integrated_pose: Pose2D | None = None

@@ -55,9 +55,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
     """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
 
     The original's cost is the number of hits minus this sum; the best pose is the same. Outside the map nothing was
-    ever observed.
-
-    For the arguments see `match`; `indices`, shape (>= num_points,), uint32, is room to work in.
+    ever observed. For the arguments see `match`; `indices`, shape (>= num_points,), uint32, is room to work in.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))

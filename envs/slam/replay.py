@@ -65,13 +65,7 @@ class Run:
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
-    """Run a SLAM along a log.
-
-    Args:
-        log: the log.
-        slam: the SLAM; it is reset.
-        seed: of the SLAM's noise.
-        progress: whether to show a progress bar.
+    """Reset a SLAM with a seed, and run it along a log.
 
     Returns:
         Estimated poses at the scans, shape (m, 3) [m, rad], and the mean time per scan [s].
@@ -88,12 +82,9 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> tupl
 
 
 def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
-    """Draw a map, cropped to what is known: white free, black occupied, grey unknown, the path in blue.
+    """Draw a map, cropped to what is known and a margin [cells]: white free, black occupied, grey unknown.
 
-    Args:
-        grid: the map.
-        positions: shape (n, 2), the path, in the map frame [m].
-        margin: cells to leave around what is known.
+    The path in blue goes through `positions`, shape (n, 2), in the map frame [m].
     """
     rows, cols = np.nonzero(grid.data != UNKNOWN)
     height, width = grid.data.shape

@@ -20,13 +20,7 @@ class TinySlam(KnownPoses):
     """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010)."""
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM for one lidar.
-
-        Args:
-            lidar: geometry of the scans.
-            params: what to do with them.
-            observers: are notified of the matcher's work, which then runs in Python.
-        """
+        """Build a SLAM for one lidar. Observers are notified of the matcher's work, which then runs in Python."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._noise = np.empty((params.max_tries, 3))

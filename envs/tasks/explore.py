@@ -26,12 +26,7 @@ class Explore(WorldTask):
     """
 
     def __init__(
-        self,
-        robot: RobotParams,
-        *,
-        target_coverage: float,
-        reward: RewardWeights | Mapping[str, float],
-        **worlds: Any,
+        self, robot: RobotParams, *, target_coverage: float, reward: RewardWeights | Mapping[str, float], **worlds: Any
     ) -> None:
         """See `ExploreEnv` for the arguments; `worlds` are those of `WorldTask`.
 

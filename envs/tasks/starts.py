@@ -110,15 +110,7 @@ def draw_starts(
     """Draw where the robots start: near the first one, in sight of it, apart from each other.
 
     Where there is no room for that, they start further from the first one, then nearer to each other, then out of
-    its sight.
-
-    Args:
-        area: the collision-free poses.
-        world: gives the movers at the start.
-        robot: gives the footprint.
-        first: pose of the first robot, world frame.
-        num_robots: number of robots, with the first.
-        rng: draws positions and headings.
+    its sight. `first` is its pose, world frame, and `num_robots` counts it.
 
     Raises:
         ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.
