@@ -43,11 +43,6 @@ class Amcl:
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
 
     @property
-    def estimate(self) -> PoseEstimate:
-        """The current estimate."""
-        return self._estimate
-
-    @property
     def particles(self) -> np.ndarray:
         """Shape (n, 3), float64: x, y, heading of the particles in the map frame [m, rad]; a copy."""
         return self._particles.T.astype(np.float64)
@@ -78,8 +73,8 @@ class Amcl:
         self._start(pose, covariance)
         self._is_first = True
         self._moved = _ORIGIN
-        self._estimate = self._corrected = self._summarise()
-        return self._estimate
+        self.estimate = self._corrected = self._summarise()
+        return self.estimate
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
         """Update by one scan, see `Localizer`; until the robot has moved far enough, by odometry alone."""
@@ -100,13 +95,13 @@ class Amcl:
             if params.relocalize and len(self._fits) == params.lost_updates and self._corrected.fit < params.lost_fit:
                 self._start(None)  # the map has not explained the last scans
                 self._correct(ranges)
-            self._estimate = self._corrected
+            self.estimate = self._corrected
         else:
             at_scan = self._corrected
-            self._estimate = replace(
+            self.estimate = replace(
                 at_scan, pose=at_scan.pose.compose(moved), mean=at_scan.mean.compose(moved), is_corrected=False
             )
-        return self._estimate
+        return self.estimate
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""

@@ -86,12 +86,7 @@ class KnownMapEstimator:
     def __init__(self, localizer: Localizer) -> None:
         """Take a localizer."""
         self.localizer = localizer
-        self._belief: Belief
-
-    @property
-    def belief(self) -> Belief:
-        """The pose estimate on the known map."""
-        return self._belief
+        self.belief: Belief
 
     def reset(
         self,
@@ -108,7 +103,7 @@ class KnownMapEstimator:
         if map is None:
             raise ValueError("localization needs a map")
         estimate = self.localizer.reset(map, pose, rng, covariance=covariance)
-        self._belief = Belief(estimate.pose, map)
+        self.belief = Belief(estimate.pose, map)
         return self._follow(estimate)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
@@ -116,6 +111,6 @@ class KnownMapEstimator:
         return self._follow(self.localizer.update(ranges, motion))
 
     def _follow(self, estimate: PoseEstimate) -> Belief:
-        belief = self._belief
+        belief = self.belief
         belief.pose, belief.covariance, belief.is_lost = estimate.pose, estimate.covariance, estimate.is_lost
         return belief

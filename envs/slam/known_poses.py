@@ -23,18 +23,13 @@ class KnownPoses:
         self._lidar = lidar
         self.reset(np.random.default_rng(0))
 
-    @property
-    def belief(self) -> Belief:
-        """The current belief."""
-        return self._belief
-
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
         """Start at a known pose, map frame, with an unknown map or one that other robots integrate into as well."""
         self.rng = rng
         self.map = GridMap(self.params, self._lidar) if map is None else map
         self.last_integrated_pose: Pose2D | None = None
-        self._belief = Belief(pose, self.map.grid)
-        return self._belief
+        self.belief = Belief(pose, self.map.grid)
+        return self.belief
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
         """Process one scan.
@@ -46,7 +41,7 @@ class KnownPoses:
         Raises:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
-        ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self._belief
+        ranges, params, belief = check_scan(ranges, motion, self._lidar), self.params, self.belief
         belief.pose, quality = self._locate(ranges, motion)
         last = self.last_integrated_pose
         belief.update = NO_UPDATE
@@ -57,4 +52,4 @@ class KnownPoses:
 
     def _locate(self, ranges: np.ndarray, motion: Pose2D) -> tuple[Pose2D, float]:
         """Return the pose after a motion, and the weight of a scan that is taken there."""
-        return self._belief.pose.compose(motion), self.params.quality
+        return self.belief.pose.compose(motion), self.params.quality

@@ -38,7 +38,7 @@ class TinySlam(KnownPoses):
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _predict(self, motion: Pose2D) -> Pose2D:
-        pose = self._belief.pose
+        pose = self.belief.pose
         if self.params.odometry == "robot_frame":
             return pose.compose(motion)
         before, self._odometry = self._odometry, self._odometry.compose(motion)

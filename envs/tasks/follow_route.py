@@ -78,8 +78,6 @@ class FollowRoute(Task):
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
         """The route in the map frame."""
-        self.usual_time_limit = 30.0 + 2.0 * self.route.length / robot.max_v
-        """Twice the time that the route takes at full speed, and half a minute [s]."""
         self._robot = robot
         self._max_deviation = max_deviation
         self._start_spread = start_spread
@@ -133,7 +131,8 @@ class FollowRoute(Task):
         self.end_reason = None
         self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._follow(self._start, robot)
-        return self.usual_time_limit
+        # Twice the time that the route takes at full speed, and half a minute.
+        return 30.0 + 2.0 * self.route.length / self._robot.max_v
 
     def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
