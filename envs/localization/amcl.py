@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from envs.estimation import ORIGIN
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
 from envs.slam.scans import check_scan
@@ -19,7 +20,6 @@ from .motion_model import differential_drive
 from .params import AmclParams
 from .resampling import Injection, KldParams, resample
 
-_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _NO_INJECTION = Injection(np.empty((3, 1), dtype=np.float32), 0.0)
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
@@ -71,8 +71,7 @@ class Amcl:
         if pose is not None:
             self._check_pose(pose, occupancy)
         self._start(pose, covariance)
-        self._is_first = True
-        self._moved = _ORIGIN
+        self._moved = ORIGIN
         self.estimate = self._corrected = self._summarise()
         return self.estimate
 
@@ -83,14 +82,10 @@ class Amcl:
         ranges = check_scan(ranges, motion, self._lidar)
         self._moved = moved = self._moved.compose(motion)
         params = self.params
-        if (
-            self._is_first
-            or math.hypot(moved.x, moved.y) >= params.update_min_d
-            or abs(moved.theta) >= params.update_min_a
-        ):
+        has_moved = math.hypot(moved.x, moved.y) >= params.update_min_d or abs(moved.theta) >= params.update_min_a
+        if has_moved or self._num_updates == 0:
             differential_drive(params, moved)(self._particles, self.rng)
-            self._is_first = False
-            self._moved = _ORIGIN
+            self._moved = ORIGIN
             self._correct(ranges)
             if params.relocalize and len(self._fits) == params.lost_updates and self._corrected.fit < params.lost_fit:
                 self._start(None)  # the map has not explained the last scans
@@ -105,12 +100,8 @@ class Amcl:
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
-        known = self._map
-        if (
-            known is not None
-            and (known.resolution, known.origin) == (occupancy.resolution, occupancy.origin)
-            and np.array_equal(known.data, occupancy.data)
-        ):
+        known, frame = self._map, (occupancy.resolution, occupancy.origin)
+        if known and (known.resolution, known.origin) == frame and np.array_equal(known.data, occupancy.data):
             return
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():

@@ -10,9 +10,10 @@ from numba import njit
 
 from envs.geometry import UNKNOWN, OccupancyGrid
 from envs.robots import LidarParams
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 from .beams import Beams
-from .likelihood_field import OCCUPIED_FROM, Field, obstacle_distances
+from .likelihood_field import Field, obstacle_distances
 from .motion_model import cosine, sine
 from .params import AmclParams
 
@@ -115,7 +116,7 @@ class BeamModel:
         resolution = occupancy.resolution
         self._beams = Beams(params, lidar, resolution)
         self._mixture = BeamMixture(*(getattr(params, field) for field in BeamMixture._fields))
-        blocked = (occupancy.data >= OCCUPIED_FROM) | (occupancy.data == UNKNOWN)
+        blocked = (occupancy.data >= 100 * OCCUPIED_THRESH) | (occupancy.data == UNKNOWN)
         distances = obstacle_distances(blocked, resolution, params.max_distance) / resolution
         self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 

@@ -11,13 +11,12 @@ from scipy import ndimage
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.lookup import load
 from envs.robots import LidarParams
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 from .beams import Beams
 from .motion_model import cosine, sine
 from .params import AmclParams
 
-OCCUPIED_FROM = 65
-"""Least occupancy that is an obstacle [percent], as where maps are saved."""
 ONE = 65535
 """Greatest entry of a field, which are 16-bit so that more of it stays in the cache, and sums are exact."""
 
@@ -165,7 +164,7 @@ class LikelihoodField:
         def entry(distance: np.ndarray | float) -> np.ndarray:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
-        obstacles = np.pad(occupancy.data >= OCCUPIED_FROM, far)
+        obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         entries = entry(obstacle_distances(obstacles, resolution, params.max_distance))
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))

@@ -33,11 +33,6 @@ def probabilities(words: np.ndarray) -> np.ndarray:
     return (words >> COUNT_BITS) / ONE
 
 
-def counts(words: np.ndarray) -> np.ndarray:
-    """Return how often cells were observed, same shape and dtype."""
-    return words & MAX_COUNT
-
-
 @njit(cache=True, error_model="numpy")
 def integrate(word, target, gain):
     """Return the word of a cell after one more observation: value += (target - value) * gain.

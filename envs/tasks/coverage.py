@@ -11,12 +11,11 @@ from envs.estimation import MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
 from envs.worlds import ExplorableArea
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bits of a raster cell: whether it counts, whether it is known in the map, and whether a true scan has seen it."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
-OCCUPIED_FROM = 65
-"""Least occupancy at which map cells are compared with walls [percent] (`map_server`: occupied_thresh 0.65)."""
 TOLERANCE = 2.0
 """Distance from a beam up to which its scan sees a point [raster cells]: rounding of both rasters."""
 
@@ -230,7 +229,7 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     walls = area.walls
     wall = walls.data > 0
     visible_wall = wall & ndimage.binary_dilation(area.explorable, np.ones((3, 3), dtype=bool))
-    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= OCCUPIED_FROM))))
+    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= 100 * OCCUPIED_THRESH))))
     inside = walls.contains(cells)
     mapped = np.zeros_like(wall)
     mapped[tuple(cells[inside].T)] = True
