@@ -20,25 +20,19 @@ class Walk(NamedTuple):
     """
 
     row: int
-    """Row of the cell."""
     col: int
-    """Column of the cell."""
     rows_left: int
-    """Borders between rows that the line still crosses."""
+    """Borders between rows that the line still crosses; those between columns likewise."""
     cols_left: int
-    """Borders between columns that the line still crosses."""
     next_row: float
     """Share of the line after which it crosses the next border between rows; inf after the last one."""
     next_col: float
-    """Share of the line after which it crosses the next border between columns; inf after the last one."""
     row_step: int
     """1 where rows rise along the line, -1 otherwise."""
     col_step: int
-    """1 where columns rise along the line, -1 otherwise."""
     per_row: float
     """Share of the line between two borders between rows."""
     per_col: float
-    """Share of the line between two borders between columns."""
 
 
 @njit(cache=True, error_model="numpy")

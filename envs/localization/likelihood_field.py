@@ -52,11 +52,11 @@ def sum_fields(field, points, num_points, particles, sums):
     Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
 
     Args:
-        field: `Field`.
+        field: `Field`. A particle outside the map sees no obstacle.
         points: shape (2, >= num_points), float32, in the base frame [cells].
         num_points: number of points.
         particles: shape (3, n), float32, x, y, heading [m, rad].
-        sums: shape (n,), int32, written. A particle outside the map sees no obstacle.
+        sums: shape (n,), int32, written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]

@@ -16,9 +16,8 @@ class ScanGeometry(NamedTuple):
     directions: np.ndarray
     """Shape (2, num_beams), float64, cosine and sine of the beams in the base frame."""
     mount_x: float
-    """Position of the lidar in the base frame [m]."""
+    """Position of the lidar in the base frame, with `mount_y` [m]."""
     mount_y: float
-    """Position of the lidar in the base frame [m]."""
     range_max: float
     """Readings from this on are no return [m]."""
     resolution: float
@@ -50,13 +49,8 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 def project_hits(ranges, geometry, points):
     """Find where the beams of a scan end, seen from the robot's base.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; hits are those between 0 and the lidar's range.
-        geometry: `ScanGeometry`.
-        points: shape (2, num_beams), float32, written: x and y of the hits [cells].
-
-    Returns:
-        Number of hits.
+    Hits are `ranges`, shape (num_beams,), float32 [m], between 0 and that of the lidar; `geometry` is a `ScanGeometry`.
+    Writes x and y of the hits to `points`, shape (2, num_beams), float32 [cells], and returns how many there are.
     """
     count = 0
     for k in range(ranges.shape[0]):
