@@ -60,31 +60,12 @@ class WorldTask(Task):
         return drawn
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start: the rest of a team around the first, unless each has its own; see `Task`.
-
-        Raises:
-            ValueError: if a robot does not fit there, or there is no room for the others.
-        """
-        self.area = area = explorable_area(world, self._robot, self._resolution)
+        """Return where the robots start; see `Task` and the function `choose_starts`."""
+        self.area = explorable_area(world, self._robot, self._resolution)
         """The true part of the world that can be reached."""
         chosen = self._start if start is None else read_start(start, self._num_robots)
-        if isinstance(chosen, list):
-            self._starts = [self._checked(pose, world) for pose in chosen]
-            return self._starts
-        if chosen == "random":
-            first = area.draw_pose(rng)
-        else:
-            first = self._checked(chosen if isinstance(chosen, Pose2D) else world.spawns[0], world)
-        self._starts = draw_starts(area, world, self._robot, first, self._num_robots, rng)
+        self._starts = choose_starts(chosen, world, self.area, self._robot, self._num_robots, rng)
         return self._starts
-
-    def _checked(self, pose: Pose2D, world: World) -> Pose2D:
-        if not self.area.is_traversable(pose):
-            raise ValueError(
-                f"start {tuple(pose)} is not collision-free for robot {self._robot.name!r} (radius "
-                f"{self._robot.radius} m) in world {world.name!r}; its spawns are {[tuple(at) for at in world.spawns]}"
-            )
-        return pose
 
 
 def read_start(start: Any, num_robots: int = 1) -> Start:
@@ -102,6 +83,34 @@ def read_start(start: Any, num_robots: int = 1) -> Start:
         return [Pose2D(*(float(value) for value in pose)) for pose in poses]
     each = f", or one for each of {num_robots} robots" if num_robots > 1 else ""
     raise ValueError(f"start must be 'random', 'spawn', a pose (x, y, theta){each}, got {start!r}")
+
+
+def choose_starts(
+    start: Start, world: World, area: ExplorableArea, robot: RobotParams, num_robots: int, rng: np.random.Generator
+) -> list[Pose2D]:
+    """Return the poses to start from, world frame: the rest of a team around the first, unless each has its own.
+
+    Args:
+        start: what `read_start` returned.
+        world: its first spawn is `"spawn"`.
+        area: of the world.
+        robot: params of the robots.
+        num_robots: how many start.
+        rng: draws `"random"` uniformly over where the robot fits, and the other robots of a team around the first.
+
+    Raises:
+        ValueError: if a robot does not fit there, or there is no room for the others.
+    """
+    if start == "random":
+        return draw_starts(area, world, robot, area.draw_pose(rng), num_robots, rng)
+    given = start if isinstance(start, list) else [start if isinstance(start, Pose2D) else world.spawns[0]]
+    for pose in given:
+        if not area.is_traversable(pose):
+            raise ValueError(
+                f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
+                f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
+            )
+    return given if isinstance(start, list) else draw_starts(area, world, robot, given[0], num_robots, rng)
 
 
 def draw_starts(
