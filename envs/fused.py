@@ -31,7 +31,8 @@ from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, Y
 from envs.simulation.state import THETA, X, Y
 from envs.slam import KnownPoses, TinySlam
 from envs.slam.grid_map import has_moved
-from envs.slam.matcher import match, project_hits
+from envs.slam.matcher import SearchParams, match, search_params
+from envs.slam.scans import ScanGeometry, project_hits
 from envs.tasks.rewards import RewardWeights
 
 INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
@@ -76,22 +77,14 @@ class Setup(NamedTuple):
     """What all robots share."""
 
     robot: np.ndarray
-    directions: np.ndarray
     period: float
-    range_max: float
-    mount_x: float
-    mount_y: float
+    geometry: ScanGeometry
+    search: SearchParams
     metres_per_tick: float
     track: float
     uses_gyro: bool
     uses_truth: bool
     matches: bool
-    resolution: float
-    unvisited: int
-    sigma_xy: float
-    sigma_theta: float
-    max_failed: int
-    max_tries: int
     min_travel_distance: float
     min_travel_angle: float
 
@@ -130,28 +123,13 @@ def _move(i, rows, shapes, setup):
 @njit(cache=True, error_model="numpy")
 def _match(i, x, y, theta, rows, shapes, setup, points):
     """Return the pose at which the scan fits the map best, and whether that is another than (x, y, theta)."""
-    resolution = setup.resolution
-    count = project_hits(
-        rows.ranges[i, 0], setup.range_max, setup.directions, setup.mount_x, setup.mount_y, resolution, points
-    )
+    resolution = setup.geometry.resolution
+    count = project_hits(rows.ranges[i, 0], setup.geometry, points)
     col, row = rows.corner[i, 0], rows.corner[i, 1]
-    new_x, new_y, new_theta, _, accepted, _ = match(
-        shapes.words[i],
-        points,
-        count,
-        setup.unvisited,
-        x / resolution - col,
-        y / resolution - row,
-        theta,
-        setup.sigma_xy,
-        setup.sigma_theta,
-        setup.max_failed,
-        setup.max_tries,
-        rows.noise[i],
-        np.empty((0, 5)),
-    )
-    if accepted:
-        return (new_x + col) * resolution, (new_y + row) * resolution, wrap_angle(new_theta), True
+    start = (x / resolution - col, y / resolution - row, theta)
+    found = match(shapes.words[i], points, count, start, setup.search, rows.noise[i])
+    if found.accepted:
+        return (found.x + col) * resolution, (found.y + row) * resolution, wrap_angle(found.theta), True
     return x, y, theta, False
 
 
@@ -235,22 +213,14 @@ class FusedShard(Shard):
         matches = isinstance(slam, TinySlam)
         self._setup = Setup(
             robot=simulator.sensors.numbers,
-            directions=slam.map.directions,
             period=env.control_period,
-            range_max=float(lidar.range_max),
-            mount_x=float(lidar.mount.x),
-            mount_y=float(lidar.mount.y),
+            geometry=slam.map.geometry,
+            search=search_params(params),
             metres_per_tick=odometry.metres_per_tick,
             track=float(odometry.track),
             uses_gyro=isinstance(robot.odometry, GyroMotion),
             uses_truth=robot.ground_truth is not None,
             matches=matches,
-            resolution=float(params.resolution),
-            unvisited=slam.map.unvisited,
-            sigma_xy=params.sigma_xy / params.resolution,
-            sigma_theta=float(params.sigma_theta),
-            max_failed=params.max_failed,
-            max_tries=params.max_tries,
             min_travel_distance=float(params.min_travel_distance),
             min_travel_angle=float(params.min_travel_angle),
         )
@@ -366,7 +336,7 @@ class FusedShard(Shard):
             robot.pyramid.update(update)
             true_pose = Pose2D(*rows.states[i, 0, : THETA + 1].tolist())
             coverage = env.task.coverage
-            self._gained[i] = coverage.update(update, self._setup.resolution, ranges, true_pose)
+            self._gained[i] = coverage.update(update, self._setup.geometry.resolution, ranges, true_pose)
             self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
             if slam.map.words is not self._words[i]:
                 self._load_map(i)
@@ -385,7 +355,7 @@ class FusedShard(Shard):
         rows, out, active = self._robot_rows, self._arrays.observations, self._robot_rows.active
         for name, part in self.envs[0].parts.items():
             if isinstance(part, Scan):
-                scale_scans(rows.ranges, self._setup.range_max, active, out[name])
+                scale_scans(rows.ranges, self._setup.geometry.range_max, active, out[name])
             elif isinstance(part, Motion):
                 motion = np.empty((len(active), 6))
                 motion[:, :2] = np.clip(rows.twist / self._limits, -1.0, 1.0)
@@ -395,7 +365,7 @@ class FusedShard(Shard):
                 out[name][active] = motion[active]
             else:
                 level = self.envs[0].robots[0].pyramid.level(part.resolution)
-                side = level.block * self._setup.resolution
+                side = level.block * self._setup.geometry.resolution
                 crop_levels(
                     self._levels[name],
                     self._sizes[name],

@@ -11,14 +11,14 @@ from envs.arguments import choose_robot
 from envs.core import LidarEnv, make_robots
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import AmclParams, Localizer, PoseEstimate
-from envs.localization.known_map import KnownMapEstimator
+from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Observations
 from envs.rendering.scene import NavigationScene
 from envs.robots import RobotParams
-from envs.tasks.goals import make_localizer, read_map
+from envs.tasks.goals import make_localizer
 from envs.tasks.navigate import Navigate
 from envs.tasks.rewards import NavigateRewards
-from envs.worlds import ExplorableArea, World
+from envs.worlds import ExplorableArea, World, load_map
 
 OBSERVATIONS = ("scan", "map_near", "map_far", "motion", "goal", "doubt")
 """Parts of an observation by default."""
@@ -145,7 +145,7 @@ class NavigateEnv(LidarEnv):
             goal_tolerance=goal_tolerance,
             heading_tolerance=heading_tolerance,
             initial_pose=initial_pose,
-            map=read_map(map),
+            map=load_map(map) if isinstance(map, str | Path) else map,
             map_pose=map_pose,
             reward=reward,
             resolution=map_resolution,

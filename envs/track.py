@@ -140,14 +140,14 @@ class TrackEnv(LidarEnv):
             params,
             world=world,
             path=path,
-            physics=physics,
-            slam=slam,
-            map_seed=map_seed,
-            map_resolution=map_resolution,
-            control_period=period,
             max_deviation=max_deviation,
             start_spread=start_spread,
             reward=reward,
+            physics=physics,
+            slam=slam,
+            resolution=map_resolution,
+            control_period=period,
+            seed=map_seed,
         )
         self.localizer = Amcl(params.lidar, AMCL_PARAMS)
         fused = FusedPose(params, self.localizer, fusion, map_latency)

@@ -28,8 +28,9 @@ from envs.simulation.state import STATE_SIZE
 from envs.slam import load_params
 from envs.slam.cells import probabilities
 from envs.slam.grid_map import GridMap
-from envs.slam.map_update import AVG, beam_ends, integrate_scan
-from envs.slam.matcher import match, project_hits
+from envs.slam.map_update import integrate_scan
+from envs.slam.matcher import match, search_params
+from envs.slam.scans import beam_ends, project_hits
 
 PERIOD = 0.1
 """Control period [s]."""
@@ -72,12 +73,17 @@ def _repeat_varied(times, kernel, before, x, after):
 
 
 @njit
+def _match_from(words, points, count, x, start, search, noise):
+    match(words, points, count, (x, start[1], start[2]), search, noise)
+
+
+@njit
 def _integrate(cells, scan, x, sensor, ends, how, new_cells):
     words, occupancy = cells
-    ranges, directions, range_max, skips_exceeding = scan
-    y, c, s, resolution = sensor
-    beam_ends(ranges, directions, range_max, skips_exceeding, x, y, c, s, resolution, ends)
-    integrate_scan(words, occupancy, ranges, range_max, ends, x, y, *how, new_cells)
+    ranges, geometry, skips_exceeding = scan
+    y, c, s = sensor
+    beam_ends(ranges, geometry, skips_exceeding, x, y, c, s, ends)
+    integrate_scan(words, occupancy, ends, x, y, *how, new_cells)
 
 
 class Scene:
@@ -146,31 +152,31 @@ def _cast_rays(scene: Scene) -> Kernel:
 def _match(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     points = np.empty((2, lidar.num_beams), dtype=np.float32)
-    mount = (lidar.mount.x, lidar.mount.y)
-    count = project_hits(scene.ranges, lidar.range_max, grid_map.directions, *mount, params.resolution, points)
+    count = project_hits(scene.ranges, grid_map.geometry, points)
     noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
-    sigma = (params.sigma_xy / params.resolution, params.sigma_theta)
+    search = search_params(params)
     x, y = grid_map.to_cells(scene.pose.x + 0.01, scene.pose.y)
     start = Pose2D(x, y, scene.pose.theta + 0.01)
-    search = (*sigma, params.max_failed, params.max_tries, noise, np.empty((0, 5)))
-    arguments = (grid_map.words, points, count, grid_map.unvisited, *start, *search)
+    arguments = (grid_map.words, points, count, start.x, start, search, noise)
 
     def reference() -> np.ndarray:
         hits = points[:, :count]
-        return np.array(naive_slam.match(scene.naive.values, hits, start, sigma, noise, params.max_failed))
+        return np.array(naive_slam.match(scene.naive.values, hits, start, search[:2], noise, params.max_failed))
 
-    return Kernel("match", match, lambda: arguments, 4, lambda: np.array(match(*arguments)[:3]), reference)
+    def result() -> np.ndarray:
+        return np.array(match(grid_map.words, points, count, tuple(start), search, noise)[:3])
+
+    return Kernel("match", _match_from, lambda: arguments, 3, result, reference)
 
 
 def _integrate_scan(scene: Scene) -> Kernel:
     params, grid_map, lidar = scene.params, scene.map, scene.lidar
     x, y = grid_map.to_cells(scene.sensor.x, scene.sensor.y)
-    scan = (scene.ranges, grid_map.directions, lidar.range_max, params.skip_exceeding)
-    sensor = (y, math.cos(scene.pose.theta), math.sin(scene.pose.theta), params.resolution)
-    probs = (params.occupied_prob, params.empty_prob, params.quality)
-    how = (AVG, params.estimator == "area", *probs, params.hole_width / params.resolution, params.blur == "add")
+    scan = (scene.ranges, grid_map.geometry, params.skip_exceeding)
+    sensor = (y, math.cos(scene.pose.theta), math.sin(scene.pose.theta))
+    how = (grid_map.model, params.quality)
     new_cells = np.empty((grid_map.words.size, 2), dtype=np.int32)
-    rest = (scan, x, sensor, np.empty((lidar.num_beams, 2)), how, new_cells)
+    rest = (scan, x, sensor, np.empty((lidar.num_beams, 3)), how, new_cells)
     naive = NaiveSlam(lidar, params)
     naive.pose = scene.pose
 

@@ -12,13 +12,7 @@ Entry = TypeVar("Entry")
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
-    """Say which name is unknown, which one was perhaps meant, and which are allowed.
-
-    Args:
-        name: the unknown one.
-        allowed: those that are known.
-        shown: how the unknown one appears in the message; itself by default.
-    """
+    """Say that a name, `shown` in the message, is unknown, which one was perhaps meant, and which are allowed."""
     allowed = list(allowed)
     close = difflib.get_close_matches(name, allowed, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
@@ -26,10 +20,7 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
 
 
 def load_object(name: str) -> Any:
-    """Import an attribute of a module; modules in the current directory are found too.
-
-    Args:
-        name: `module:attribute`, each of which may hold dots: `my_package.explorers:Mine`.
+    """Import `module:attribute`, each of which may hold dots; modules in the current directory are found too.
 
     Raises:
         ValueError: the name has another form, or there is no such module or attribute; says which of the two.

@@ -60,12 +60,7 @@ def read_record(path: str | Path, kind: type[Record]) -> Record:
 
 
 def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
-    """Turn nested mappings into a pydantic model or dataclass.
-
-    Args:
-        content: the mappings.
-        source: where they come from, for messages.
-        kind: the model or dataclass.
+    """Turn nested mappings that come from `source` into a pydantic model or dataclass.
 
     Raises:
         ValueError: keys or values do not fit; names `source` and the keys, a line for each.

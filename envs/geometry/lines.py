@@ -20,25 +20,19 @@ class Walk(NamedTuple):
     """
 
     row: int
-    """Row of the cell."""
     col: int
-    """Column of the cell."""
     rows_left: int
-    """Borders between rows that the line still crosses."""
+    """Borders between rows that the line still crosses; those between columns likewise."""
     cols_left: int
-    """Borders between columns that the line still crosses."""
     next_row: float
     """Share of the line after which it crosses the next border between rows; inf after the last one."""
     next_col: float
-    """Share of the line after which it crosses the next border between columns; inf after the last one."""
     row_step: int
     """1 where rows rise along the line, -1 otherwise."""
     col_step: int
-    """1 where columns rise along the line, -1 otherwise."""
     per_row: float
     """Share of the line between two borders between rows."""
     per_col: float
-    """Share of the line between two borders between columns."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,14 +63,9 @@ def next_cell(walk):
 
 @njit(cache=True, error_model="numpy")
 def cell_along(row, col, d_row, d_col, num_steps):
-    """Return (row, column) of the cell that lies some steps in a direction from a cell's centre.
+    """Return (row, column) of the cell that lies `num_steps` from the centre of the cell (row, col).
 
-    Args:
-        row: row of the first cell.
-        col: column of the first cell.
-        d_row: rows per step, from -1 to 1.
-        d_col: columns per step, from -1 to 1. Where the greater of both is 1, no column or row is left out.
-        num_steps: how many.
+    A step is `d_row` rows and `d_col` columns, both from -1 to 1. Where one of them is 1, no row or column is left out.
     """
     return math.floor(row + 0.5 + num_steps * d_row), math.floor(col + 0.5 + num_steps * d_col)
 

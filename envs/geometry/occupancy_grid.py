@@ -41,25 +41,14 @@ class OccupancyGrid:
         return x, y, x + width * self.resolution, y + height * self.resolution
 
     def cells(self, points: np.ndarray) -> np.ndarray:
-        """Return the cells that contain the points.
+        """Return the cells that contain points, shape (..., 2), (x, y) [m]: shape (..., 2), int64, (row, column).
 
-        Args:
-            points: shape (..., 2), (x, y) [m].
-
-        Returns:
-            Shape (..., 2), int64, (row, column); outside the array for points outside the grid.
+        Cells of points outside the grid lie outside the array.
         """
         return np.floor((np.asarray(points)[..., ::-1] - self.origin[::-1]) / self.resolution).astype(np.int64)
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
-        """Return the centres of cells.
-
-        Args:
-            cells: shape (..., 2), (row, column).
-
-        Returns:
-            Shape (..., 2), float64, (x, y) [m].
-        """
+        """Return the centres, shape (..., 2), float64, (x, y) [m], of cells, shape (..., 2), (row, column)."""
         return (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution + self.origin
 
     def contains(self, cells: np.ndarray) -> np.ndarray:

@@ -6,40 +6,25 @@ import numpy as np
 
 
 def lengths_along(points: np.ndarray) -> np.ndarray:
-    """Return the length of a polyline from its start to each of its points.
-
-    Args:
-        points: shape (n, 2), n > 0 [m].
-
-    Returns:
-        Shape (n,), float64 [m]; the last is the length of the whole.
-    """
+    """Return the lengths from the start of a polyline, shape (n, 2), n > 0, to its points: shape (n,), float64 [m]."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def points_at(points: np.ndarray, along: np.ndarray, distances: np.ndarray | float) -> np.ndarray:
-    """Return the points of a polyline at some distances along it; its ends beyond them.
+    """Return the points of a polyline at distances along it; its ends beyond them: shape (..., 2), float64 [m].
 
     Args:
         points: shape (n, 2), n > 0 [m].
         along: shape (n,), what `lengths_along` returns [m].
         distances: shape (...) [m].
-
-    Returns:
-        Shape (..., 2), float64 [m].
     """
     return np.stack([np.interp(distances, along, points[:, k]) for k in (0, 1)], axis=-1)
 
 
 def resample(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Put points at equal distances on a polyline, both of its ends among them.
+    """Put points at equal distances of at most `spacing` [m] on a polyline: shape (m, 2), float64 [m].
 
-    Args:
-        points: shape (n, 2) [m]; fewer than two are returned as they are.
-        spacing: greatest distance between two of them along the polyline [m].
-
-    Returns:
-        Shape (m, 2), float64 [m].
+    Both ends of `points`, shape (n, 2) [m], are among them; fewer than two are returned as they are.
     """
     if len(points) < 2:
         return points

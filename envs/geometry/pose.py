@@ -57,13 +57,6 @@ class Pose2D(NamedTuple):
         return Pose2D(*between(*self, *other))
 
     def transform(self, points: np.ndarray) -> np.ndarray:
-        """Carry points from this pose's frame into the parent frame.
-
-        Args:
-            points: shape (n, 2) [m].
-
-        Returns:
-            Shape (n, 2), float64 [m].
-        """
+        """Return points, shape (n, 2) [m], of this pose's frame in the parent frame: shape (n, 2), float64 [m]."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         return np.asarray(points, dtype=np.float64) @ np.array([[c, s], [-s, c]]) + (self.x, self.y)

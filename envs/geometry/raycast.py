@@ -43,17 +43,10 @@ def _polar(x: float, y: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
-    """Find the beams that can meet each segment.
+    """Find the beams that can meet each segment as seen from (x, y), with the first beam's direction (cos0, sin0).
 
-    Args:
-        x: position of the sensor [m].
-        y: position of the sensor [m].
-        cos0: cosine of the first beam's direction.
-        sin0: sine of the first beam's direction.
-        beams: `Beams`.
-        segments: shape (n, 4), float64 [m].
-        intervals: shape (6, n), float64, written: the segments in the frame of the first beam, as start and extent
-            along x and y [m]; start of the interval and its length [beams]. A segment out of range gets the length -1.
+    Writes to `intervals`, shape (6, n), the segments in the frame of the first beam, as start and extent along x and y
+    [m]; start of the interval and its length [beams]. A segment out of range gets the length -1.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

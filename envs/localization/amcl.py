@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from envs.estimation import ORIGIN
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
-from envs.slam.tinyslam import check_scan
+from envs.slam.scans import check_scan
 from envs.worlds.map_files import FREE_THRESH
 
 from .beam_model import BeamModel
@@ -19,7 +20,6 @@ from .motion_model import differential_drive
 from .params import AmclParams
 from .resampling import Injection, KldParams, resample
 
-_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _NO_INJECTION = Injection(np.empty((3, 1), dtype=np.float32), 0.0)
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
@@ -34,23 +34,13 @@ class Amcl:
     """
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
-        """Build a localizer for one lidar.
-
-        Args:
-            lidar: geometry of the scans.
-            params: of the filter.
-        """
+        """Build a localizer for one lidar."""
         self.params = params
         self._lidar = lidar
         self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
         self._map: OccupancyGrid | None = None
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
-
-    @property
-    def estimate(self) -> PoseEstimate:
-        """The current estimate."""
-        return self._estimate
 
     @property
     def particles(self) -> np.ndarray:
@@ -78,15 +68,12 @@ class Amcl:
         """Start on a map, see `Localizer`; by default `covariance` follows from the params' `initial_std`."""
         self._prepare(occupancy)
         self.rng = rng
-        if pose is None:
-            self._start_globally()
-        else:
+        if pose is not None:
             self._check_pose(pose, occupancy)
-            self._start(self._draw_around(pose, covariance), is_confirmed=True)
-        self._is_first = True
-        self._moved = _ORIGIN
-        self._estimate = self._corrected = self._summarise()
-        return self._estimate
+        self._start(pose, covariance)
+        self._moved = ORIGIN
+        self.estimate = self._corrected = self._summarise()
+        return self.estimate
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
         """Update by one scan, see `Localizer`; until the robot has moved far enough, by odometry alone."""
@@ -95,34 +82,26 @@ class Amcl:
         ranges = check_scan(ranges, motion, self._lidar)
         self._moved = moved = self._moved.compose(motion)
         params = self.params
-        if (
-            self._is_first
-            or math.hypot(moved.x, moved.y) >= params.update_min_d
-            or abs(moved.theta) >= params.update_min_a
-        ):
+        has_moved = math.hypot(moved.x, moved.y) >= params.update_min_d or abs(moved.theta) >= params.update_min_a
+        if has_moved or self._num_updates == 0:
             differential_drive(params, moved)(self._particles, self.rng)
-            self._is_first = False
-            self._moved = _ORIGIN
+            self._moved = ORIGIN
             self._correct(ranges)
-            if params.relocalize and self._has_diverged():
-                self._start_globally()
+            if params.relocalize and len(self._fits) == params.lost_updates and self._corrected.fit < params.lost_fit:
+                self._start(None)  # the map has not explained the last scans
                 self._correct(ranges)
-            self._estimate = self._corrected
+            self.estimate = self._corrected
         else:
             at_scan = self._corrected
-            self._estimate = replace(
+            self.estimate = replace(
                 at_scan, pose=at_scan.pose.compose(moved), mean=at_scan.mean.compose(moved), is_corrected=False
             )
-        return self._estimate
+        return self.estimate
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
-        known = self._map
-        if (
-            known is not None
-            and (known.resolution, known.origin) == (occupancy.resolution, occupancy.origin)
-            and np.array_equal(known.data, occupancy.data)
-        ):
+        known, frame = self._map, (occupancy.resolution, occupancy.origin)
+        if known and (known.resolution, known.origin) == frame and np.array_equal(known.data, occupancy.data):
             return
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():
@@ -168,20 +147,14 @@ class Amcl:
         x, y, theta = noise + np.array(pose)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
-    def _start_globally(self) -> None:
-        params = self.params
-        self._start(self._draw_anywhere(params.global_particles or params.max_particles), is_confirmed=False)
-
-    def _start(self, particles: np.ndarray, is_confirmed: bool) -> None:
-        """Start with equally weighted particles, and no memory of scans.
-
-        Args:
-            particles: shape (3, n), float32.
-            is_confirmed: whether their pose can be trusted before scans have confirmed it.
-        """
-        self._particles = particles
-        self._is_confirmed = is_confirmed
-        count = particles.shape[1]
+    def _start(self, around: Pose2D | None, covariance: np.ndarray | None = None) -> None:
+        """Draw equally weighted particles around a pose, or for None anywhere, and forget all scans."""
+        if around is None:
+            self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
+        else:
+            self._particles = self._draw_around(around, covariance)
+        self._is_confirmed = around is not None
+        count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
         self._slow = self._fast = 0.0
@@ -193,19 +166,15 @@ class Amcl:
         if weigh is not None:
             likelihood = weigh(self._particles, self._weights)
             self._weights /= self._weights.sum()
-            self._average(likelihood)
+            if self._slow == 0.0:
+                self._slow = self._fast = likelihood
+            # Long-term and short-term average of the likelihood (Thrun et al. 2005, table 8.3).
+            self._slow += self.params.alpha_slow * (likelihood - self._slow)
+            self._fast += self.params.alpha_fast * (likelihood - self._fast)
         self._corrected = self._summarise(ranges)
         self._num_updates += 1
         if weigh is not None and self._num_updates % self.params.resample_interval == 0:
             self._resample()
-
-    def _average(self, likelihood: float) -> None:
-        """Update the long-term and the short-term average of the likelihood (Thrun et al. 2005, table 8.3)."""
-        if self._slow == 0.0:
-            self._slow = self._fast = likelihood
-            return
-        self._slow += self.params.alpha_slow * (likelihood - self._slow)
-        self._fast += self.params.alpha_fast * (likelihood - self._fast)
 
     def _resample(self) -> None:
         """Draw the next particles by weight; some at random where the likelihood has fallen."""
@@ -215,10 +184,8 @@ class Amcl:
             share = 1.0 - self._fast / self._slow
             injection = Injection(self._draw_anywhere(math.ceil(params.max_particles * share) + 1), share)
             self._slow = self._fast = 0.0
-        bins = self._bins[: self._particles.shape[1]]
-        count = resample(
-            *(self._particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
-        )
+        particles, bins = self._particles, self._bins[: self._particles.shape[1]]
+        count = resample(particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
@@ -246,7 +213,3 @@ class Amcl:
         self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
         is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
         return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
-
-    def _has_diverged(self) -> bool:
-        """Return whether the map has not explained the last `lost_updates` scans."""
-        return len(self._fits) == self._fits.maxlen and self._corrected.fit < self.params.lost_fit

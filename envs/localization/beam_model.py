@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +10,10 @@ from numba import njit
 
 from envs.geometry import UNKNOWN, OccupancyGrid
 from envs.robots import LidarParams
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 from .beams import Beams
-from .likelihood_field import OCCUPIED_FROM, obstacle_distances
+from .likelihood_field import Field, obstacle_distances
 from .motion_model import cosine, sine
 from .params import AmclParams
 
@@ -23,18 +25,13 @@ _MARGIN = np.float32(1.42)
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
-    """Follow a ray to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
+    """Follow a ray from (x, y) to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
 
-    Args:
-        distances: shape (height, width), float32, from each cell to the nearest obstacle, 0 in it [cells].
-        x: start, float32 [cells].
-        y: start, float32 [cells].
-        dx: direction, float32, of length 1.
-        dy: direction, float32.
-        longest: end of the ray, float32 [cells].
+    All numbers are float32 [cells]. `distances`, shape (height, width), are those from each cell to the nearest
+    obstacle, 0 in it; the direction (dx, dy) has length 1.
 
     Returns:
-        Distance to the obstacle; `longest` if there is none, or the ray leaves the map [cells].
+        Distance to the obstacle; `longest` if there is none, or the ray leaves the map.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)
@@ -60,30 +57,6 @@ class BeamMixture(NamedTuple):
     lambda_short: float
 
 
-class RayMap(NamedTuple):
-    """A map to cast rays in."""
-
-    distances: np.ndarray
-    """Shape (height, width), float32: see `march` [cells]."""
-    origin: tuple[float, float]
-    """Corner of the map in the map frame [m]."""
-    resolution: float
-    """Side of a cell [m]."""
-
-
-class Scan(NamedTuple):
-    """Readings and the geometry of their beams."""
-
-    ranges: np.ndarray
-    """Shape (k,), float32 [m]; inf for no return, NaN for a beam to ignore."""
-    angles: np.ndarray
-    """Shape (k,), float64, directions in the base frame [rad]."""
-    mount: tuple[float, float]
-    """Position of the lidar in the base frame [m]."""
-    range_max: float
-    """Readings from this on are no return [m]."""
-
-
 @njit(cache=True, error_model="numpy")
 def beam_likelihood(measured, expected, range_max, mixture):
     """Return the likelihood of a reading [m]: the mixture of Thrun et al. 2005, table 6.1, as ROS computes it."""
@@ -99,36 +72,36 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 
 @njit(cache=True, error_model="numpy")
-def multiply_by_beams(ray_map, scan, mixture, particles, weights):
-    """Multiply weights, shape (n,), float64, of particles by `1 + sum p^3` over the beams.
+def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
+    """Multiply weights of particles by `1 + sum p^3` over the beams of a scan.
 
     Args:
-        ray_map: `RayMap`.
-        scan: `Scan`.
+        field: `Field` of the distances that `march` takes [cells].
+        ranges: shape (k,), float32 [m]; inf for no return, NaN for a beam to ignore.
+        geometry: `ScanGeometry` of these beams.
         mixture: `BeamMixture`.
         particles: shape (3, n), float32, x, y, heading [m, rad].
-        weights: changed in place.
+        weights: shape (n,), float64, changed in place.
 
     Returns:
         The weighted mean of the factors.
     """
-    num_beams, resolution = scan.ranges.shape[0], ray_map.resolution
-    (corner_x, corner_y), (mount_x, mount_y) = ray_map.origin, scan.mount
-    cosines, sines = np.cos(scan.angles).astype(np.float32), np.sin(scan.angles).astype(np.float32)
-    longest = np.float32(scan.range_max / resolution)
+    resolution, (corner_x, corner_y) = field.resolution, field.origin
+    mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max
+    cosines, sines = geometry.directions[0].astype(np.float32), geometry.directions[1].astype(np.float32)
+    longest = np.float32(range_max / resolution)
     mean = 0.0
     for i in range(weights.shape[0]):
         c, s = cosine(particles[2, i]), sine(particles[2, i])
         x = np.float32((particles[0, i] + c * mount_x - s * mount_y - corner_x) / resolution)
         y = np.float32((particles[1, i] + s * mount_x + c * mount_y - corner_y) / resolution)
         factor = 1.0
-        for k in range(num_beams):
-            if math.isnan(scan.ranges[k]):
+        for k in range(ranges.shape[0]):
+            if math.isnan(ranges[k]):
                 continue
             dx, dy = c * cosines[k] - s * sines[k], s * cosines[k] + c * sines[k]
-            expected = resolution * march(ray_map.distances, x, y, dx, dy, longest)
-            measured = min(float(scan.ranges[k]), scan.range_max)
-            p = beam_likelihood(measured, expected, scan.range_max, mixture)
+            expected = resolution * march(field.data, x, y, dx, dy, longest)
+            p = beam_likelihood(min(float(ranges[k]), range_max), expected, range_max, mixture)
             factor += p * p * p
         mean += weights[i] * factor
         weights[i] *= factor
@@ -139,28 +112,17 @@ class BeamModel:
     """The sensor model `beam`. Rays end at obstacles and at unknown cells, as in ROS."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Precompute the distances of a map.
-
-        Args:
-            params: of the filter.
-            lidar: geometry of the scans.
-            occupancy: the map.
-        """
-        self._beams = Beams(params, lidar, occupancy.resolution)
+        """Precompute the distances of a map."""
+        resolution = occupancy.resolution
+        self._beams = Beams(params, lidar, resolution)
         self._mixture = BeamMixture(*(getattr(params, field) for field in BeamMixture._fields))
-        blocked = (occupancy.data >= OCCUPIED_FROM) | (occupancy.data == UNKNOWN)
-        distances = obstacle_distances(blocked, occupancy.resolution, params.max_distance)
-        distances = (distances / occupancy.resolution).astype(np.float32)
-        self._ray_map = RayMap(distances, occupancy.origin, occupancy.resolution)
+        blocked = (occupancy.data >= 100 * OCCUPIED_THRESH) | (occupancy.data == UNKNOWN)
+        distances = obstacle_distances(blocked, resolution, params.max_distance) / resolution
+        self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return the weighting function of a scan; see `LikelihoodField`. None if all beams are to be ignored."""
-        beams = self._beams
-        scan = Scan(beams.pick(ranges), beams.angles, beams.mount, beams.range_max)
-        if np.isnan(scan.ranges).all():
+        picked = self._beams.pick(ranges)
+        if np.isnan(picked).all():
             return None
-
-        def weigh(particles: np.ndarray, weights: np.ndarray) -> float:
-            return multiply_by_beams(self._ray_map, scan, self._mixture, particles, weights)
-
-        return weigh
+        return partial(multiply_by_beams, self._field, picked, self._beams.geometry, self._mixture)

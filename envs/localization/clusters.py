@@ -1,4 +1,8 @@
-"""Statistics of a particle cloud: its histogram bins, its clusters, mean and covariance."""
+"""Statistics of a particle cloud: its histogram bins, its clusters, mean and covariance.
+
+`particles` have shape (3, n), float32, x, y, heading [m, rad]; `weights` shape (n,), float64; `bins` shape (n,), int32,
+flat indices into an array of the shape of a `BinRaster`.
+"""
 
 import math
 from typing import NamedTuple
@@ -25,13 +29,7 @@ class BinRaster(NamedTuple):
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover a map with bins.
-
-        Args:
-            bounds: of the map, (x_min, y_min, x_max, y_max) [m].
-            size: side of a bin [m].
-            angle: size of a bin in heading [rad].
-        """
+        """Cover a map, (x_min, y_min, x_max, y_max) [m], with bins of `size` [m] and `angle` [rad]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -39,12 +37,7 @@ class BinRaster(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Find the bin of every particle; those off the map belong to bins at its edge.
-
-    Args:
-        particles: shape (3, n), float32, x, y, heading [m, rad].
-        raster: the bins, `BinRaster`.
-        bins: shape (n,), int32, written: flat indices into an array of `raster.shape`.
+    """Write the bins of the particles to `bins`; particles off the map belong to bins at its edge.
 
     Returns:
         The extent of the cloud: over how many bins it stretches along the axis where it is longest.
@@ -71,13 +64,8 @@ def find_bins(particles, raster, bins):
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
     """Find the particles of the heaviest cluster: those in bins that touch, be it by a corner or across half a turn.
 
-    Args:
-        bins: shape (n,), int32, from `find_bins`.
-        weights: shape (n,), float64, with the sum 1.
-        raster: the bins.
-
     Returns:
-        The cluster's weight, and the weights of its particles, 0 for the others: shape (n,), float64.
+        The cluster's weight, of 1 in all, and the weights of its particles, 0 for the others: shape (n,), float64.
     """
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
@@ -101,13 +89,9 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def mean_and_covariance(particles, weights, total, covariance):
-    """Compute the weighted mean and covariance of particles.
+    """Compute the mean and covariance of particles by weights whose sum is `total`.
 
-    Args:
-        particles: shape (3, n), float32, x, y, heading [m, rad].
-        weights: shape (n,), float64.
-        total: their sum.
-        covariance: shape (3, 3), float64, written [m, m, rad]; headings differ by less than half a turn from the mean.
+    Writes to `covariance`, shape (3, 3), float64 [m, m, rad]; headings differ by less than half a turn from the mean.
 
     Returns:
         The mean x, y [m] and heading [rad], which is the direction of the sum of unit vectors.

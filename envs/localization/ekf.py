@@ -109,14 +109,9 @@ class Ekf:
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
-        """Start anew; also necessary after the clock was set back.
+        """Start anew at a time [s]; also necessary after the clock was set back.
 
-        Args:
-            pose: pose of the base in the map frame.
-            covariance: shape (5, 5), float64, of x, y, heading, speed and yaw rate.
-            v: forward speed [m/s].
-            w: yaw rate [rad/s].
-            time: time of this state [s].
+        For pose, speed, yaw rate and covariance see `Estimate`.
 
         Raises:
             ValueError: something is not finite, or the covariance is not symmetric and positive definite.
@@ -127,7 +122,7 @@ class Ekf:
         covariance = np.array(covariance, dtype=np.float64)
         _require_covariance(covariance, STATE_SIZE)
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
-        self._counts: dict[str, Counter[Verdict]] = {kind: Counter() for kind in KINDS}
+        self._counts: Counter[tuple[str, Verdict]] = Counter()
 
     @property
     def time(self) -> float:
@@ -137,27 +132,21 @@ class Ekf:
     @property
     def counts(self) -> dict[str, dict[Verdict, int]]:
         """Number of measurements since the reset, by kind and verdict."""
-        counts = {kind: Counter(counter) for kind, counter in self._counts.items()}
-        for moment in self._moments:
-            if moment.measurement is not None:
-                counts[moment.measurement.kind][moment.verdict] += 1
-        return {kind: dict(counter) for kind, counter in counts.items()}
+        counts = self._counts + _tally(self._moments)
+        return {kind: {verdict: n for (of, verdict), n in counts.items() if of == kind} for kind in KINDS}
 
     def add(self, measurement: Measurement) -> Verdict:
-        """Apply a measurement.
-
-        Returns:
-            Whether it was used.
+        """Apply a measurement, and return whether it was used.
 
         Raises:
             ValueError: its covariance is not symmetric and positive definite.
         """
         if not np.isfinite(measurement.values).all():
-            self._counts[measurement.kind]["unusable"] += 1
+            self._counts[measurement.kind, "unusable"] += 1
             return "unusable"
         _require_covariance(measurement.covariance, len(measurement.values))
         if measurement.time < max(self._moments[0].time, self.time - self.params.horizon):
-            self._counts[measurement.kind]["too_old"] += 1
+            self._counts[measurement.kind, "too_old"] += 1
             return "too_old"
         added = _Moment(measurement.time, measurement)
         index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
@@ -179,21 +168,23 @@ class Ekf:
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
         if index == 0 or not math.isfinite(time):
             raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
-        before = self._moments[index - 1]
+        state, covariance = self._predict(self._moments[index - 1], time)
+        x, y, theta, v, w = state.tolist()
+        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
+
+    def _predict(self, before: _Moment, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return state and covariance at a time [s] that is not before a moment."""
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
             predict(state, covariance, time - before.time, self._noise, self.params.max_step)
-        x, y, theta, v, w = state.tolist()
-        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
+        return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
         """Predict from one moment to the next, and update by the measurement of that one if it passes the gate."""
         measurement = after.measurement
         assert measurement is not None
         kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
-        state, covariance = before.state.copy(), before.covariance.copy()
-        if after.time > before.time:
-            predict(state, covariance, after.time - before.time, self._noise, self.params.max_step)
+        state, covariance = self._predict(before, after.time)
         innovation, spread, length = innovation_of(state, covariance, measured, measurement.values, noise)
         after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
         if length > self._gates[kind]:
@@ -213,11 +204,14 @@ class Ekf:
     def _prune(self) -> None:
         """Drop moments before the horizon but for the last one, from which late measurements are predicted."""
         oldest = self.time - self.params.horizon
-        keep = bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1
-        for moment in self._moments[: max(keep, 0)]:
-            if moment.measurement is not None:
-                self._counts[moment.measurement.kind][moment.verdict] += 1
-        del self._moments[: max(keep, 0)]
+        keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
+        self._counts.update(_tally(self._moments[:keep]))
+        del self._moments[:keep]
+
+
+def _tally(moments: list[_Moment]) -> Counter[tuple[str, Verdict]]:
+    """Count measurements by kind and verdict."""
+    return Counter((each.measurement.kind, each.verdict) for each in moments if each.measurement is not None)
 
 
 def _require_covariance(covariance: np.ndarray, size: int) -> None:

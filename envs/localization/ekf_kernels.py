@@ -1,4 +1,8 @@
-"""Kernels of the Kalman filter in `ekf.py`: prediction, innovation, update."""
+"""Kernels of the Kalman filter in `ekf.py`: prediction, innovation, update.
+
+Arrays are float64: `state`, shape (5,); `covariance` P, shape (5, 5); of a measurement its `values`, shape (k,), their
+covariance `noise` R, shape (k, k), and `measured`, shape (k,), int64, the entries of the state that it measures.
+"""
 
 import math
 
@@ -19,12 +23,8 @@ MAX_STEPS = 5000
 def predict(state, covariance, duration, noise, max_step):
     """Predict the state and its covariance in place: equations (2) and (3), and P = F P F^T + Q.
 
-    Args:
-        state: shape (5,), float64.
-        covariance: shape (5, 5), float64.
-        duration: time to predict [s].
-        noise: shape (5,), float64, spectral densities of the process noise [unit^2/s].
-        max_step: longest step [s].
+    Takes a `duration` in steps of at most `max_step` [s]; `noise`, shape (5,), float64, are the spectral densities of
+    the process noise [unit^2/s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps
@@ -51,13 +51,6 @@ def predict(state, covariance, duration, noise, max_step):
 def innovation_of(state, covariance, measured, values, noise):
     """Compute the innovation of a measurement.
 
-    Args:
-        state: shape (5,), float64.
-        covariance: shape (5, 5), float64.
-        measured: shape (k,), int64, entries of the state that are measured.
-        values: shape (k,), float64, the measurement.
-        noise: shape (k, k), float64, its covariance R.
-
     Returns:
         The innovation, shape (k,), its heading wrapped; its covariance S, shape (k, k); and its normalised innovation
         squared (NIS), which is chi-square distributed with k degrees of freedom if the filter is consistent.
@@ -75,15 +68,10 @@ def innovation_of(state, covariance, measured, values, noise):
 
 @njit(cache=True, error_model="numpy")
 def correct(state, covariance, measured, innovation, spread, noise):
-    """Update the state in place by a measurement; return the covariance, in Joseph's form.
+    """Update the state in place by a measurement with its innovation and S, from `innovation_of`.
 
-    Args:
-        state: shape (5,), float64.
-        covariance: shape (5, 5), float64.
-        measured: shape (k,), int64, entries of the state that are measured.
-        innovation: shape (k,), float64, from `innovation_of`.
-        spread: shape (k, k), float64, its covariance S.
-        noise: shape (k, k), float64, covariance R of the measurement.
+    Returns:
+        The covariance after the update, in Joseph's form.
     """
     size = measured.shape[0]
     rows = np.empty((size, STATE_SIZE))

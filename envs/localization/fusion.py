@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from envs.estimation import Belief
 from envs.estimation.motion import WheelMotion
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
@@ -37,9 +38,7 @@ def make_filter(robot: RobotParams) -> Ekf:
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     """Return the initial covariance of the filter for a robot at rest, shape (5, 5).
 
-    Args:
-        spread: standard deviation of the position along either axis [m].
-        turn: standard deviation of the heading [rad].
+    `spread` is the standard deviation of the position along either axis [m], `turn` that of the heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
@@ -49,13 +48,7 @@ class FusedPose:
     """Estimates a robot's pose from its sensors."""
 
     def __init__(self, robot: RobotParams, localizer: Localizer, fusion: str = "full", latency: float = 0.1) -> None:
-        """Build a pose estimator for a robot.
-
-        Args:
-            robot: the robot.
-            localizer: estimates its pose on the map.
-            fusion: one of `FUSIONS`.
-            latency: delay of the localizer's estimates [s].
+        """Fuse, by one of `FUSIONS`, a robot's sensors and a localizer whose estimates come `latency` [s] late.
 
         Raises:
             ValueError: the fusion is unknown, or the robot lacks the compass that it needs.
@@ -70,6 +63,8 @@ class FusedPose:
         """Measurements that arrived with the last reading, of all kinds, be they used by the fusion or not."""
         self.localized: Estimate
         """The localizer's own estimate at the last reading, with speeds from the encoders."""
+        self.belief: Belief
+        """The fused pose on the map."""
         self._kinds = FUSIONS[fusion]
         self._latency = latency
         self._has_compass = robot.imu.has_compass
@@ -85,15 +80,9 @@ class FusedPose:
         rng: np.random.Generator,
         covariance: np.ndarray,
     ) -> Estimate:
-        """Start at rest on a map.
+        """Start at rest on a map, at a pose of the base, map frame, with a covariance as from `start_covariance`.
 
-        Args:
-            occupancy: the map.
-            north: what the compass reads in the direction of the map's x axis [rad].
-            pose: initial pose of the base, map frame.
-            reading: the first reading.
-            rng: source of the localizer's noise.
-            covariance: of the initial state, see `start_covariance`.
+        The compass reads `north` [rad] in the direction of the map's x axis; the localizer's noise comes from `rng`.
         """
         self._odometry.reset(reading)
         self._wheels.reset(reading.time, reading.ticks)
@@ -104,6 +93,7 @@ class FusedPose:
         self.ekf.reset(pose, covariance, time=reading.time)
         self.measurements = []
         self.localized = Estimate(reading.time, pose, 0.0, 0.0, covariance)
+        self.belief = Belief(pose, occupancy)
         return self.localized
 
     def update(self, reading: Reading) -> Estimate:
@@ -124,9 +114,10 @@ class FusedPose:
         covariance[:3, :3], covariance[3:, 3:] = localized.covariance, wheels.covariance
         v, w = wheels.values.tolist()
         self.localized = Estimate(reading.time, localized.pose, v, w, covariance)
-        if not self._kinds:
-            return self.localized
         for measurement in self.measurements:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)
-        return self.ekf.estimate(reading.time)
+        estimate = self.ekf.estimate(reading.time) if self._kinds else self.localized
+        self.belief.pose, self.belief.covariance = estimate.pose, estimate.covariance[:3, :3]
+        self.belief.is_lost = localized.is_lost
+        return estimate

@@ -11,27 +11,21 @@ from scipy import ndimage
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.lookup import load
 from envs.robots import LidarParams
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 from .beams import Beams
 from .motion_model import cosine, sine
 from .params import AmclParams
 
-OCCUPIED_FROM = 65
-"""Least occupancy that is an obstacle [percent], as where maps are saved."""
 ONE = 65535
 """Greatest entry of a field, which are 16-bit so that more of it stays in the cache, and sums are exact."""
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Measure how far cells lie from the nearest obstacle, centre to centre.
-
-    Args:
-        obstacles: shape (height, width), bool.
-        resolution: side of a cell [m].
-        max_distance: upper limit of the distances [m].
+    """Measure how far cells lie from the nearest of `obstacles`, shape (height, width), bool, centre to centre.
 
     Returns:
-        Shape (height, width), float64 [m].
+        Shape (height, width), float64, at most `max_distance` [m].
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -42,7 +36,7 @@ class Field(NamedTuple):
     """A table of likelihoods over a map, with a border around it."""
 
     data: np.ndarray
-    """Shape (height, width), uint16."""
+    """Shape (height, width): uint16 likelihoods, or the float32 distances that rays are cast by."""
     border: int
     """Width of the border, which no beam can leave from within the map [cells]; its entries are all the same."""
     origin: tuple[float, float]
@@ -58,11 +52,11 @@ def sum_fields(field, points, num_points, particles, sums):
     Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
 
     Args:
-        field: `Field`.
+        field: `Field`. A particle outside the map sees no obstacle.
         points: shape (2, >= num_points), float32, in the base frame [cells].
         num_points: number of points.
         particles: shape (3, n), float32, x, y, heading [m, rad].
-        sums: shape (n,), int32, written. A particle outside the map sees no obstacle.
+        sums: shape (n,), int32, written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]
@@ -127,15 +121,7 @@ def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_me
 
 @njit(cache=True, error_model="numpy")
 def count_near(field, near, points, num_points, pose):
-    """Count the points whose entry in the field is at least `near`.
-
-    Args:
-        field: `Field`.
-        near: threshold.
-        points: shape (2, >= num_points), float32, in the base frame [cells].
-        num_points: number of points.
-        pose: x, y, heading of the base in the map frame [m, m, rad].
-    """
+    """Count the points, as in `sum_fields`, whose entry is at least `near` as seen from a pose (x, y, heading)."""
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -157,19 +143,13 @@ class LikelihoodField:
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Precompute the field of a map.
-
-        Args:
-            params: of the filter.
-            lidar: geometry of the scans.
-            occupancy: the map.
-        """
+        """Precompute the field of a map."""
         self._is_product = params.sensor == "likelihood_field_prob"
         self._squash = params.squash
         self._needs_mean = params.alpha_slow > 0.0
         resolution = occupancy.resolution
         self.beams = Beams(params, lidar, resolution)
-        range_max = self.beams.range_max
+        range_max = self.beams.geometry.range_max
         reach = math.ceil((range_max + math.hypot(lidar.mount.x, lidar.mount.y)) / resolution) + 2
         far = math.ceil(params.max_distance / resolution) + 1
 
@@ -184,7 +164,7 @@ class LikelihoodField:
         def entry(distance: np.ndarray | float) -> np.ndarray:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
-        obstacles = np.pad(occupancy.data >= OCCUPIED_FROM, far)
+        obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         entries = entry(obstacle_distances(obstacles, resolution, params.max_distance))
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))

@@ -1,10 +1,11 @@
-"""The interface of localizers, and their estimate."""
+"""The interface of localizers, their estimate, and the estimator that they make with a known map."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from envs.estimation import ORIGIN, Belief
 from envs.geometry import OccupancyGrid, Pose2D
 
 
@@ -69,8 +70,7 @@ class Localizer(Protocol):
         """Update by one scan.
 
         Args:
-            ranges: shape (num_beams,), float32 [m], as in `Reading.ranges`: +inf for no return, NaN for a beam to
-                ignore.
+            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
             motion: pose of the base now, as odometry sees it from the base at the previous scan.
 
         Raises:
@@ -78,3 +78,39 @@ class Localizer(Protocol):
             RuntimeError: before the first `reset`.
         """
         ...
+
+
+class KnownMapEstimator:
+    """An `Estimator` around a `Localizer`: the map stays as it is, pose and covariance are the localizer's."""
+
+    def __init__(self, localizer: Localizer) -> None:
+        """Take a localizer."""
+        self.localizer = localizer
+        self.belief: Belief
+
+    def reset(
+        self,
+        rng: np.random.Generator,
+        pose: Pose2D | None = ORIGIN,
+        map: OccupancyGrid | None = None,
+        covariance: np.ndarray | None = None,
+    ) -> Belief:
+        """Start on a map; see `Localizer`.
+
+        Raises:
+            ValueError: there is no map, or the localizer cannot start there.
+        """
+        if map is None:
+            raise ValueError("localization needs a map")
+        estimate = self.localizer.reset(map, pose, rng, covariance=covariance)
+        self.belief = Belief(estimate.pose, map)
+        return self._follow(estimate)
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
+        """Process one scan; see `Estimator`."""
+        return self._follow(self.localizer.update(ranges, motion))
+
+    def _follow(self, estimate: PoseEstimate) -> Belief:
+        belief = self.belief
+        belief.pose, belief.covariance, belief.is_lost = estimate.pose, estimate.covariance, estimate.is_lost
+        return belief

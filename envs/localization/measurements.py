@@ -50,6 +50,12 @@ class Measurement:
             raise ValueError(f"time of a measurement must be finite, got {self.time!r}")
 
 
+def _elapsed(before: float, now: float, sensor: str) -> float:
+    if not now > before:
+        raise ValueError(f"time must go on between two {sensor} readings, got {now!r} s after {before!r} s")
+    return now - before
+
+
 class WheelMeter:
     """Turns encoder counts into speed and yaw rate, with the wheel radius and track of the robot's controller.
 
@@ -58,7 +64,7 @@ class WheelMeter:
     """
 
     def __init__(self, robot: RobotParams) -> None:
-        self._metres_per_tick = 2.0 * math.pi * robot.odometry.wheel_radius / robot.odometry.ticks_per_rev
+        self._metres_per_tick = robot.odometry.metres_per_tick
         self._track = robot.odometry.track
         self._slip_variance = robot.drive.slip_std**2
 
@@ -67,18 +73,12 @@ class WheelMeter:
         self._time, self._ticks = time, ticks
 
     def update(self, time: float, ticks: tuple[int, int]) -> Measurement:
-        """Return speed and yaw rate since the last call.
-
-        Args:
-            time: now [s].
-            ticks: cumulative counts of the left and the right wheel.
+        """Return speed and yaw rate since the last call, from cumulative counts (left, right) at a time [s].
 
         Raises:
             ValueError: no time has passed since the last call.
         """
-        period = time - self._time
-        if not period > 0.0:
-            raise ValueError(f"time must go on between two encoder readings, got {time!r} s after {self._time!r} s")
+        period = _elapsed(self._time, time, "encoder")
         left, right = ((now - before) * self._metres_per_tick for now, before in zip(ticks, self._ticks))
         self._time, self._ticks = time, ticks
         quantisation = self._metres_per_tick**2 / 6.0
@@ -103,28 +103,17 @@ class CompassMeter:
         self._max_w, self._max_acc_w = robot.max_w, robot.max_acc_w
 
     def reset(self, time: float, north: float) -> None:
-        """Start at a time [s].
-
-        Args:
-            time: now [s].
-            north: what the compass reads in the direction of the map's x axis [rad].
-        """
+        """Start at a time [s]; `north` is what the compass reads in the direction of the map's x axis [rad]."""
         self._time, self._north = time, north
         self._heading = math.nan
 
     def update(self, time: float, reading: float) -> Measurement:
-        """Return the heading in the map frame, and the yaw rate.
-
-        Args:
-            time: now [s].
-            reading: of the compass [rad]; NaN gives a measurement with NaN.
+        """Return heading in the map frame and yaw rate from a reading [rad] at a time [s]; NaN gives NaN.
 
         Raises:
             ValueError: no time has passed since the last call.
         """
-        period = time - self._time
-        if not period > 0.0:
-            raise ValueError(f"time must go on between two compass readings, got {time!r} s after {self._time!r} s")
+        period = _elapsed(self._time, time, "compass")
         heading = wrap_angle(reading - self._north)
         rate = wrap_angle(heading - self._heading) / period
         variance, lag = self._variance, 0.5 * self._max_acc_w * period

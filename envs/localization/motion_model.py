@@ -22,15 +22,11 @@ _HALF = np.float32(0.5)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def normal(seed, index):
-    """Return an approximately standard normal number: the sum of four uniforms (Irwin and Hall).
+    """Return number `index` of an approximately standard normal sequence, by a seed, both uint64.
 
-    Mean and variance are exact, no number exceeds 3.46. The uniforms are a word of SplitMix64 (Steele et al. 2014), in
-    which each word follows from its index alone, so that loops vectorise: twenty times as fast as NumPy's generator,
-    which would take as long as the rest of a particle's update.
-
-    Args:
-        seed: uint64.
-        index: of the number in its sequence, uint64.
+    The sum of four uniforms (Irwin and Hall): mean and variance are exact, no number exceeds 3.46. The uniforms are a
+    word of SplitMix64 (Steele et al. 2014), in which each word follows from its index alone, so that loops vectorise:
+    twenty times as fast as NumPy's generator, which would take as long as the rest of a particle's update.
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -84,12 +80,9 @@ class NoisyMotion(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def propagate(particles, motion, seed):
-    """Move every particle by a noisy copy of a motion (Thrun et al. 2005, table 5.6).
+    """Move every particle by a noisy copy of a motion, with a seed, uint64 (Thrun et al. 2005, table 5.6).
 
-    Args:
-        particles: shape (3, n), float32, x, y, heading [m, rad]; changed in place.
-        motion: `NoisyMotion`.
-        seed: of the noise, uint64.
+    `particles`, shape (3, n), float32, x, y, heading [m, rad], are changed in place; `motion` is a `NoisyMotion`.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     rot1, trans, rot2 = np.float32(motion.rot1), np.float32(motion.trans), np.float32(motion.rot2)
@@ -107,12 +100,8 @@ def propagate(particles, motion, seed):
 def differential_drive(params: AmclParams, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
     """Return a sampler of the odometry motion model of a differential drive, as Nav2 computes it.
 
-    Args:
-        params: of the filter: `alpha1` to `alpha4`.
-        motion: pose of the base now, as odometry sees it from the base before.
-
-    Returns:
-        A function that moves particles, shape (3, n), float32 [m, rad], in place with noise from a generator.
+    It moves particles, shape (3, n), float32 [m, rad], in place by `motion`, the pose of the base now as odometry sees
+    it from the base before, with noise from a generator.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0

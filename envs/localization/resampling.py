@@ -14,10 +14,7 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 def particles_needed(num_bins, error, quantile):
     """Return how many particles describe a distribution over `num_bins` bins (Fox 2003, equation 7); 0 for one bin.
 
-    Args:
-        num_bins: bins that hold a particle.
-        error: bound of the Kullback-Leibler divergence between the particles' distribution and the true one.
-        quantile: upper quantile of the standard normal with which the bound holds.
+    For `error` and `quantile` see `AmclParams.kld_err` and `kld_z`.
     """
     if num_bins < 2:
         return 0.0
@@ -28,12 +25,9 @@ def particles_needed(num_bins, error, quantile):
 
 @njit(cache=True, error_model="numpy")
 def cumulate(weights, cumulated, guide):
-    """Cumulate weights, and tabulate where the search for each n-th part of their sum begins.
+    """Cumulate weights, shape (n,), and tabulate where the search for each n-th part of their sum, 1, begins.
 
-    Args:
-        weights: shape (n,), float64, with the sum 1.
-        cumulated: shape (n,), float64, written.
-        guide: shape (n,), int32, written: the first particle that a draw of at least k / n can hit.
+    Entry k of `guide`, shape (n,), int32, is the first particle that a draw of at least k / n can hit.
     """
     n = weights.shape[0]
     total = 0.0
@@ -49,14 +43,11 @@ def cumulate(weights, cumulated, guide):
 
 
 class KldParams(NamedTuple):
-    """How many particles to draw; see `particles_needed`."""
+    """How many particles to draw: `min_particles`, `kld_err` and `kld_z` of `AmclParams`."""
 
     min_particles: int
-    """Least number of particles."""
     error: float
-    """Bound of the Kullback-Leibler divergence."""
     quantile: float
-    """Upper quantile of the standard normal with which the bound holds."""
 
 
 class Injection(NamedTuple):
@@ -79,7 +70,7 @@ def resample(particles, weights, bins, injection, start, kld, seen, drawn):
         particles: shape (3, n), float32 [m, rad].
         weights: shape (n,), float64, with the sum 1.
         bins: shape (n,), int32, the particles' bins.
-        injection: `Injection`; each of its particles counts as a bin of its own.
+        injection: `Injection`; each of its particles counts as a bin.
         start: position of the first draw in the cumulated weights, 0 to 1.
         kld: `KldParams`.
         seen: shape (num_bins,), bool, all False; scratch.

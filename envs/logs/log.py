@@ -1,6 +1,7 @@
 """Logs of real robots: wheel odometry and laser scans."""
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from envs.geometry import Pose2D
 from envs.robots import LidarParams, Mount
 
-from .carmen import RawLog, read_carmen
+from .carmen import read_carmen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +51,9 @@ def load_log(path: str | Path, max_range: float | None = None) -> Log:
     """Read a log, either arrays (.npz) or CARMEN text (.log, .clf, also gzipped).
 
     Args:
-        path: the file. Arrays are named `t`, `odo`, `ranges`, `idx`, `ang0`, `dang`, `maxr` and optionally `off`, which
-            is added to `t`.
+        path: the file. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of `Log`; `ang0` and `dang`, the angle
+            of the first beam in the base frame and from one beam to the next [rad]; `maxr`, the range from which there
+            is no return [m]; optionally `mount_x`, the lidar's position in the base frame [m], and `off`, added to `t`.
         max_range: readings from this on count as no return [m]; None takes what the log says.
 
     Raises:
@@ -62,27 +64,22 @@ def load_log(path: str | Path, max_range: float | None = None) -> Log:
     if not path.is_file():
         raise FileNotFoundError(f"no log at {path}")
     if path.suffix == ".npz":
-        raw = _read_arrays(path)
-    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")):
-        raw = read_carmen(path)
-    else:
-        raise ValueError(f"{path}: unknown kind of log; .npz, .log, .log.gz, .clf and .clf.gz are known")
-    limit = raw.max_range if max_range is None else min(raw.max_range, max_range)
-    num_beams = raw.ranges.shape[-1]
-    fov = raw.increment * (num_beams - 1)
-    # LidarParams centres the field of view on the sensor's x axis.
-    lidar = LidarParams(num_beams, limit, fov=fov, mount=Mount(raw.mount_x, yaw=raw.angle_min + fov / 2))
-    ranges = np.where(raw.ranges >= limit, np.float32(np.inf), raw.ranges.astype(np.float32))
-    try:
-        return Log(raw.times, raw.odometry, raw.scan_rows.astype(np.int64), ranges, lidar)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _read_arrays(path: Path) -> RawLog:
-    with np.load(path) as arrays:
+        with np.load(path) as archive:
+            arrays = dict(archive)
         if missing := {"t", "odo", "ranges", "idx", "ang0", "dang", "maxr"} - set(arrays):
             raise ValueError(f"{path}: lacks the arrays {sorted(missing)}")
-        times = arrays["t"] + (float(arrays["off"]) if "off" in arrays else 0.0)
-        angles = float(arrays["ang0"]), float(arrays["dang"])
-        return RawLog(times, arrays["odo"], arrays["idx"], arrays["ranges"], *angles, float(arrays["maxr"]))
+    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")):
+        arrays = read_carmen(path)
+    else:
+        raise ValueError(f"{path}: unknown kind of log; .npz, .log, .log.gz, .clf and .clf.gz are known")
+    limit = min(float(arrays["maxr"]), math.inf if max_range is None else max_range)
+    fov = float(arrays["dang"]) * (arrays["ranges"].shape[-1] - 1)
+    # LidarParams centres the field of view on the sensor's x axis.
+    mount = Mount(float(arrays.get("mount_x", 0.0)), yaw=float(arrays["ang0"]) + fov / 2)
+    lidar = LidarParams(arrays["ranges"].shape[-1], limit, fov=fov, mount=mount)
+    ranges = np.where(arrays["ranges"] >= limit, np.float32(np.inf), arrays["ranges"].astype(np.float32))
+    times = arrays["t"] + float(arrays.get("off", 0.0))
+    try:
+        return Log(times, arrays["odo"], arrays["idx"].astype(np.int64), ranges, lidar)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error

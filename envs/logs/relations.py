@@ -62,12 +62,7 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:
-    """Hold a trajectory against relations.
-
-    Args:
-        times: shape (n,) [s].
-        poses: shape (n, 3), x, y, heading [m, rad].
-        relations: shape (k, 5), as from `load_relations`.
+    """Hold a trajectory, times [s] and poses, against relations as from `load_relations`.
 
     Raises:
         ValueError: not one relation has both its times in the trajectory.

@@ -23,13 +23,7 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
 
 
 def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
-    """Write a trajectory in the TUM format: time, position, orientation as a quaternion.
-
-    Args:
-        path: where to.
-        times: shape (n,) [s].
-        poses: shape (n, 3), x, y, heading [m, rad].
-    """
+    """Write a trajectory, times [s] and poses, in the TUM format: time, position, orientation as a quaternion."""
     zero = np.zeros(len(times))
     x, y, theta = poses.T
     rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)

@@ -5,14 +5,9 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def area_below(a, b, c):
-    """Return the area of the part of the unit square where a x + b y <= c.
+    """Return the area of the part of the unit square where a x + b y <= c, with a, b not both zero.
 
     The half-plane is mirrored such that a, b >= 0; then it is a triangle minus the corners of it that stick out.
-
-    Args:
-        a: x component of the normal.
-        b: y component of the normal; not both are zero.
-        c: offset.
     """
     if a < 0.0:
         a, c = -a, c - a
@@ -33,32 +28,18 @@ def area_below(a, b, c):
 
 @njit(cache=True, error_model="numpy")
 def share_behind_hit(row, col, hit_x, hit_y, dir_x, dir_y):
-    """Return the share of a cell that lies behind the line through a hit, perpendicular to its beam.
+    """Return the share of a cell that lies behind the line through a hit [cells], perpendicular to its beam.
 
-    Args:
-        row: row of the cell.
-        col: column of the cell.
-        hit_x: where the beam ends [cells].
-        hit_y: where the beam ends [cells].
-        dir_x: direction of the beam, of any length.
-        dir_y: direction of the beam, of any length.
+    The direction of the beam, (dir_x, dir_y), has any length.
     """
     return 1.0 - area_below(dir_x, dir_y, dir_x * (hit_x - col) + dir_y * (hit_y - row))
 
 
 @njit(cache=True, error_model="numpy")
 def share_cut_off(row, col, x, y, dir_x, dir_y):
-    """Return the smaller of the two parts into which the line of a beam cuts a cell.
+    """Return the smaller of the two parts into which the line of a beam through (x, y) [cells] cuts a cell.
 
     One half for a cell that the line misses, which happens since beams are walked from cell centre to cell centre.
-
-    Args:
-        row: row of the cell.
-        col: column of the cell.
-        x: a point on the beam [cells].
-        y: a point on the beam [cells].
-        dir_x: direction of the beam, of any length.
-        dir_y: direction of the beam, of any length.
     """
     share = area_below(-dir_y, dir_x, dir_x * (y - row) - dir_y * (x - col))
     share = min(share, 1.0 - share)

@@ -33,19 +33,11 @@ def probabilities(words: np.ndarray) -> np.ndarray:
     return (words >> COUNT_BITS) / ONE
 
 
-def counts(words: np.ndarray) -> np.ndarray:
-    """Return how often cells were observed, same shape and dtype."""
-    return words & MAX_COUNT
-
-
 @njit(cache=True, error_model="numpy")
 def integrate(word, target, gain):
     """Return the word of a cell after one more observation: value += (target - value) * gain.
 
-    Args:
-        word: the cell before.
-        target: what the observation says, fixed-point.
-        gain: its weight, fixed-point, or AVERAGE. A cell never observed starts from one half.
+    Target and gain are fixed-point, the gain may be AVERAGE. A cell never observed starts from one half.
     """
     count = word & MAX_COUNT
     value = word >> COUNT_BITS

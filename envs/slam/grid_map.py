@@ -11,8 +11,9 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from .cells import unvisited_word
-from .map_update import AVG, BASE, REPORT, beam_ends, integrate_scan
+from .map_update import AVG, BASE, REPORT, InverseSensorModel, integrate_scan
 from .params import TinySlamParams
+from .scans import ScanGeometry, beam_ends
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: a diverged estimate must not take all memory."""
@@ -34,11 +35,16 @@ class GridMap:
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
         """Make an unknown map with the map frame's origin in its middle."""
         self._params = params
-        self._lidar = lidar
-        self.directions = lidar.directions
-        """Shape (2, num_beams), cosine and sine of the beams in the base frame."""
+        self.geometry = ScanGeometry.of(lidar, params.resolution)
+        self.model = InverseSensorModel(
+            {"avg": AVG, "base": BASE, "report": REPORT}[params.cell],
+            params.estimator == "area",
+            float(params.occupied_prob),
+            float(params.empty_prob),
+            params.hole_width / params.resolution,
+            params.blur == "add",
+        )
         self.unvisited = unvisited_word(params.unvisited)
-        self.kind = {"avg": AVG, "base": BASE, "report": REPORT}[params.cell]
         width, height = (math.ceil(size / params.resolution) for size in (params.map_width, params.map_height))
         self.corner = (-(width // 2), -(height // 2))
         self.words = np.full((height, width), self.unvisited, dtype=np.int32)
@@ -48,48 +54,29 @@ class GridMap:
         # Room for all cells that a scan may touch; only what is written takes memory.
         most_cells = lidar.num_beams * (math.ceil(lidar.range_max / params.resolution) + 2)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
-        self._ends = np.empty((lidar.num_beams, 2))
+        self._ends = np.empty((lidar.num_beams, 3))
 
     @property
     def _origin(self) -> tuple[float, float]:
         return self.corner[0] * self._params.resolution, self.corner[1] * self._params.resolution
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Integrate a scan taken with the base at `pose`.
-
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            pose: of the base in the map frame.
-            quality: weight of the scan, from 0 to 1.
-        """
-        params, mount = self._params, self._lidar.mount
-        c, s = math.cos(pose.theta), math.sin(pose.theta)
-        sensor = (pose.x + c * mount.x - s * mount.y, pose.y + s * mount.x + c * mount.y)
-        scan = (ranges, self.directions, self._lidar.range_max, params.skip_exceeding)
-        x, y = self.to_cells(*sensor)
-        extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+        """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base, with a weight from 0 to 1."""
+        x, y, extent = self._find_ends(ranges, pose)
         if self.grow_to_hold(*extent):
-            x, y = self.to_cells(*sensor)
-            extent = beam_ends(*scan, x, y, c, s, params.resolution, self._ends)
+            x, y, extent = self._find_ends(ranges, pose)
         new_cells = self._new_cells
-        count = integrate_scan(
-            self.words,
-            self.grid.data,
-            ranges,
-            self._lidar.range_max,
-            self._ends,
-            x,
-            y,
-            self.kind,
-            params.estimator == "area",
-            params.occupied_prob,
-            params.empty_prob,
-            quality,
-            params.hole_width / params.resolution,
-            params.blur == "add",
-            new_cells,
-        )
+        count = integrate_scan(self.words, self.grid.data, self._ends, x, y, self.model, float(quality), new_cells)
         return MapUpdate(new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
+
+    def _find_ends(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, float, tuple[int, int, int, int]]:
+        """Find where beams end; return the position of the lidar [cells], and what `beam_ends` returns."""
+        geometry = self.geometry
+        c, s = math.cos(pose.theta), math.sin(pose.theta)
+        sensor_x = pose.x + c * geometry.mount_x - s * geometry.mount_y
+        sensor_y = pose.y + s * geometry.mount_x + c * geometry.mount_y
+        x, y = self.to_cells(sensor_x, sensor_y)
+        return x, y, beam_ends(ranges, geometry, self._params.skip_exceeding, x, y, c, s, self._ends)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """Return a position in the map frame [m] as distances from the map's corner [cells]."""

@@ -1,6 +1,7 @@
 """Integrating scans into the map."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,51 +15,36 @@ SIDE_START = (1 << 31) - 1
 """Half a cell, less a grain, with 32 fractional bits: a line right between two cells takes the nearer to its start."""
 
 
-@njit(cache=True, error_model="numpy")
-def beam_ends(ranges, directions, range_max, skip_exceeding, x, y, c, s, resolution, ends):
-    """Find where the beams of a scan end in the map.
+class InverseSensorModel(NamedTuple):
+    """What beams say of the cells that they cross; see `TinySlamParams`."""
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; no return from `range_max` on, NaN for a beam to ignore.
-        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
-        range_max: how far a beam without a return clears [m].
-        skip_exceeding: whether beams without a return are ignored.
-        x: position of the lidar [cells].
-        y: position of the lidar [cells].
-        c: cosine of the base's heading.
-        s: sine of the base's heading.
-        resolution: side of a cell [m].
-        ends: shape (num_beams, 2), float64, written: x, y [cells], NaN for beams to ignore.
+    cell: int
+    """How cells take in observations: AVG, BASE or REPORT."""
+    by_area: bool
+    """Whether the area estimator is used."""
+    occupied_prob: float
+    empty_prob: float
+    hole: float
+    """Length of the ramp in front of a hit [cells]; 0 for none."""
+    add_blur: bool
+    """Whether the ramp adds to the occupancy of a passed cell, or replaces it."""
 
-    Returns:
-        Smallest and greatest column and row that the scan touches: col_min, row_min, col_max, row_max.
-    """
-    x_min = x_max = x
-    y_min = y_max = y
-    for k in range(ranges.shape[0]):
-        r = float(ranges[k])
-        if not r > 0.0 or (r >= range_max and skip_exceeding):
-            ends[k, 0] = np.nan
-            continue
-        r = min(r, range_max) / resolution
-        end_x = x + r * (c * directions[0, k] - s * directions[1, k])
-        end_y = y + r * (s * directions[0, k] + c * directions[1, k])
-        ends[k, 0], ends[k, 1] = end_x, end_y
-        x_min, x_max = min(x_min, end_x), max(x_max, end_x)
-        y_min, y_max = min(y_min, end_y), max(y_max, end_y)
-    return math.floor(x_min), math.floor(y_min), math.floor(x_max), math.floor(y_max)
+
+class _Beam(NamedTuple):
+    """A beam from where it starts to where it ends [cells]."""
+
+    x: float
+    y: float
+    end_x: float
+    end_y: float
+    end_row: int
+    end_col: int
+    hit: bool
 
 
 @njit(cache=True, error_model="numpy")
 def _observation(cell, prob, quality, ramp):
-    """Return target and gain by which a cell takes in an observation, fixed-point.
-
-    Args:
-        cell: AVG, BASE or REPORT.
-        prob: occupancy observed.
-        quality: weight of the observation, from 0 to 1.
-        ramp: occupancy that is owed to a hit; 0 for a cell that the beam just passed.
-    """
+    """Return target and gain, fixed-point, of an observed occupancy; `ramp` is the part of it owed to a hit."""
     if cell == AVG:
         return round(ONE * (0.5 + (prob - 0.5) * quality)), AVERAGE
     if cell == BASE:
@@ -70,12 +56,7 @@ def _observation(cell, prob, quality, ramp):
 
 @njit(cache=True, error_model="numpy")
 def _walk(d_row, d_col, width):
-    """Return how to walk a straight line of cells through a flattened map.
-
-    Args:
-        d_row: rows from the first cell to the last.
-        d_col: columns from the first cell to the last.
-        width: cells in a row of the map.
+    """Return how to walk over so many rows and columns, in a straight line through a flattened map.
 
     Returns:
         Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what
@@ -89,60 +70,25 @@ def _walk(d_row, d_col, width):
 
 
 @njit(cache=True, error_model="numpy")
-def _near_end(row, col, end_row, end_col, x, y, end_x, end_y, hit, by_area, occupied_prob, empty_prob, hole, add_blur):
-    """Return what a beam reports of a cell that it does more to than just pass.
-
-    Args:
-        row: row of the cell.
-        col: column of the cell.
-        end_row: row of the beam's last cell.
-        end_col: column of the beam's last cell.
-        x: where the beam starts [cells].
-        y: where the beam starts [cells].
-        end_x: where the beam ends [cells].
-        end_y: where the beam ends [cells].
-        hit: whether the beam ends in a hit.
-        by_area: whether the area estimator is used.
-        occupied_prob: occupancy reported of the cell of a hit.
-        empty_prob: occupancy reported of cells that a beam passes.
-        hole: length of the ramp [cells]; 0 for none.
-        add_blur: whether the ramp adds to the occupancy of a passed cell, or replaces it.
-
-    Returns:
-        Occupancy reported; its weight; the part of it that is owed to the hit.
-    """
-    dir_x, dir_y = end_x - x, end_y - y
-    hit_prob = occupied_prob
-    if by_area and hit:
-        hit_prob = max(share_behind_hit(end_row, end_col, end_x, end_y, dir_x, dir_y), empty_prob)
-    square = (row - end_row) ** 2 + (col - end_col) ** 2
-    if hit and square == 0:
+def _near_end(row, col, beam, model, hole):
+    """Return the occupancy that a beam reports of a cell, its weight, and the part of it that is owed to the hit."""
+    dir_x, dir_y = beam.end_x - beam.x, beam.end_y - beam.y
+    hit_prob = model.occupied_prob
+    if model.by_area and beam.hit:
+        behind = share_behind_hit(beam.end_row, beam.end_col, beam.end_x, beam.end_y, dir_x, dir_y)
+        hit_prob = max(behind, model.empty_prob)
+    square = (row - beam.end_row) ** 2 + (col - beam.end_col) ** 2
+    if beam.hit and square == 0:
         return hit_prob, 1.0, hit_prob
-    weight = share_cut_off(row, col, x, y, dir_x, dir_y) if by_area else 1.0
-    if not hit or square >= hole * hole:
-        return empty_prob, weight, 0.0
+    weight = share_cut_off(row, col, beam.x, beam.y, dir_x, dir_y) if model.by_area else 1.0
+    if not beam.hit or square >= hole * hole:
+        return model.empty_prob, weight, 0.0
     ramp = hit_prob * (1.0 - square / (hole * hole))
-    return (min(empty_prob + ramp, 1.0) if add_blur else ramp), weight, ramp
+    return (min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp), weight, ramp
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scan(
-    words,
-    occupancy,
-    ranges,
-    range_max,
-    ends,
-    x,
-    y,
-    cell,
-    by_area,
-    occupied_prob,
-    empty_prob,
-    quality,
-    hole,
-    add_blur,
-    new_cells,
-):
+def integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells):
     """Integrate a scan into a map that has room for it.
 
     Each beam is walked from the lidar's cell to its end, one cell per column or row, whichever it crosses more of. A
@@ -151,18 +97,11 @@ def integrate_scan(
     Args:
         words: shape (height, width), int32, the map, written.
         occupancy: shape (height, width), int8, the same in percent, written.
-        ranges: shape (num_beams,), float32 [m]; hits are those below `range_max`.
-        range_max: the lidar's range [m].
-        ends: shape (num_beams, 2), float64, where beams end (x, y) [cells], NaN for beams to ignore.
+        ends: shape (num_beams, 3), float64, from `beam_ends`.
         x: position of the lidar from the map's corner [cells].
         y: position of the lidar from the map's corner [cells].
-        cell: AVG, BASE or REPORT.
-        by_area: whether the area estimator is used.
-        occupied_prob: occupancy reported of the cell of a hit.
-        empty_prob: occupancy reported of cells that a beam passes.
+        model: `InverseSensorModel`.
         quality: weight of the scan.
-        hole: length of the ramp [cells].
-        add_blur: whether the ramp adds to the occupancy of a passed cell, or replaces it.
         new_cells: shape (n, 2), int32, written: row and column of cells that became known.
 
     Returns:
@@ -172,35 +111,25 @@ def integrate_scan(
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
     num_new = 0
     row_0, col_0 = math.floor(y), math.floor(x)
-    free_target, free_gain = _observation(cell, empty_prob, quality, 0.0)
-    for k in range(ranges.shape[0]):
+    free_target, free_gain = _observation(model.cell, model.empty_prob, quality, 0.0)
+    for k in range(ends.shape[0]):
         end_x, end_y = ends[k, 0], ends[k, 1]
         if math.isnan(end_x):
             continue
         row_1, col_1 = math.floor(end_y), math.floor(end_x)
+        beam = _Beam(x, y, end_x, end_y, row_1, col_1, ends[k, 2] > 0.0)
         length, slope, step, side_step = _walk(row_1 - row_0, col_1 - col_0, width)
-        hit = ranges[k] < range_max
-        ramp = hole if hole * hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
+        hole = model.hole if model.hole * model.hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
         # Cells before this one are just passed, and all say the same.
-        first_special = 0 if by_area else max(length - math.ceil(ramp), 0) if hit else length + 1
+        first_special = 0 if model.by_area else max(length - math.ceil(hole), 0) if beam.hit else length + 1
         base, side = row_0 * width + col_0, SIDE_START
-        for _ in range(first_special):
+        for step_number in range(length + 1):
             index = np.uint64(base + (side >> 32) * side_step)
-            word = flat[index]
-            if word & MAX_COUNT == 0:
-                new_cells[num_new, 0] = index
-                num_new += 1
-            word = integrate(word, free_target, free_gain)
-            flat[index] = word
-            flat_occupancy[index] = percent(word)
-            base, side = base + step, side + slope
-        for _ in range(first_special, length + 1):
-            index = np.uint64(base + (side >> 32) * side_step)
-            row, col = int(index) // width, int(index) % width
-            prob, weight, strength = _near_end(
-                row, col, row_1, col_1, x, y, end_x, end_y, hit, by_area, occupied_prob, empty_prob, ramp, add_blur
-            )
-            target, gain = _observation(cell, prob, quality * weight, strength)
+            target, gain = free_target, free_gain
+            if step_number >= first_special:
+                row, col = int(index) // width, int(index) % width
+                prob, weight, strength = _near_end(row, col, beam, model, hole)
+                target, gain = _observation(model.cell, prob, quality * weight, strength)
             word = flat[index]
             if word & MAX_COUNT == 0:
                 new_cells[num_new, 0] = index

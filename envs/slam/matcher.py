@@ -1,59 +1,61 @@
 """The Monte Carlo scan matcher."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from envs.geometry.lookup import load
 
-from .cells import COUNT_BITS, ONE
+from .cells import COUNT_BITS, unvisited_word
+from .params import TinySlamParams
+
+
+class SearchParams(NamedTuple):
+    """Spread and limits of a search; see `TinySlamParams`."""
+
+    sigma_xy: float
+    """Spread of positions at the start [cells]."""
+    sigma_theta: float
+    max_failed: int
+    max_tries: int
+    unvisited: int
+    """Word of a cell never observed."""
+
+
+class Search(NamedTuple):
+    """State of a search: the best pose so far, with x and y from the map's corner [cells, cells, rad]."""
+
+    x: float
+    y: float
+    theta: float
+    total: int
+    """What `score` returned for the best pose."""
+    spread: float = 1.0
+    """Factor of the spread of candidates."""
+    failed: int = 0
+    """Failures that are not forgiven."""
+    tried: int = 0
+    """Candidates tried."""
+    accepted: int = 0
+    """Candidates that were better than all before."""
+
+
+def search_params(params: TinySlamParams) -> SearchParams:
+    """Return the params of the search, in the cells of the map."""
+    return SearchParams(
+        *(params.sigma_xy / params.resolution, float(params.sigma_theta), params.max_failed, params.max_tries),
+        unvisited=unvisited_word(params.unvisited),
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def project_hits(ranges, range_max, directions, mount_x, mount_y, resolution, points):
-    """Find where the beams of a scan end, seen from the robot's base.
-
-    Args:
-        ranges: shape (num_beams,), float32 [m]; hits are those between 0 and `range_max`.
-        range_max: the lidar's range [m].
-        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
-        mount_x: where the lidar sits in the base frame [m].
-        mount_y: where the lidar sits in the base frame [m].
-        resolution: side of a cell [m].
-        points: shape (2, num_beams), float32, written: x and y of the hits [cells].
-
-    Returns:
-        Number of hits.
-    """
-    count = 0
-    for k in range(ranges.shape[0]):
-        r = ranges[k]
-        if r > 0.0 and r < range_max:
-            x = (mount_x + r * directions[0, k]) / resolution
-            y = (mount_y + r * directions[1, k]) / resolution
-            points[0, count] = x
-            points[1, count] = y
-            count += 1
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def score(words, points, num_points, unvisited, x, y, theta, indices):
+def score(words, unvisited, points, num_points, x, y, theta, indices):
     """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
 
     The original's cost is the number of hits minus this sum; the best pose is the same. Outside the map nothing was
-    ever observed.
-
-    Args:
-        words: shape (height, width), int32, the map.
-        points: shape (2, >= num_points), float32, the hits in the base frame [cells].
-        num_points: number of hits.
-        unvisited: word of a cell never observed.
-        x: position of the base from the map's corner [cells].
-        y: position of the base from the map's corner [cells].
-        theta: heading of the base [rad].
-        indices: shape (>= num_points,), uint32: room to work in.
+    ever observed. For the arguments see `match`; `indices`, shape (>= num_points,), uint32, is room to work in.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -82,75 +84,48 @@ def score(words, points, num_points, unvisited, x, y, theta, indices):
 
 
 @njit(cache=True, error_model="numpy")
-def _note(row, x, y, theta, cost, accepted):
-    """Write a pose that was tested to a row of the record. Assigning a tuple takes seconds longer to compile."""
-    row[0], row[1], row[2], row[3], row[4] = x, y, theta, cost, 1.0 if accepted else 0.0
+def draw_candidate(search, params, noise):
+    """Return the next candidate of a search as (x, y, theta), drawn around the best pose so far; see `match`."""
+    dx, dy, turn = noise[search.tried, 0], noise[search.tried, 1], noise[search.tried, 2]
+    sigma_xy, sigma_theta = search.spread * params.sigma_xy, search.spread * params.sigma_theta
+    return search.x + sigma_xy * dx, search.y + sigma_xy * dy, search.theta + sigma_theta * turn
 
 
 @njit(cache=True, error_model="numpy")
-def match(
-    words,
-    points,
-    num_points,
-    unvisited,
-    x,
-    y,
-    theta,
-    sigma_xy,
-    sigma_theta,
-    max_failed,
-    max_tries,
-    noise,
-    record,
-):
-    """Search the pose at which a scan fits the map best.
+def judge_candidate(search, params, x, y, theta, total):
+    """Return the state of a search after a candidate whose `score` is `total`.
 
-    Candidates are drawn around the best pose so far. An improvement that comes after more than a third of the allowed
-    failures halves the spread and forgives the failures. Poses are (x, y) in cells from the map's corner, theta.
+    An improvement that comes after more than a third of the allowed failures halves the spread and forgives them.
+    """
+    spread, failed, tried, accepted = search.spread, search.failed, search.tried + 1, search.accepted
+    if total <= search.total:
+        return Search(search.x, search.y, search.theta, search.total, spread, failed + 1, tried, accepted)
+    if failed > params.max_failed // 3:
+        spread, failed = 0.5 * spread, 0
+    return Search(x, y, theta, total, spread, failed, tried, accepted + 1)
+
+
+@njit(cache=True, error_model="numpy")
+def match(words, points, num_points, pose, params, noise):
+    """Search the pose at which a scan fits the map best.
 
     Args:
         words: shape (height, width), int32, the map.
         points: shape (2, >= num_points), float32, the hits in the base frame [cells].
         num_points: number of hits.
-        unvisited: word of a cell never observed.
-        x: predicted position [cells].
-        y: predicted position [cells].
-        theta: predicted heading [rad].
-        sigma_xy: spread of positions [cells].
-        sigma_theta: spread of headings [rad].
-        max_failed: failures that end the search.
-        max_tries: candidates that end the search.
+        pose: predicted x, y from the map's corner [cells] and heading [rad].
+        params: `SearchParams`.
         noise: shape (max_tries, 3), float64, standard normal.
-        record: shape (0, 5), or (max_tries + 1, 5), float64, written: x, y, theta, cost and whether accepted of every
-            pose tested, the predicted one first.
 
     Returns:
-        x, y, theta of the best pose, its cost (number of hits minus the sum of occupancies), candidates accepted,
-        candidates tried.
+        `Search`, at its end.
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
-    best = score(words, points, num_points, unvisited, x, y, theta, indices)
-    if record.shape[0] > 0:
-        _note(record[0], x, y, theta, num_points - best / ONE, True)
-    failed = 0
-    tries = 0
-    accepted = 0
-    while failed < max_failed and tries < max_tries:
-        new_x = x + sigma_xy * noise[tries, 0]
-        new_y = y + sigma_xy * noise[tries, 1]
-        new_theta = theta + sigma_theta * noise[tries, 2]
-        value = score(words, points, num_points, unvisited, new_x, new_y, new_theta, indices)
-        tries += 1
-        improved = value > best
-        if record.shape[0] > 0:
-            _note(record[tries], new_x, new_y, new_theta, num_points - value / ONE, improved)
-        if not improved:
-            failed += 1
-            continue
-        best, x, y, theta = value, new_x, new_y, new_theta
-        accepted += 1
-        if failed > max_failed // 3:
-            sigma_xy *= 0.5
-            sigma_theta *= 0.5
-            failed = 0
-    return x, y, theta, num_points - best / ONE, accepted, tries
+    x, y, theta = pose
+    total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
+    search = Search(x, y, theta, total, 1.0, 0, 0, 0)
+    while search.failed < params.max_failed and search.tried < params.max_tries:
+        x, y, theta = draw_candidate(search, params, noise)
+        total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
+        search = judge_candidate(search, params, x, y, theta, total)
+    return search

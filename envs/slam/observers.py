@@ -1,8 +1,15 @@
 """Watching the scan matcher at work."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
-from envs.geometry import Pose2D
+import numpy as np
+
+from envs.geometry import Pose2D, wrap_angle
+
+from .cells import ONE
+from .grid_map import GridMap
+from .matcher import Search, SearchParams, draw_candidate, judge_candidate, score
 
 
 class MatcherObserver(Protocol):
@@ -23,3 +30,38 @@ class MatcherObserver(Protocol):
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
         """The search ended with this pose."""
         ...
+
+
+def match_observed(
+    observers: Sequence[MatcherObserver],
+    grid_map: GridMap,
+    points: np.ndarray,
+    num_points: int,
+    predicted: Pose2D,
+    params: SearchParams,
+    noise: np.ndarray,
+) -> Search:
+    """Do what `match` does, by the same steps, and tell observers of each; `predicted` is in metres."""
+    indices = np.empty(points.shape[1], dtype=np.uint32)
+
+    def tell(event: str, *said: Pose2D | float) -> None:
+        for observer in observers:
+            getattr(observer, event)(*said)
+
+    def test(x: float, y: float, theta: float, pose: Pose2D) -> int:
+        total = score(grid_map.words, params.unvisited, points, num_points, x, y, theta, indices)
+        tell("on_scan_test", pose, num_points - total / ONE)
+        return total
+
+    tell("on_matching_start", predicted)
+    x, y = grid_map.to_cells(predicted.x, predicted.y)
+    best, search = predicted, Search(x, y, predicted.theta, test(x, y, predicted.theta, predicted))
+    while search.failed < params.max_failed and search.tried < params.max_tries:
+        x, y, theta = draw_candidate(search, params, noise)
+        pose = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta))
+        before, search = search, judge_candidate(search, params, x, y, theta, test(x, y, theta, pose))
+        if search.accepted > before.accepted:
+            best = pose
+            tell("on_pose_update", pose, num_points - search.total / ONE)
+    tell("on_matching_end", best, num_points - search.total / ONE)
+    return search

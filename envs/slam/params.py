@@ -90,9 +90,7 @@ class TinySlamParams:
 def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] | None = None) -> TinySlamParams:
     """Return params by the name of a preset, by the path of a YAML file, by `module:attribute`, or as they are.
 
-    Args:
-        preset: where they come from.
-        changes: values to replace; text that reads as a number is taken for it.
+    `changes` are values to replace; text that reads as a number is taken for it.
 
     Raises:
         ValueError: the name is unknown, or the file has an unknown key or a value that makes no sense; the message

@@ -19,6 +19,9 @@ from envs.worlds import save_map
 
 from . import SLAM_NAMES, load_params, make_slam
 
+LABELS = {"error": "relation error", "error_unambiguous": "unambiguous"}
+"""How errors of a `Run` are called in what is printed."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -53,23 +56,16 @@ class Run:
     """Result of one run."""
 
     seed: int
-    """Seed of the run."""
     milliseconds: float
     """Mean time per scan [ms]."""
-    error: RelationError | None
+    error: RelationError | None = None
     """Over all relations."""
-    error_unambiguous: RelationError | None
+    error_unambiguous: RelationError | None = None
     """Over those whose time stamps are unambiguous."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> tuple[np.ndarray, float]:
-    """Run a SLAM along a log.
-
-    Args:
-        log: the log.
-        slam: the SLAM; it is reset.
-        seed: of the SLAM's noise.
-        progress: whether to show a progress bar.
+    """Reset a SLAM with a seed, and run it along a log.
 
     Returns:
         Estimated poses at the scans, shape (m, 3) [m, rad], and the mean time per scan [s].
@@ -86,12 +82,9 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> tupl
 
 
 def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
-    """Draw a map, cropped to what is known: white free, black occupied, grey unknown, the path in blue.
+    """Draw a map, cropped to what is known and a margin [cells]: white free, black occupied, grey unknown.
 
-    Args:
-        grid: the map.
-        positions: shape (n, 2), the path, in the map frame [m].
-        margin: cells to leave around what is known.
+    The path in blue goes through `positions`, shape (n, 2), in the map frame [m].
     """
     rows, cols = np.nonzero(grid.data != UNKNOWN)
     height, width = grid.data.shape
@@ -122,22 +115,27 @@ def main(options: Options) -> list[Run]:
     slam.reset(np.random.default_rng(options.first_seed))
     for ranges in log.ranges[:2]:  # compile the kernels, which must not be timed
         slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
-    runs = []
+    out, runs = options.out, []
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         poses, seconds = replay(log, slam, seed, progress=sys.stderr.isatty())
         trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
         errors = {name: relation_error(times, trajectory, some) for name, some in relations.items()}
-        runs.append(Run(seed, 1e3 * seconds, errors.get("all"), errors.get("unambiguous")))
-        tqdm.write(_line(runs[-1]))
-        if options.out is not None:
+        runs.append(Run(seed, 1e3 * seconds, **errors))
+        known = "".join(f"; {LABELS[name]} {error}" for name, error in errors.items())
+        tqdm.write(f"seed {seed}: {runs[-1].milliseconds:.3f} ms per scan{known}")
+        if out is not None:
             grid = slam.belief.grid
-            picture(grid, poses[:, :2]).save(options.out / f"map_with_path_{seed}.png", optimize=True)
-            save_map(grid, options.out / f"map_{seed}.pgm")
-            save_trajectory(options.out / f"trajectory_{seed}.tum", times, trajectory)
-    tqdm.write(_summary(runs))
-    if options.out is not None:
+            picture(grid, poses[:, :2]).save(out / f"map_with_path_{seed}.png", optimize=True)
+            save_map(grid, out / f"map_{seed}.pgm")
+            save_trajectory(out / f"trajectory_{seed}.tum", times, trajectory)
+    median = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
+    for name in relations:
+        found = [(error.translation, error.rotation) for error in (getattr(run, name) for run in runs)]
+        median += "; {} {:.3f} m, {:.2f} deg".format(LABELS[name], *np.median(found, axis=0))
+    tqdm.write(median)
+    if out is not None:
         params = getattr(slam, "params", None)
         content = {
             "log": str(options.log),
@@ -145,7 +143,7 @@ def main(options: Options) -> list[Run]:
             "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
             "runs": [asdict(run) for run in runs],
         }
-        (options.out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return runs
 
 
@@ -162,42 +160,18 @@ def _make_slam(options: Options, log: Log) -> Estimator:
 
 
 def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
-    """Return all relations, and those that are unambiguous, as far as there are files."""
+    """Return relations, as far as there are files, by the field of `Run` that holds the error over them."""
     if path is None:
         return {}
-    relations = load_relations(path)
+    relations = {"error": load_relations(path)}
     mask = path.parent / "unambiguous_relations.npy"
-    return {"all": relations, **({"unambiguous": relations[np.load(mask)]} if mask.is_file() else {})}
+    if mask.is_file():
+        relations["error_unambiguous"] = relations["error"][np.load(mask)]
+    return relations
 
 
-def _line(run: Run) -> str:
-    text = f"seed {run.seed}: {run.milliseconds:.3f} ms per scan"
-    if run.error is not None:
-        text += f"; relation error {run.error}"
-    if run.error_unambiguous is not None:
-        text += f"; unambiguous {run.error_unambiguous}"
-    return text
-
-
-def _summary(runs: list[Run]) -> str:
-    text = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
-    for name, errors in (
-        ("relation error", [run.error for run in runs]),
-        ("unambiguous", [run.error_unambiguous for run in runs]),
-    ):
-        known = [error for error in errors if error is not None]
-        if known:
-            translation = np.median([error.translation for error in known])
-            text += f"; {name} {translation:.3f} m, {np.median([error.rotation for error in known]):.2f} deg"
-    return text
-
-
-def _cli() -> None:
+if __name__ == "__main__":
     try:
         main(tyro.cli(Options))
     except (ValueError, OSError, MemoryError) as error:
         sys.exit(f"error: {error}")
-
-
-if __name__ == "__main__":
-    _cli()

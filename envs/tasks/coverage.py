@@ -11,36 +11,30 @@ from envs.estimation import MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
 from envs.worlds import ExplorableArea
+from envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bits of a raster cell: whether it counts, whether it is known in the map, and whether a true scan has seen it."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
-OCCUPIED_FROM = 65
-"""Least occupancy at which map cells are compared with walls [percent] (`map_server`: occupied_thresh 0.65)."""
 TOLERANCE = 2.0
 """Distance from a beam up to which its scan sees a point [raster cells]: rounding of both rasters."""
 
 
 class Frame(NamedTuple):
-    """Where a grid lies."""
+    """Where a grid lies: the position (x, y) of the corner of cell (0, 0) and the side of a cell [m]."""
 
     x: float
-    """Position of the corner of cell (0, 0) [m]."""
     y: float
-    """Position of the corner of cell (0, 0) [m]."""
     resolution: float
-    """Side of a cell [m]."""
 
 
 class TrueScan(NamedTuple):
-    """A scan and the true pose that it was taken from."""
+    """A scan, and the true position (x, y) [m] of the lidar that took it, world frame."""
 
     ranges: np.ndarray
     """Shape (num_beams,), float32 [m], as in `Reading.ranges`."""
     x: float
-    """True position of the lidar, world frame [m]."""
     y: float
-    """True position of the lidar, world frame [m]."""
     theta: float
     """True direction of the first beam, world frame [rad]."""
     increment: float
@@ -48,7 +42,6 @@ class TrueScan(NamedTuple):
     is_full_turn: bool
     """Whether the last beam is the first one's neighbour."""
     range_max: float
-    """Range of the lidar [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -89,11 +82,11 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
         cells: shape (height, width), uint8, written: bits of the raster's cells.
         frame: `Frame` of the raster, world frame.
         scan: `TrueScan`.
-        pending: shape (n, 2), int32, written: (row, column) of cells that are known, and not seen yet.
+        pending: shape (n, 2), int32, written: (row, column) of cells that are known, and not seen; room for all.
         num_pending: how many there are.
 
     Returns:
-        How many cells became explored, and how many are pending; -1 for the latter if there was no room for all.
+        How many cells became explored, and how many are pending.
     """
     height, width = cells.shape
     # From the map's cells to the raster's: one affine map, in cells.
@@ -119,8 +112,6 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
                 cells[row, col] = EXPLORED
                 count += 1
             elif not cells[row, col] & KNOWN:
-                if num_pending == pending.shape[0]:
-                    return count, -1
                 cells[row, col] |= KNOWN
                 pending[num_pending, 0], pending[num_pending, 1] = row, col
                 num_pending += 1
@@ -157,22 +148,17 @@ class Coverage:
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Start with nothing explored.
-
-        Args:
-            area: what there is to explore.
-            start: pose of the map frame's origin in the world frame.
-            lidar: geometry of the scans.
-        """
+        """Start with nothing explored; `start` is the pose of the map frame's origin in the world frame."""
         self.area = area
         self.start = start
         self._lidar = lidar
         self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
         self._cells = area.explorable.astype(np.uint8)
-        self._pending = np.empty((4096, 2), dtype=np.int32)
+        self._num_explorable = int(np.count_nonzero(area.explorable))
+        # Room for all; only what is written takes memory.
+        self._pending = np.empty((self._num_explorable, 2), dtype=np.int32)
         self._num_pending = 0
         self._num_explored = 0
-        self._num_explorable = int(np.count_nonzero(area.explorable))
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
         """Process what a scan changed in the map.
@@ -189,15 +175,20 @@ class Coverage:
         if update.window is None and not update.redrawn:
             return 0.0
         before, scan = self._num_explored, self._true_scan(ranges, true_pose)
+        cells, frame, pending = self._cells, self._frame, self._pending
         if update.redrawn:
-            self._cells &= EXPLORABLE | SEEN
+            cells &= EXPLORABLE | SEEN
             self._num_explored = self._num_pending = 0
         if self._num_pending:
-            count, self._num_pending = mark_seen(self._cells, self._frame, scan, self._pending, self._num_pending)
+            count, self._num_pending = mark_seen(cells, frame, scan, pending, self._num_pending)
             self._num_explored += count
         if len(update.new_cells):
-            self._num_explored += self._mark_known(update.new_cells, update.origin, resolution, scan)
-        return float((self._num_explored - before) * self._frame.resolution**2)
+            map_frame = Frame(float(update.origin[0]), float(update.origin[1]), float(resolution))
+            count, self._num_pending = mark_known(
+                update.new_cells, map_frame, self.start, cells, frame, scan, pending, self._num_pending
+            )
+            self._num_explored += count
+        return float((self._num_explored - before) * frame.resolution**2)
 
     @property
     def explored(self) -> np.ndarray:
@@ -213,20 +204,6 @@ class Coverage:
     def explored_fraction(self) -> float:
         """Explored part of the explorable area, from 0 to 1."""
         return self._num_explored / self._num_explorable
-
-    def _mark_known(self, new_cells: np.ndarray, origin: tuple[float, float], resolution: float, scan: TrueScan) -> int:
-        map_frame = Frame(float(origin[0]), float(origin[1]), float(resolution))
-        total, num_pending = 0, -1
-        while num_pending < 0:
-            count, num_pending = mark_known(
-                new_cells, map_frame, self.start, self._cells, self._frame, scan, self._pending, self._num_pending
-            )
-            total += count
-            if num_pending < 0:
-                self._num_pending = len(self._pending)
-                self._pending = np.concatenate([self._pending, np.empty_like(self._pending)])
-        self._num_pending = num_pending
-        return total
 
     def _true_scan(self, ranges: np.ndarray, pose: Pose2D) -> TrueScan:
         lidar = self._lidar
@@ -246,18 +223,13 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     """Compare the occupied cells of a map with the true walls that can be seen.
 
     Intersection over union: visible wall cells with an occupied map cell within `tolerance`, over those plus the
-    visible wall cells without one plus the occupied map cells without a wall within `tolerance`.
-
-    Args:
-        grid: the map, in the map frame.
-        area: the ground truth.
-        start: pose of the map frame's origin in the world frame.
-        tolerance: distance up to which cells match [m].
+    visible wall cells without one plus the occupied map cells without a wall within `tolerance` [m]. `start` is the
+    pose of the map frame's origin in the world frame.
     """
     walls = area.walls
     wall = walls.data > 0
     visible_wall = wall & ndimage.binary_dilation(area.explorable, np.ones((3, 3), dtype=bool))
-    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= OCCUPIED_FROM))))
+    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= 100 * OCCUPIED_THRESH))))
     inside = walls.contains(cells)
     mapped = np.zeros_like(wall)
     mapped[tuple(cells[inside].T)] = True

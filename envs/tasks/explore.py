@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -12,34 +12,23 @@ from envs.observations.peers import Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState
-from envs.task import ObservationPart, Task
-from envs.worlds import World, explorable_area
+from envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
 from .rewards import RewardWeights
-from .starts import WorldChoice, choose_starts, read_start
+from .starts import WorldTask
 
 
-class Explore(Task):
+class Explore(WorldTask):
     """Explore a world with one robot, or with several that share a map.
 
     Ends with "covered" once the explored fraction reaches the target.
     """
 
     def __init__(
-        self,
-        robot: RobotParams,
-        *,
-        world: Any,
-        split: Literal["train", "test"],
-        world_size: tuple[float, float] | None,
-        start: Any,
-        target_coverage: float,
-        reward: RewardWeights | Mapping[str, float],
-        resolution: float,
-        num_robots: int = 1,
+        self, robot: RobotParams, *, target_coverage: float, reward: RewardWeights | Mapping[str, float], **worlds: Any
     ) -> None:
-        """See `ExploreEnv` for the arguments.
+        """See `ExploreEnv` for the arguments; `worlds` are those of `WorldTask`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -48,28 +37,11 @@ class Explore(Task):
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
         self.weights = RewardWeights.of(reward)
         self.target_coverage = target_coverage
-        self._robot = robot
-        self._resolution = resolution
-        self._num_robots = num_robots
-        self._start = read_start(start, num_robots)
-        self._worlds = WorldChoice(world, split, world_size)
+        super().__init__(robot, **worlds)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the peers of a team as "mates"; see `Task`."""
         return {} if self._num_robots == 1 else {"mates": partial(Peers, self._num_robots - 1)}
-
-    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._worlds.draw(world, rng)
-        explorable_area(drawn, self._robot, self._resolution)
-        return drawn
-
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start; see `Task`."""
-        self._area = explorable_area(world, self._robot, self._resolution)
-        chosen = self._start if start is None else read_start(start, self._num_robots)
-        self._starts = choose_starts(chosen, world, self._area, self._robot, self._num_robots, rng)
-        return self._starts
 
     def reset(
         self,
@@ -90,13 +62,13 @@ class Explore(Task):
             pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
             for robot in robots:
                 robot.pyramid = pyramid
-        self.coverage = Coverage(self._area, first, self._robot.lidar)
+        self.coverage = Coverage(self.area, first, self._robot.lidar)
         for robot, pose in zip(robots, self._starts, strict=True):
             robot.locate()
             self._cover(robot, pose)
         self.end_reason = None
         self._robots = robots
-        return self._area.usual_time_limit(self._robot.max_v)
+        return self.area.usual_time_limit(self._robot.max_v)
 
     def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
         """Count what was explored; see `Task`."""

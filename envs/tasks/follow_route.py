@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from envs.arguments import check_positive
-from envs.estimation import ORIGIN, Belief
+from envs.estimation import ORIGIN
 from envs.estimation.motion import MotionSource
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
@@ -21,11 +21,8 @@ from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
 from .rewards import TrackRewards
-from .route import Progress, Route, rectangle
+from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
-
-END = 0.1
-"""Distance from the end of the route at which it counts as completed [m]."""
 
 
 class FusedRobot(Robot):
@@ -35,36 +32,22 @@ class FusedRobot(Robot):
         """Take the filter in place of an estimator; see `Robot`."""
         super().__init__(params, control_period, fused, odometry)  # type: ignore[arg-type]
         self._fused = fused
-        self._belief: Belief
-
-    @property
-    def belief(self) -> Belief:
-        """The fused pose on the known map."""
-        return self._belief
 
     def start_on(self, grid: OccupancyGrid, north: float, reading: Reading, rng: np.random.Generator, std: Any) -> None:
-        """Begin an episode at the origin of a map.
+        """Begin an episode at the origin of a map; see `FusedPose.reset`.
 
-        Args:
-            grid: the map.
-            north: what the compass reads in the direction of the map's x axis [rad].
-            reading: the first.
-            rng: noise of the localizer.
-            std: standard deviations of the start's position [m] and heading [rad].
+        `std` are the standard deviations of the start's position [m] and heading [rad].
         """
         self.estimate = self._fused.reset(grid, north, ORIGIN, reading, rng, start_covariance(*std))
-        self._belief = Belief(self.estimate.pose, grid)
         self.start(reading)
 
     def locate(self) -> None:
         """Process the last reading: its scan, encoders and compass."""
         self.estimate = self._fused.update(self.reading)
-        belief = self._belief
-        belief.pose, belief.covariance = self.estimate.pose, self.estimate.covariance[:3, :3]
-        belief.is_lost = self._fused.localizer.estimate.is_lost
         self.twist = Twist(self.estimate.v, self.estimate.w)
-        if self.trail.append(belief.pose):
-            self.pyramid.mark(belief.pose.x, belief.pose.y)
+        pose = self.estimate.pose
+        if self.trail.append(pose):
+            self.pyramid.mark(pose.x, pose.y)
 
 
 class FollowRoute(Task):
@@ -76,16 +59,12 @@ class FollowRoute(Task):
         *,
         world: str | World,
         path: Any,
-        physics: str,
-        slam: Any,
-        map_seed: int,
-        map_resolution: float,
-        control_period: float,
         max_deviation: float,
         start_spread: tuple[float, float],
         reward: TrackRewards | Mapping[str, float],
+        **mapping: Any,
     ) -> None:
-        """See `TrackEnv` for the arguments.
+        """See `TrackEnv` for the arguments; `mapping` are those of `make_route_map`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -99,21 +78,10 @@ class FollowRoute(Task):
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
         """The route in the map frame."""
-        self.usual_time_limit = 30.0 + 2.0 * self.route.length / robot.max_v
-        """Twice the time that the route takes at full speed, and half a minute [s]."""
         self._robot = robot
         self._max_deviation = max_deviation
         self._start_spread = start_spread
-        self._make_map = partial(
-            make_route_map,
-            robot=robot,
-            physics=physics,
-            slam=slam,
-            path=self.route_world.points.tobytes(),
-            resolution=map_resolution,
-            control_period=control_period,
-            seed=map_seed,
-        )
+        self._make_map = partial(make_route_map, robot=robot, path=self.route_world.points.tobytes(), **mapping)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the route; see `Task`."""
@@ -163,7 +131,8 @@ class FollowRoute(Task):
         self.end_reason = None
         self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._follow(self._start, robot)
-        return self.usual_time_limit
+        # Twice the time that the route takes at full speed, and half a minute.
+        return 30.0 + 2.0 * self.route.length / self._robot.max_v
 
     def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""

@@ -1,15 +1,15 @@
 """The known map, the localizer, goals and the true distance to them."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 
+from envs.estimation import ORIGIN
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.localization import Amcl, AmclParams, Localizer, PoseEstimate, load_preset
 from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
 from envs.robots import LidarParams
-from envs.worlds import ExplorableArea, load_map
+from envs.worlds import ExplorableArea
 
 LOCALIZERS = ("amcl", "odometry", "truth")
 """Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
@@ -21,12 +21,12 @@ class DeadReckoning:
     """A `Localizer` that adds up motions and looks at no scan."""
 
     def __init__(self) -> None:
-        self._estimate = _certain(Pose2D(0.0, 0.0, 0.0))
+        self._move_to(ORIGIN)
 
-    @property
-    def estimate(self) -> PoseEstimate:
-        """The current estimate."""
-        return self._estimate
+    def _move_to(self, pose: Pose2D) -> PoseEstimate:
+        nothing = np.zeros((3, 3))
+        self.estimate = PoseEstimate(pose, nothing, 1.0, pose, nothing, math.nan, is_lost=False, is_corrected=False)
+        return self.estimate
 
     def reset(
         self,
@@ -43,27 +43,15 @@ class DeadReckoning:
         """
         if pose is None:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
-        self._estimate = _certain(pose)
-        return self._estimate
+        return self._move_to(pose)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
         """Follow a motion; see `Localizer`."""
-        self._estimate = _certain(self._estimate.pose.compose(motion))
-        return self._estimate
-
-
-def _certain(pose: Pose2D) -> PoseEstimate:
-    nothing = np.zeros((3, 3))
-    return PoseEstimate(pose, nothing, 1.0, pose, nothing, math.nan, is_lost=False, is_corrected=False)
+        return self._move_to(self.estimate.pose.compose(motion))
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Localizer:
-    """Build a localizer.
-
-    Args:
-        name: one of `LOCALIZERS`.
-        lidar: geometry of the scans.
-        preset: of AMCL.
+    """Build a localizer, one of `LOCALIZERS`, with a preset of AMCL.
 
     Raises:
         ValueError: if the name or the preset is unknown.
@@ -81,23 +69,14 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
     return OccupancyGrid(data, walls.resolution, walls.origin)
 
 
-def read_map(source: str | Path | OccupancyGrid | None) -> OccupancyGrid | None:
-    """Return a map as it is, or from its `map_server` YAML; None for None."""
-    return load_map(source) if isinstance(source, str | Path) else source
-
-
 class GeodesicDistance:
     """True distance to a goal around everything that does not move."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D) -> None:
-        """Measure the distances from everywhere.
-
-        Args:
-            area: the true free and occupied space.
-            goal: the goal, world frame.
+        """Measure the distances from everywhere in the true free space to a goal, world frame.
 
         Raises:
-            ValueError: if the robot does not fit there.
+            ValueError: if the robot does not fit at the goal.
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
@@ -124,12 +103,13 @@ def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> 
 
     In a world too small for that, the farthest of a hundred.
     """
-    farthest, distance = start, -1.0
-    for _ in range(100):
-        goal = area.draw_pose(rng)
-        away = math.hypot(goal.x - start.x, goal.y - start.y)
-        if away >= MIN_DISTANCE:
-            return goal
-        if away > distance:
-            farthest, distance = goal, away
-    return farthest
+
+    def away(goal: Pose2D) -> float:
+        return math.hypot(goal.x - start.x, goal.y - start.y)
+
+    drawn = [area.draw_pose(rng)]
+    while away(drawn[-1]) < MIN_DISTANCE:
+        if len(drawn) == 100:
+            return max(drawn, key=away)
+        drawn.append(area.draw_pose(rng))
+    return drawn[-1]

@@ -9,23 +9,22 @@ import numpy as np
 from envs.arguments import check_positive, is_pose
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
-from envs.localization.known_map import KnownMapEstimator
+from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState
-from envs.task import ObservationPart, Task
-from envs.worlds import World, explorable_area
+from envs.task import ObservationPart
 
 from .goals import DeadReckoning, GeodesicDistance, draw_goal, known_map
 from .rewards import NavigateRewards
-from .starts import WorldChoice, choose_starts, read_start
+from .starts import WorldTask
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
 
 
-class Navigate(Task):
+class Navigate(WorldTask):
     """Drive to a goal on a known map. Ends with "reached" when the true pose is at the goal."""
 
     reset_options = ("goal",)
@@ -34,10 +33,6 @@ class Navigate(Task):
         self,
         robot: RobotParams,
         *,
-        world: Any,
-        split: Literal["train", "test"],
-        world_size: tuple[float, float] | None,
-        start: Any,
         goal: Any,
         goal_tolerance: float,
         heading_tolerance: float,
@@ -45,9 +40,9 @@ class Navigate(Task):
         map: OccupancyGrid | None,
         map_pose: tuple[float, float, float],
         reward: NavigateRewards | Mapping[str, float],
-        resolution: float,
+        **worlds: Any,
     ) -> None:
-        """See `NavigateEnv` for the arguments.
+        """See `NavigateEnv` for the arguments; `worlds` are those of `WorldTask`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -63,14 +58,11 @@ class Navigate(Task):
             raise ValueError(f"map_pose must be (x, y, theta), got {map_pose!r}")
         self.weights = NavigateRewards.of(reward)
         self.map_pose = Pose2D(*(float(k) for k in map_pose))
-        self._robot = robot
         self._map = map
-        self._resolution = resolution
         self._goal = goal
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
-        self._start = read_start(start)
-        self._worlds = WorldChoice(world, split, world_size)
+        super().__init__(robot, **worlds)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
@@ -79,21 +71,6 @@ class Navigate(Task):
     def current_goal(self) -> Pose2D:
         """Return where to go, map frame."""
         return self.goal
-
-    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode, and compute its explorable area; see `Task`."""
-        drawn = self._worlds.draw(world, rng)
-        explorable_area(drawn, self._robot, self._resolution)
-        return drawn
-
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robot starts; see `Task`."""
-        self.area = explorable_area(world, self._robot, self._resolution)
-        """The true part of the world that can be reached."""
-        self._starts = choose_starts(
-            self._start if start is None else read_start(start), world, self.area, self._robot, 1, rng
-        )
-        return self._starts
 
     def reset(
         self,

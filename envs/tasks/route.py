@@ -9,6 +9,8 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.polyline import lengths_along, points_at
 from envs.simulation import Twist
 
+END = 0.1
+"""This near to its end a route counts as driven [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
@@ -28,10 +30,7 @@ class Route:
 
     @classmethod
     def of(cls, corners: np.ndarray) -> "Route":
-        """Return the route along a polyline.
-
-        Args:
-            corners: shape (n, 2), n > 1 [m].
+        """Return the route along a polyline, shape (n, 2), n > 1 [m].
 
         Raises:
             ValueError: the shape is another, or something is not finite or of no length.
@@ -64,35 +63,28 @@ class Route:
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
 
-def rectangle(start: Pose2D, length: float = 78.0, side: float = 24.0, corner_radius: float = 1.0) -> np.ndarray:
-    """Return a rectangle with rounded corners, driven counter-clockwise: the route of Nguyen et al. (2021).
+def rectangle(start: Pose2D) -> np.ndarray:
+    """Return the route of Nguyen et al. (2021): 78 m around a rectangle, counter-clockwise from the end of a corner.
 
-    A robot with two driven wheels does not take a sharp corner at speed, as the paper's mecanum robot may.
+    Its corners are arcs of 1 m: a robot with two driven wheels does not take a sharp corner at speed, as the paper's
+    mecanum robot may.
 
     Args:
-        start: beginning of the first long side, just after a corner.
-        length: of the whole route [m].
-        side: of the rectangle along the start's heading, corners included [m].
-        corner_radius: radius of the corners [m].
+        start: beginning of the first long side, 24 m long with its corners.
 
     Returns:
         Shape (n, 2), float64, points `SPACING` apart in the corners; the last equals the first [m].
-
-    Raises:
-        ValueError: the sides do not leave room for the corners.
     """
-    r = corner_radius
-    other = 0.5 * (length + (8.0 - 2.0 * math.pi) * r) - side
-    if not (r > 0.0 and side >= 2.0 * r and other >= 2.0 * r):
-        raise ValueError(f"a rectangle of {length} m with a side of {side} m has no room for corners of {r} m")
-    angles = np.linspace(-0.5 * math.pi, 0.0, math.ceil(0.5 * math.pi * r / SPACING) + 1)
-    corner = r * np.column_stack([np.cos(angles), np.sin(angles) + 1.0])
+    length, side = 78.0, 24.0
+    other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side
+    angles = np.linspace(-0.5 * math.pi, 0.0, math.ceil(0.5 * math.pi / SPACING) + 1)
+    corner = np.column_stack([np.cos(angles), np.sin(angles) + 1.0])
     pieces = [np.zeros((1, 2))]
     pose = Pose2D(0.0, 0.0, 0.0)
-    for straight in (side - 2.0 * r, other - 2.0 * r) * 2:
+    for straight in (side - 2.0, other - 2.0) * 2:
         pose = pose.compose(Pose2D(straight, 0.0, 0.0))
         pieces.append(pose.transform(corner))
-        pose = pose.compose(Pose2D(r, r, 0.5 * math.pi))
+        pose = pose.compose(Pose2D(1.0, 1.0, 0.5 * math.pi))
     return start.transform(np.concatenate(pieces))
 
 
@@ -106,11 +98,7 @@ class Progress:
         """Of the nearest point, looking ahead from the last one."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Find the robot on the route.
-
-        Returns:
-            How far along the route it is, and how far to the left of it [m].
-        """
+        """Return how far along the route a pose is, and how far to the left of it [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -125,13 +113,9 @@ class Progress:
 
 
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
-    """Return the twist that leads to the route `lookahead` metres on, by pure pursuit.
+    """Return the twist with a speed [m/s] that leads to the route `lookahead` metres on, by pure pursuit.
 
-    Args:
-        progress: where the robot is, up to date.
-        pose: of the robot, in the frame of the route.
-        speed: to drive with [m/s].
-        lookahead: distance along the route to the point aimed at [m].
+    `progress` must be up to date with the pose of the robot, in the frame of the route.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

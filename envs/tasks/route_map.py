@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.estimation import Estimator
+from envs.estimation import ORIGIN, Estimator
 from envs.estimation.motion import WheelMotion
 from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams
 from envs.simulation import Reading, make_simulator
 from envs.slam import TinySlam, load_params, make_slam
-from envs.tasks.route import Progress, Route, steer
 from envs.worlds import World
+
+from .route import END, Progress, Route, steer
 
 PRESET = Path(__file__).parent / "route_map.yaml"
 """Params of TinySLAM for a drive whose headings a compass tells: candidates need not be spread far."""
@@ -24,8 +25,6 @@ UPDATE_DISTANCE = 0.2
 """A scan is mapped once the robot is this far from where the last one was [m]..."""
 UPDATE_ANGLE = 0.15
 """... or has turned by this much since [rad]."""
-END = 0.1
-"""How near to the end of the route the drive ends [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +58,8 @@ def make_route_map(
     Args:
         world: in which the route lies.
         robot: params of the robot.
-        physics: by which physics.
-        slam: which SLAM maps.
+        physics: name of the physics.
+        slam: name of the SLAM that maps.
         path: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m].
         resolution: side of a map cell [m].
         control_period: time between two scans [s].
@@ -72,11 +71,9 @@ def make_route_map(
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
-    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng)
-    progress = Progress(route)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    mapper.begin(reading)
-    truth = route.start
+    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng, reading)
+    progress, truth = Progress(route), route.start
     # Twice the time that the route takes at full speed, and some to speed up.
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
@@ -119,25 +116,23 @@ class _Mapper:
     A SLAM that matches every scan to the one before, which it has just integrated, follows that one's noise.
     """
 
-    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator) -> None:
+    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator, reading: Reading) -> None:
+        """Process the first reading."""
         self.slam = slam
         self.slam.reset(rng)
         self._wheels = WheelMotion(robot)
-        self._motion = Pose2D(0.0, 0.0, 0.0)
+        self._wheels.reset(reading)
+        self._motion = ORIGIN
         self._offsets: list[complex] = []
         self.poses: list[Pose2D] = []
+        self._first_heading = self._heading = reading.heading
+        self._use(reading)
 
     @property
     def north(self) -> float:
         """Mean of what the compass read less what the SLAM estimated [rad]; NaN without a compass."""
         mean = complex(np.mean(self._offsets))
         return math.atan2(mean.imag, mean.real)
-
-    def begin(self, reading: Reading) -> None:
-        """Process the first reading."""
-        self._wheels.reset(reading)
-        self._first_heading = self._heading = reading.heading
-        self._use(reading)
 
     def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
         """Process the next reading, mapping at the true motion if that is given."""
@@ -156,7 +151,7 @@ class _Mapper:
 
     def _use(self, reading: Reading) -> None:
         belief = self.slam.update(reading.ranges, self._motion)
-        self._motion = Pose2D(0.0, 0.0, 0.0)
+        self._motion = ORIGIN
         self.poses.append(belief.pose)
         offset = reading.heading - belief.pose.theta
         self._offsets.append(complex(math.cos(offset), math.sin(offset)))

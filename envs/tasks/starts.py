@@ -12,7 +12,8 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.lines import cell_along
 from envs.robots import RobotParams
-from envs.worlds import FAMILIES, ExplorableArea, World, world_sampler
+from envs.task import Task
+from envs.worlds import FAMILIES, ExplorableArea, World, explorable_area, world_sampler
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
@@ -21,25 +22,50 @@ START_GAPS = (0.5, 0.25, 0.1, 0.01)
 before."""
 
 
-class WorldChoice:
-    """The worlds of an environment's episodes."""
-
-    def __init__(self, world: Any, split: Literal["train", "test"], size: tuple[float, float] | None) -> None:
-        """Take the arguments of environments; see `envs.worlds.world_sampler`, also for what is raised."""
-        self._split: Literal["train", "test"] = split
-        self._size = size
-        self._sample = world_sampler(world, split=split, size=size)
-
-    def draw(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of an episode: `world`, or for None the usual one; procedural families draw from `rng`."""
-        if world is None:
-            return self._sample(rng)
-        is_family = isinstance(world, str) and world in FAMILIES
-        return world_sampler(world, split=self._split, size=self._size if is_family else None)(rng)
-
-
 Start = str | Pose2D | list[Pose2D]
 """What `read_start` returns."""
+
+
+class WorldTask(Task):
+    """A task whose worlds and starts users choose."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        *,
+        world: Any,
+        split: Literal["train", "test"],
+        world_size: tuple[float, float] | None,
+        start: Any,
+        resolution: float,
+        num_robots: int = 1,
+    ) -> None:
+        """Take the arguments of environments; see `ExploreEnv`, and `envs.worlds.world_sampler` for what is raised."""
+        self._robot = robot
+        self._resolution = resolution
+        self._num_robots = num_robots
+        self._start = read_start(start, num_robots)
+        self._split: Literal["train", "test"] = split
+        self._size = world_size
+        self._sample = world_sampler(world, split=split, size=world_size)
+
+    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
+        """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
+        sample = self._sample
+        if world is not None:
+            is_family = isinstance(world, str) and world in FAMILIES
+            sample = world_sampler(world, split=self._split, size=self._size if is_family else None)
+        drawn = sample(rng)
+        explorable_area(drawn, self._robot, self._resolution)
+        return drawn
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robots start; see `Task` and the function `choose_starts`."""
+        self.area = explorable_area(world, self._robot, self._resolution)
+        """The true part of the world that can be reached."""
+        chosen = self._start if start is None else read_start(start, self._num_robots)
+        self._starts = choose_starts(chosen, world, self.area, self._robot, self._num_robots, rng)
+        return self._starts
 
 
 def read_start(start: Any, num_robots: int = 1) -> Start:
@@ -62,10 +88,10 @@ def read_start(start: Any, num_robots: int = 1) -> Start:
 def choose_starts(
     start: Start, world: World, area: ExplorableArea, robot: RobotParams, num_robots: int, rng: np.random.Generator
 ) -> list[Pose2D]:
-    """Return the poses to start from, world frame.
+    """Return the poses to start from, world frame: the rest of a team around the first, unless each has its own.
 
     Args:
-        start: what `read_start` returned; of a team, the start of its first robot, or one for each.
+        start: what `read_start` returned.
         world: its first spawn is `"spawn"`.
         area: of the world.
         robot: params of the robots.
@@ -75,29 +101,16 @@ def choose_starts(
     Raises:
         ValueError: if a robot does not fit there, or there is no room for the others.
     """
-    if isinstance(start, list):
-        return [check_start(pose, world, area, robot) for pose in start]
-    if isinstance(start, Pose2D):
-        first = check_start(start, world, area, robot)
-    elif start == "spawn":
-        first = check_start(world.spawns[0], world, area, robot)
-    else:
-        first = area.draw_pose(rng)
-    return draw_starts(area, world, robot, first, num_robots, rng)
-
-
-def check_start(pose: Pose2D, world: World, area: ExplorableArea, robot: RobotParams) -> Pose2D:
-    """Return a pose at which a robot fits.
-
-    Raises:
-        ValueError: if it does not.
-    """
-    if not area.is_traversable(pose):
-        raise ValueError(
-            f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
-            f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
-        )
-    return pose
+    if start == "random":
+        return draw_starts(area, world, robot, area.draw_pose(rng), num_robots, rng)
+    given = start if isinstance(start, list) else [start if isinstance(start, Pose2D) else world.spawns[0]]
+    for pose in given:
+        if not area.is_traversable(pose):
+            raise ValueError(
+                f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
+                f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
+            )
+    return given if isinstance(start, list) else draw_starts(area, world, robot, given[0], num_robots, rng)
 
 
 def draw_starts(
@@ -106,15 +119,7 @@ def draw_starts(
     """Draw where the robots start: near the first one, in sight of it, apart from each other.
 
     Where there is no room for that, they start further from the first one, then nearer to each other, then out of
-    its sight.
-
-    Args:
-        area: the collision-free poses.
-        world: gives the movers at the start.
-        robot: gives the footprint.
-        first: pose of the first robot, world frame.
-        num_robots: how many there are, with the first.
-        rng: draws positions and headings.
+    its sight. `first` is its pose, world frame, and `num_robots` counts it.
 
     Raises:
         ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.

@@ -1,8 +1,13 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from envs.slam.cells import unvisited_word
-from envs.slam.matcher import match, project_hits, score
+from envs.geometry import Pose2D
+from envs.slam.cells import ONE, unvisited_word
+from envs.slam.matcher import SearchParams, match, score
+from envs.slam.observers import match_observed
+from envs.slam.scans import ScanGeometry, project_hits
 
 from . import reference
 
@@ -22,16 +27,24 @@ def test_search_matches_the_slow_reference(seed):
     rng, words, values, unvisited, points = random_case(seed)
     pose = (25.0, 20.0, 0.3) if seed % 2 else (2.0, 37.0, -2.0)  # well inside, and in a corner
     noise = rng.standard_normal((300, 3))
-    record = np.full((301, 5), np.nan)
     # With 30 failures allowed, improvements after more than 10 halve the spread.
-    *best, cost, accepted, tried = match(words, points, 60, unvisited, *pose, 1.5, 0.2, 30, 300, noise, record)
+    params = SearchParams(1.5, 0.2, 30, 300, unvisited)
+    found = match(words, points, 60, pose, params, noise)
     expected, expected_cost, tested = reference.search(values, points, pose, 1.5, 0.2, 30, 300, noise, -1.0)
-    assert cost == pytest.approx(expected_cost, abs=1e-9)
-    np.testing.assert_allclose(best, expected, rtol=1e-12)
-    assert tried + 1 == len(tested)
-    assert accepted + 1 == sum(was for *_, was in tested) > 2
-    np.testing.assert_allclose(record[: tried + 1, :3], [p for p, *_ in tested])
-    np.testing.assert_allclose(record[: tried + 1, 3:], [row[1:] for row in tested], atol=1e-9)
+    assert 60 - found.total / ONE == pytest.approx(expected_cost, abs=1e-9)
+    np.testing.assert_allclose(found[:3], expected, rtol=1e-12)
+    assert found.tried + 1 == len(tested)
+    assert found.accepted + 1 == sum(was for *_, was in tested) > 2
+
+    # Observers see every step of it.
+    heard = []
+    events = ("on_matching_start", "on_scan_test", "on_pose_update", "on_matching_end")
+    witness = SimpleNamespace(**{name: lambda *said, name=name: heard.append((name, *said)) for name in events})
+    in_cells = SimpleNamespace(words=words, to_cells=lambda x, y: (x, y), to_metres=lambda x, y: (x, y))
+    assert match_observed([witness], in_cells, points, 60, Pose2D(*pose), params, noise) == found
+    seen, updates = ([said for name, *said in heard if name == event] for event in events[1:3])
+    np.testing.assert_allclose([(*p, cost) for p, cost in seen], [(*p, cost) for p, cost, _ in tested], atol=1e-9)
+    np.testing.assert_allclose([p for p, _ in updates], [p for p, _, better in tested[1:] if better], atol=1e-9)
 
 
 def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures():
@@ -42,7 +55,7 @@ def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures()
     def final_x(*steps):
         noise = np.zeros((20, 3))
         noise[: len(steps), 0] = steps
-        return match(words, point, 1, 0, 2.5, 1.5, 0.0, 1.0, 1.0, 6, 20, noise, np.empty((0, 5)))[0]
+        return match(words, point, 1, (2.5, 1.5, 0.0), SearchParams(1.0, 1.0, 6, 20, 0), noise).x
 
     assert final_x(0, 0, 1, 1) == 4.5  # after 2 of 6: not yet
     assert final_x(0, 0, 0, 1, 4) == 2.5 + 1 + 0.5 * 4  # after 3: halved
@@ -56,8 +69,8 @@ def test_outside_the_map_nothing_was_ever_observed():
     wide[80:120, 80:130] = words
     indices = np.empty(60, dtype=np.uint32)
     for x, y, theta in np.random.default_rng(1).uniform((-20, -20, -3), (70, 60, 3), (50, 3)):
-        narrow = score(words, points, 60, unvisited, x, y, theta, indices)
-        padded = score(wide, points, 60, unvisited, x + 80, y + 80, theta, indices)
+        narrow = score(words, unvisited, points, 60, x, y, theta, indices)
+        padded = score(wide, unvisited, points, 60, x + 80, y + 80, theta, indices)
         # In single precision a shift of the map may carry a point over the edge of a cell.
         assert abs(narrow - padded) <= 2 << 19
         assert 60 - narrow / (1 << 18) == pytest.approx(reference.cost(values, points, x, y, theta, -1.0), abs=1e-9)
@@ -68,6 +81,6 @@ def test_only_hits_are_matched_and_the_mount_counts():
     directions = np.array([[1.0] * 7, [0.0] * 7])
     directions[:, 3] = 0.0, 1.0
     points = np.zeros((2, 7), dtype=np.float32)
-    count = project_hits(ranges, 4.0, directions, 0.5, -0.25, 0.25, points)
+    count = project_hits(ranges, ScanGeometry(directions, 0.5, -0.25, 4.0, 0.25), points)
     assert count == 2
     np.testing.assert_allclose(points[:, :2], [[6.0, 2.0], [-1.0, 7.0]])
