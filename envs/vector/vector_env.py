@@ -1,12 +1,10 @@
 """Many environments as one: shards of them in worker processes, with shared memory for what is large."""
 
-import contextlib
 import functools
 import itertools
 import multiprocessing
 import os
 import pickle
-import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,8 +14,10 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.fused import make_shard
-from envs.shard import Extras, Memory, Shard, serve, wait
+from .fused import make_shard
+from .memory import Memory
+from .shard import Extras
+from .workers import Worker
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -94,7 +94,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         ]
         self._bounds = bounds
         # This process takes the first shard itself: it has nothing else to do while the others step.
-        self._workers = [_Worker(multiprocessing_context, maker) for maker in makers[1:]]
+        self._workers = [Worker(multiprocessing_context, maker) for maker in makers[1:]]
         self._shard = makers[0]()
         self.closed = False
 
@@ -268,57 +268,3 @@ def _columns(records: np.ndarray, everyone: np.ndarray) -> dict[str, Any]:
             info[name] = column.astype(object) if column.dtype.kind == "U" else column.copy()
         info[f"_{name}"] = everyone.copy()
     return info
-
-
-class _Worker:
-    """A process with a shard."""
-
-    def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
-        self._pipe, far_end = context.Pipe()
-        self._process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
-        self._process.start()
-        far_end.close()
-        self.close = weakref.finalize(self, _stop, self._pipe, self._process)
-
-    def send(self, request: bytes) -> None:
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # `receive` tells that the worker has died
-            self._pipe.send_bytes(request)
-
-    def receive(self, dtype: np.dtype | None) -> Any:
-        """Return the result of the last request, or its error."""
-        try:
-            wait(self._pipe)
-            answer = self._pipe.recv_bytes()
-        except (EOFError, ConnectionResetError):
-            self._process.join()
-            return RuntimeError(f"a worker process died with exit code {self._process.exitcode}")
-        if answer[:1] == b".":
-            return np.frombuffer(answer, dtype, offset=1), Extras()
-        return pickle.loads(answer[1:])
-
-
-def _stop(pipe: Any, process: Any) -> None:
-    # Not only closed: workers that were forked later hold copies of this end.
-    with contextlib.suppress(OSError):
-        pipe.send_bytes(b"q")
-    pipe.close()
-    process.join(timeout=10.0)
-    if process.is_alive():
-        process.terminate()
-
-
-def _vector_of(entry_point: str) -> Callable[..., LidarVectorEnv]:
-    """Return what makes a vector environment of the environments that an entry point names, kinematic unless said."""
-
-    def make(num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
-        make_env = gymnasium.envs.registration.load_env_creator(entry_point)
-        return LidarVectorEnv(make_env, num_envs, physics=physics, **arguments)
-
-    return make
-
-
-ExploreVectorEnv = _vector_of("envs.explore:ExploreEnv")
-ExploreFrontiersVectorEnv = _vector_of("envs.explore_frontiers:ExploreFrontiersEnv")
-ExploreTeamVectorEnv = _vector_of("envs.explore_team:ExploreTeamEnv")
-NavigateVectorEnv = _vector_of("envs.navigate:NavigateEnv")
-TrackVectorEnv = _vector_of("envs.track:TrackEnv")

@@ -7,181 +7,39 @@ holds. Python alone would take as long again as the kernels: the objects of many
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numba import njit
 
 from envs.estimation import NO_UPDATE
-from envs.estimation.map_pyramid import crop_level
-from envs.estimation.motion import GyroMotion, WheelMotion, gyro_motion, wheel_motion
-from envs.estimation.trail import TRAIL_SPACING
+from envs.estimation.motion import GyroMotion, WheelMotion
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
-from envs.geometry.pose import between, compose, distance, wrap_angle
 from envs.observations import MapCrop, Motion, Scan
-from envs.observations.scan import scale_scan
 from envs.robot import Robot
-from envs.shard import Extras, Memory, Shard
 from envs.simulation import KinematicSimulator, Reading, Twist
-from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
-from envs.simulation.state import THETA, X, Y
+from envs.simulation.state import THETA
 from envs.slam import KnownPoses, TinySlam
-from envs.slam.grid_map import has_moved
-from envs.slam.matcher import SearchParams, match, search_params
-from envs.slam.scans import ScanGeometry, project_hits
+from envs.slam.matcher import search_params
 from envs.tasks.rewards import RewardWeights
 
-INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
-"""What is left to do for a sub-environment: integrate its scan; one whose pose the matcher did not improve; remember
-its estimated position; remember its true position."""
-
-
-class Rows(NamedTuple):
-    """The numbers of all robots, a row each; units as in the objects that they copy."""
-
-    states: np.ndarray
-    commands: np.ndarray
-    draws: np.ndarray
-    ranges: np.ndarray
-    others: np.ndarray
-    noise: np.ndarray
-    pose: np.ndarray
-    integrated: np.ndarray
-    map_pose: np.ndarray
-    corner: np.ndarray
-    ticks: np.ndarray
-    twist: np.ndarray
-    trail: np.ndarray
-    true_trail: np.ndarray
-    path_length: np.ndarray
-    collisions: np.ndarray
-    error: np.ndarray
-    flags: np.ndarray
-    active: np.ndarray
-
-
-class Shapes(NamedTuple):
-    """Arrays whose sizes differ from robot to robot."""
-
-    segments: Any
-    before: Any
-    after: Any
-    words: Any
-
-
-class Setup(NamedTuple):
-    """What all robots share."""
-
-    robot: np.ndarray
-    period: float
-    geometry: ScanGeometry
-    search: SearchParams
-    metres_per_tick: float
-    track: float
-    uses_gyro: bool
-    uses_truth: bool
-    matches: bool
-    min_travel_distance: float
-    min_travel_angle: float
-
-
-@njit(cache=True, error_model="numpy")
-def _move(i, rows, shapes, setup):
-    """Drive and sense for one control period; return the motion that the estimator learns of."""
-    state, others = rows.states[i, 0], rows.others[i, 0]
-    x, y, theta = state[X], state[Y], state[THETA]
-    touched = others[TOUCHED]
-    step_robots(
-        rows.states[i],
-        rows.commands[i],
-        rows.draws[i],
-        setup.robot,
-        shapes.segments[i],
-        shapes.before[i],
-        shapes.after[i],
-        rows.ranges[i],
-        rows.others[i],
-    )
-    rows.collisions[i] += others[TOUCHED] > 0.0 and not touched > 0.0
-    rows.path_length[i] += distance(state[X] - x, state[Y] - y)
-    left, right = int(others[LEFT_TICKS] - rows.ticks[i, 0]), int(others[RIGHT_TICKS] - rows.ticks[i, 1])
-    rows.ticks[i, 0], rows.ticks[i, 1] = others[LEFT_TICKS], others[RIGHT_TICKS]
-    if setup.uses_gyro:
-        motion = gyro_motion(left, right, setup.metres_per_tick, others[YAW_RATE] * setup.period)
-    else:
-        motion = wheel_motion(left, right, setup.metres_per_tick, setup.track)
-    rows.twist[i, 0], rows.twist[i, 1] = motion[0] / setup.period, motion[2] / setup.period
-    if setup.uses_truth:
-        return between(x, y, theta, state[X], state[Y], state[THETA])
-    return motion
-
-
-@njit(cache=True, error_model="numpy")
-def _match(i, x, y, theta, rows, shapes, setup, points):
-    """Return the pose at which the scan fits the map best, and whether that is another than (x, y, theta)."""
-    resolution = setup.geometry.resolution
-    count = project_hits(rows.ranges[i, 0], setup.geometry, points)
-    col, row = rows.corner[i, 0], rows.corner[i, 1]
-    start = (x / resolution - col, y / resolution - row, theta)
-    found = match(shapes.words[i], points, count, start, setup.search, rows.noise[i])
-    if found.accepted:
-        return (found.x + col) * resolution, (found.y + row) * resolution, wrap_angle(found.theta), True
-    return x, y, theta, False
-
-
-@njit(cache=True, error_model="numpy")
-def _is_apart(last, x, y):
-    dx, dy = x - last[0], y - last[1]
-    return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
-
-
-@njit(cache=True, error_model="numpy")
-def step_rows(rows, shapes, setup, points):
-    """Step the active robots for one control period, up to what `rows.flags` then asks for."""
-    for i in range(rows.active.shape[0]):
-        rows.flags[i] = 0
-        if not rows.active[i]:
-            continue
-        motion = _move(i, rows, shapes, setup)
-        pose = rows.pose[i]
-        x, y, theta = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
-        flags, improved = 0, True
-        if setup.matches:
-            x, y, theta, improved = _match(i, x, y, theta, rows, shapes, setup, points)
-        pose[0], pose[1], pose[2] = x, y, theta
-        last = rows.integrated[i]
-        if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
-            flags |= INTEGRATE if improved else INTEGRATE | RAW
-        state, start = rows.states[i, 0], rows.map_pose[i]
-        if _is_apart(rows.trail[i], x, y):
-            flags |= REMEMBER
-        if _is_apart(rows.true_trail[i], state[X], state[Y]):
-            flags |= REMEMBER_TRUE
-        world = compose(start[0], start[1], start[2], x, y, theta)
-        dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
-        rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)
-        rows.flags[i] = flags
-
-
-@njit(cache=True, error_model="numpy")
-def scale_scans(ranges, range_max, active, out):
-    """Write the scans of active robots over the greatest range; shapes (n, 1, num_beams) and (n, num_beams)."""
-    for i in range(active.shape[0]):
-        if active[i]:
-            scale_scan(ranges[i, 0], range_max, out[i])
-
-
-@njit(cache=True, error_model="numpy")
-def crop_levels(levels, sizes, pose, origin, side, pixel, active, out):
-    """Crop the maps around active robots; see `crop_level`. `sizes`: shape (n, 2), rows and columns of the levels."""
-    for i in range(active.shape[0]):
-        if active[i]:
-            x, y = (pose[i, 0] - origin[i, 0]) / side, (pose[i, 1] - origin[i, 1]) / side
-            crop_level(levels[i], sizes[i, 0], sizes[i, 1], x, y, pose[i, 2], pixel / side, out[i])
+from .fused_kernels import (
+    INTEGRATE,
+    RAW,
+    REMEMBER,
+    REMEMBER_TRUE,
+    Rows,
+    Setup,
+    Shapes,
+    crop_levels,
+    scale_scans,
+    step_rows,
+)
+from .memory import Memory
+from .shard import Extras, Shard
 
 
 def is_fusible(env: Any) -> bool:
@@ -225,30 +83,24 @@ class FusedShard(Shard):
             min_travel_angle=float(params.min_travel_angle),
         )
         sensors, tries = simulator.sensors, params.max_tries if matches else 0
-        sizes = {
-            "pose": 3,
-            "integrated": 3,
-            "map_pose": 3,
-            "ticks": 2,
-            "twist": 2,
-            "trail": 2,
-            "true_trail": 2,
-            "error": 2,
-        }
-        parts: dict[str, np.ndarray] = {name: np.zeros((num_envs, size)) for name, size in sizes.items()}
-        for name in ("rows", "commands"):
-            parts["states" if name == "rows" else name] = np.zeros((num_envs, *getattr(simulator, name).shape))
-        for name in ("draws", "others"):
-            parts[name] = np.zeros((num_envs, *getattr(sensors, name).shape))
+
+        def zeros(*shape: int, dtype: Any = np.float64) -> np.ndarray:
+            return np.zeros((num_envs, *shape), dtype)
+
         self._robot_rows = rows = Rows(
-            **parts,
-            ranges=np.zeros((num_envs, 1, lidar.num_beams), dtype=np.float32),
-            noise=np.zeros((num_envs, tries, 3)),
-            corner=np.zeros((num_envs, 2), dtype=np.int64),
-            path_length=np.zeros(num_envs),
-            collisions=np.zeros(num_envs, dtype=np.int64),
-            flags=np.zeros(num_envs, dtype=np.uint8),
-            active=np.zeros(num_envs, dtype=np.bool_),
+            states=zeros(*simulator.rows.shape),
+            commands=zeros(*simulator.commands.shape),
+            draws=zeros(*sensors.draws.shape),
+            ranges=zeros(1, lidar.num_beams, dtype=np.float32),
+            others=zeros(*sensors.others.shape),
+            noise=zeros(tries, 3),
+            corner=zeros(2, dtype=np.int64),
+            path_length=zeros(),
+            collisions=zeros(dtype=np.int64),
+            flags=zeros(dtype=np.uint8),
+            active=zeros(dtype=np.bool_),
+            **{name: zeros(3) for name in ("pose", "integrated", "map_pose")},
+            **{name: zeros(2) for name in ("ticks", "twist", "trail", "true_trail", "error")},
         )
         for i, each in enumerate(envs):
             simulator = each.simulator
@@ -257,12 +109,11 @@ class FusedShard(Shard):
             sensors.draws, sensors.others = rows.draws[i], rows.others[i]
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
-        self._actions = np.zeros((num_envs, 2))
-        self._step_counts = np.zeros(num_envs, dtype=np.int64)
-        self._time_limits, self._origins = np.zeros(num_envs), np.zeros((num_envs, 2))
-        self._fractions, self._areas, self._gained = (np.zeros(num_envs) for _ in range(3))
+        self._step_counts, self._time_limits = zeros(dtype=np.int64), zeros()
+        self._actions, self._origins = zeros(2), zeros(2)
+        self._fractions, self._areas, self._gained = zeros(), zeros(), zeros()
         self._crops = {name: part for name, part in env.parts.items() if isinstance(part, MapCrop)}
-        self._sizes = {name: np.zeros((num_envs, 2), dtype=np.int64) for name in self._crops}
+        self._sizes = {name: zeros(2, dtype=np.int64) for name in self._crops}
         self._shapes: Shapes
         self._words: list[Any] = [None] * num_envs
         self._levels: dict[str, Any] = {}
@@ -275,18 +126,21 @@ class FusedShard(Shard):
 
     def call(self, name: str, args: Any, kwargs: Any) -> list[Any]:
         """Call a method of every sub-environment, or return an attribute that is none."""
-        self._sync_all()
-        found = super().call(name, args, kwargs)
-        if self._records is not None:
-            self._load_all()
-        return found
+        return self._through_objects(super().call, name, args, kwargs)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set an attribute of every sub-environment."""
-        self._sync_all()
-        super().set_attr(name, values)
-        if self._records is not None:
-            self._load_all()
+        self._through_objects(super().set_attr, name, values)
+
+    def _through_objects(self, work: Callable[..., Any], *args: Any) -> Any:
+        """Call a function that reads and changes the sub-environments' objects, and return its result."""
+        if self._records is None:
+            return work(*args)
+        for i in range(len(self.envs)):
+            self._sync(i)
+        result = work(*args)
+        self._load_all()
+        return result
 
     def step(self) -> tuple[np.ndarray, Extras]:
         """Step every sub-environment with its row of the actions; see `Shard`."""
@@ -427,11 +281,6 @@ class FusedShard(Shard):
     def _times(self) -> np.ndarray:
         """Time since the resets, shape (num_envs,) [s]."""
         return self._step_counts * self._setup.period
-
-    def _sync_all(self) -> None:
-        if self._records is not None:
-            for i in range(len(self.envs)):
-                self._sync(i)
 
     def _sync(self, i: int) -> None:
         """Bring the objects of a sub-environment up to date."""

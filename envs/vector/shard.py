@@ -1,27 +1,15 @@
 """A share of a vector environment's sub-environments, stepped one after the other in one process."""
 
-import ctypes
-import math
 import os
-import pickle
-import select
-import signal
 import threading
-import time
-import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
-ALIGNMENT = 64
-"""Arrays begin at multiples of a cache line [bytes]."""
-PATIENCE = 0.002
-"""How long a process waits for the others before it sleeps [s]."""
+from .memory import Arrays, record_type, to_record
 
 _preparing = threading.Lock()
 """Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
@@ -33,65 +21,6 @@ if hasattr(os, "register_at_fork"):
 
 Extras = dict[int, dict[str, Any]]
 """By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
-
-
-class Arrays(NamedTuple):
-    """What sub-environments read and write in place, one row each."""
-
-    observations: dict[str, np.ndarray]
-    """Shape (num_envs, ...) each."""
-    actions: np.ndarray
-    """Shape (num_envs, ...)."""
-    rewards: np.ndarray
-    """Shape (num_envs,), float64."""
-    terminated: np.ndarray
-    """Shape (num_envs,), bool."""
-    truncated: np.ndarray
-    """Shape (num_envs,), bool."""
-
-    def rows(self, first: int, last: int) -> "Arrays":
-        """Return the rows from `first` to `last` - 1."""
-        observations = {name: array[first:last] for name, array in self.observations.items()}
-        return Arrays(observations, *(array[first:last] for array in self[1:]))
-
-
-class Memory(NamedTuple):
-    """Memory that processes may share, and which array lies where in it. Pickling does not copy it, unlike arrays."""
-
-    buffer: Any
-    """A `multiprocessing.RawArray` of bytes, or a bytearray of one process."""
-    names: tuple[str, ...]
-    """Of the observations' arrays, which come first."""
-    layout: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
-    """Offset [bytes], shape and type of each array."""
-
-    @classmethod
-    def of(cls, num_envs: int, observations: spaces.Dict, actions: spaces.Space, context: Any = None) -> "Memory":
-        """Return memory for the arrays of so many sub-environments.
-
-        Args:
-            num_envs: number of sub-environments.
-            observations: space of one observation.
-            actions: space of one action.
-            context: `multiprocessing` context of the processes that share it; None for this process alone.
-        """
-        rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*observations.values(), actions)]
-        rows += [((), np.float64), ((), np.bool_), ((), np.bool_)]
-        layout, size = [], 0
-        for shape, kind in rows:
-            dtype = np.dtype(kind)
-            layout.append((size, (num_envs, *shape), dtype))
-            size += -(-math.prod((num_envs, *shape)) * dtype.itemsize // ALIGNMENT) * ALIGNMENT
-        buffer = bytearray(size) if context is None else context.RawArray(ctypes.c_uint8, size)
-        return cls(buffer, tuple(observations), tuple(layout))
-
-    def arrays(self) -> Arrays:
-        """Return the arrays, which show this memory."""
-        views = [
-            np.frombuffer(self.buffer, dtype, math.prod(shape), offset).reshape(shape)
-            for offset, shape, dtype in self.layout
-        ]
-        return Arrays(dict(zip(self.names, views, strict=False)), *views[len(self.names) :])
 
 
 class Shard:
@@ -221,75 +150,3 @@ class Shard:
 def _prepare(env: Any) -> None:
     with _preparing:
         env.prepare()
-
-
-def record_type(info: Mapping[str, Any]) -> np.dtype:
-    """Return the type of records that hold an info dict: numbers, texts, arrays, and dicts of them."""
-    fields: list[Any] = []
-    for name, value in info.items():
-        if isinstance(value, Mapping):
-            fields.append((name, record_type(value)))
-        elif isinstance(value, str):
-            fields.append((name, "U32"))
-        else:
-            array = np.asarray(value)
-            fields.append((name, array.dtype, array.shape))
-    return np.dtype(fields)
-
-
-def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
-    """Return an info dict as what is assigned to a record."""
-    values = []
-    for name in dtype.names or ():
-        value = info[name]
-        values.append(to_record(value, dtype[name]) if isinstance(value, dict) else value)
-    return tuple(values)
-
-
-def wait(pipe: Connection) -> None:
-    """Wait for a message for a while without sleeping: to be woken takes as long as a robot takes for its step."""
-    if not hasattr(select, "poll"):  # Windows
-        return
-    poll = select.poll()
-    poll.register(pipe.fileno(), select.POLLIN)
-    end = time.perf_counter() + PATIENCE
-    while not poll.poll(0) and time.perf_counter() < end:
-        pass
-
-
-def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Answer a vector environment's calls until it sends b"q" or closes the pipe; what a worker process runs.
-
-    Each answer is one byte, "." for a step without extras, "+" for a pickled result, "!" for an error, and its bytes.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent closes its workers.
-    shard: Shard | None = None
-    while True:
-        try:
-            wait(pipe)
-            request = pipe.recv_bytes()
-        except (EOFError, ConnectionResetError):
-            break
-        if request == b"q":
-            break
-        try:
-            shard = shard or make_shard()
-            if request == b"s":
-                records, extras = shard.step()
-                answer = b"+" + pickle.dumps((records, extras)) if extras else b"." + records.tobytes()
-            else:
-                method, args = pickle.loads(request)
-                answer = b"+" + pickle.dumps(getattr(shard, method)(*args) if method else None)
-        except Exception as error:
-            error.add_note(f"in a worker process:\n{traceback.format_exc()}")
-            answer = b"!" + _dump_error(error)
-        pipe.send_bytes(answer)
-    if shard is not None:
-        shard.close()
-
-
-def _dump_error(error: Exception) -> bytes:
-    try:
-        return pickle.dumps(error)
-    except Exception:
-        return pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))

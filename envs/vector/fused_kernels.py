@@ -1,0 +1,169 @@
+"""One control step of many robots: kinematic physics and a SLAM that matches scans to a grid map. Kernels.
+
+They call the functions that `KinematicSimulator`, the motion sources, `TinySlam` and `KnownPoses` call.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.estimation.map_pyramid import crop_level
+from envs.estimation.motion import gyro_motion, wheel_motion
+from envs.estimation.trail import TRAIL_SPACING
+from envs.geometry.pose import between, compose, distance, wrap_angle
+from envs.observations.scan import scale_scan
+from envs.simulation.kinematic import step_robots
+from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
+from envs.simulation.state import THETA, X, Y
+from envs.slam.grid_map import has_moved
+from envs.slam.matcher import SearchParams, match
+from envs.slam.scans import ScanGeometry, project_hits
+
+INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
+"""What is left to do for a sub-environment: integrate its scan; one whose pose the matcher did not improve; remember
+its estimated position; remember its true position."""
+
+
+class Rows(NamedTuple):
+    """The numbers of all robots, a row each; units as in the objects that they copy."""
+
+    states: np.ndarray
+    commands: np.ndarray
+    draws: np.ndarray
+    ranges: np.ndarray
+    others: np.ndarray
+    noise: np.ndarray
+    pose: np.ndarray
+    integrated: np.ndarray
+    map_pose: np.ndarray
+    corner: np.ndarray
+    ticks: np.ndarray
+    twist: np.ndarray
+    trail: np.ndarray
+    true_trail: np.ndarray
+    path_length: np.ndarray
+    collisions: np.ndarray
+    error: np.ndarray
+    flags: np.ndarray
+    active: np.ndarray
+
+
+class Shapes(NamedTuple):
+    """Arrays whose sizes differ from robot to robot."""
+
+    segments: Any
+    before: Any
+    after: Any
+    words: Any
+
+
+class Setup(NamedTuple):
+    """What all robots share."""
+
+    robot: np.ndarray
+    period: float
+    geometry: ScanGeometry
+    search: SearchParams
+    metres_per_tick: float
+    track: float
+    uses_gyro: bool
+    uses_truth: bool
+    matches: bool
+    min_travel_distance: float
+    min_travel_angle: float
+
+
+@njit(cache=True, error_model="numpy")
+def _move(i, rows, shapes, setup):
+    """Drive and sense for one control period; return the motion that the estimator learns of."""
+    state, others = rows.states[i, 0], rows.others[i, 0]
+    x, y, theta = state[X], state[Y], state[THETA]
+    touched = others[TOUCHED]
+    step_robots(
+        rows.states[i],
+        rows.commands[i],
+        rows.draws[i],
+        setup.robot,
+        shapes.segments[i],
+        shapes.before[i],
+        shapes.after[i],
+        rows.ranges[i],
+        rows.others[i],
+    )
+    rows.collisions[i] += others[TOUCHED] > 0.0 and not touched > 0.0
+    rows.path_length[i] += distance(state[X] - x, state[Y] - y)
+    left, right = int(others[LEFT_TICKS] - rows.ticks[i, 0]), int(others[RIGHT_TICKS] - rows.ticks[i, 1])
+    rows.ticks[i, 0], rows.ticks[i, 1] = others[LEFT_TICKS], others[RIGHT_TICKS]
+    if setup.uses_gyro:
+        motion = gyro_motion(left, right, setup.metres_per_tick, others[YAW_RATE] * setup.period)
+    else:
+        motion = wheel_motion(left, right, setup.metres_per_tick, setup.track)
+    rows.twist[i, 0], rows.twist[i, 1] = motion[0] / setup.period, motion[2] / setup.period
+    if setup.uses_truth:
+        return between(x, y, theta, state[X], state[Y], state[THETA])
+    return motion
+
+
+@njit(cache=True, error_model="numpy")
+def _match(i, x, y, theta, rows, shapes, setup, points):
+    """Return the pose at which the scan fits the map best, and whether that is another than (x, y, theta)."""
+    resolution = setup.geometry.resolution
+    count = project_hits(rows.ranges[i, 0], setup.geometry, points)
+    col, row = rows.corner[i, 0], rows.corner[i, 1]
+    start = (x / resolution - col, y / resolution - row, theta)
+    found = match(shapes.words[i], points, count, start, setup.search, rows.noise[i])
+    if found.accepted:
+        return (found.x + col) * resolution, (found.y + row) * resolution, wrap_angle(found.theta), True
+    return x, y, theta, False
+
+
+@njit(cache=True, error_model="numpy")
+def _is_apart(last, x, y):
+    dx, dy = x - last[0], y - last[1]
+    return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
+
+
+@njit(cache=True, error_model="numpy")
+def step_rows(rows, shapes, setup, points):
+    """Step the active robots for one control period, up to what `rows.flags` then asks for."""
+    for i in range(rows.active.shape[0]):
+        rows.flags[i] = 0
+        if not rows.active[i]:
+            continue
+        motion = _move(i, rows, shapes, setup)
+        pose = rows.pose[i]
+        x, y, theta = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
+        flags, improved = 0, True
+        if setup.matches:
+            x, y, theta, improved = _match(i, x, y, theta, rows, shapes, setup, points)
+        pose[0], pose[1], pose[2] = x, y, theta
+        last = rows.integrated[i]
+        if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
+            flags |= INTEGRATE if improved else INTEGRATE | RAW
+        state, start = rows.states[i, 0], rows.map_pose[i]
+        if _is_apart(rows.trail[i], x, y):
+            flags |= REMEMBER
+        if _is_apart(rows.true_trail[i], state[X], state[Y]):
+            flags |= REMEMBER_TRUE
+        world = compose(start[0], start[1], start[2], x, y, theta)
+        dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
+        rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)
+        rows.flags[i] = flags
+
+
+@njit(cache=True, error_model="numpy")
+def scale_scans(ranges, range_max, active, out):
+    """Write the scans of active robots over the greatest range; shapes (n, 1, num_beams) and (n, num_beams)."""
+    for i in range(active.shape[0]):
+        if active[i]:
+            scale_scan(ranges[i, 0], range_max, out[i])
+
+
+@njit(cache=True, error_model="numpy")
+def crop_levels(levels, sizes, pose, origin, side, pixel, active, out):
+    """Crop the maps around active robots; see `crop_level`. `sizes`: shape (n, 2), rows and columns of the levels."""
+    for i in range(active.shape[0]):
+        if active[i]:
+            x, y = (pose[i, 0] - origin[i, 0]) / side, (pose[i, 1] - origin[i, 1]) / side
+            crop_level(levels[i], sizes[i, 0], sizes[i, 1], x, y, pose[i, 2], pixel / side, out[i])

@@ -1,0 +1,94 @@
+"""Memory that the processes of a vector environment share, and the records that they send each other."""
+
+import ctypes
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+
+ALIGNMENT = 64
+"""Arrays begin at multiples of a cache line [bytes]."""
+
+
+class Arrays(NamedTuple):
+    """What sub-environments read and write in place, one row each."""
+
+    observations: dict[str, np.ndarray]
+    """Shape (num_envs, ...) each."""
+    actions: np.ndarray
+    """Shape (num_envs, ...)."""
+    rewards: np.ndarray
+    """Shape (num_envs,), float64."""
+    terminated: np.ndarray
+    """Shape (num_envs,), bool."""
+    truncated: np.ndarray
+    """Shape (num_envs,), bool."""
+
+    def rows(self, first: int, last: int) -> "Arrays":
+        """Return the rows from `first` to `last` - 1."""
+        observations = {name: array[first:last] for name, array in self.observations.items()}
+        return Arrays(observations, *(array[first:last] for array in self[1:]))
+
+
+class Memory(NamedTuple):
+    """Memory that processes may share, and which array lies where in it. Pickling does not copy it, unlike arrays."""
+
+    buffer: Any
+    """A `multiprocessing.RawArray` of bytes, or a bytearray of one process."""
+    names: tuple[str, ...]
+    """Of the observations' arrays, which come first."""
+    layout: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
+    """Offset [bytes], shape and type of each array."""
+
+    @classmethod
+    def of(cls, num_envs: int, observations: spaces.Dict, actions: spaces.Space, context: Any = None) -> "Memory":
+        """Return memory for the arrays of so many sub-environments.
+
+        Args:
+            num_envs: number of sub-environments.
+            observations: space of one observation.
+            actions: space of one action.
+            context: `multiprocessing` context of the processes that share it; None for this process alone.
+        """
+        rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*observations.values(), actions)]
+        rows += [((), np.float64), ((), np.bool_), ((), np.bool_)]
+        layout, size = [], 0
+        for shape, kind in rows:
+            dtype = np.dtype(kind)
+            layout.append((size, (num_envs, *shape), dtype))
+            size += -(-math.prod((num_envs, *shape)) * dtype.itemsize // ALIGNMENT) * ALIGNMENT
+        buffer = bytearray(size) if context is None else context.RawArray(ctypes.c_uint8, size)
+        return cls(buffer, tuple(observations), tuple(layout))
+
+    def arrays(self) -> Arrays:
+        """Return the arrays, which show this memory."""
+        views = [
+            np.frombuffer(self.buffer, dtype, math.prod(shape), offset).reshape(shape)
+            for offset, shape, dtype in self.layout
+        ]
+        return Arrays(dict(zip(self.names, views, strict=False)), *views[len(self.names) :])
+
+
+def record_type(info: Mapping[str, Any]) -> np.dtype:
+    """Return the type of records that hold an info dict: numbers, texts, arrays, and dicts of them."""
+    fields: list[Any] = []
+    for name, value in info.items():
+        if isinstance(value, Mapping):
+            fields.append((name, record_type(value)))
+        elif isinstance(value, str):
+            fields.append((name, "U32"))
+        else:
+            array = np.asarray(value)
+            fields.append((name, array.dtype, array.shape))
+    return np.dtype(fields)
+
+
+def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
+    """Return an info dict as what is assigned to a record."""
+    values = []
+    for name in dtype.names or ():
+        value = info[name]
+        values.append(to_record(value, dtype[name]) if isinstance(value, dict) else value)
+    return tuple(values)
