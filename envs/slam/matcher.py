@@ -7,9 +7,11 @@ import numpy as np
 from numba import njit
 
 from envs.geometry.lookup import load
+from envs.geometry.pose import wrap_angle
 
 from .cells import COUNT_BITS, unvisited_word
 from .params import TinySlamParams
+from .scans import project_hits
 
 
 class SearchParams(NamedTuple):
@@ -129,3 +131,30 @@ def match(words, points, num_points, pose, params, noise):
         total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
         search = judge_candidate(search, params, x, y, theta, total)
     return search
+
+
+@njit(cache=True, error_model="numpy")
+def match_scan(ranges, geometry, words, corner, pose, params, noise, points):
+    """Search the pose at which a scan fits the map best; see `match`.
+
+    Args:
+        ranges: shape (num_beams,), float32 [m], as in `project_hits`.
+        geometry: `ScanGeometry`.
+        words: shape (height, width), int32, the map.
+        corner: column and row of the map's first cell, counted from the map frame's origin.
+        pose: predicted pose (x, y, theta), map frame [m, m, rad].
+        params: `SearchParams`.
+        noise: shape (max_tries, 3), float64, standard normal.
+        points: shape (2, num_beams), float32: room to work in.
+
+    Returns:
+        The pose (x, y, theta), map frame, and whether it is another than the predicted one.
+    """
+    resolution = geometry.resolution
+    count = project_hits(ranges, geometry, points)
+    start = (pose[0] / resolution - corner[0], pose[1] / resolution - corner[1], pose[2])
+    found = match(words, points, count, start, params, noise)
+    if found.accepted:
+        x, y = (found.x + corner[0]) * resolution, (found.y + corner[1]) * resolution
+        return x, y, wrap_angle(found.theta), True
+    return pose[0], pose[1], pose[2], False

@@ -10,7 +10,7 @@ from envs.robots import LidarParams
 
 from .grid_map import GridMap
 from .known_poses import KnownPoses
-from .matcher import match, search_params
+from .matcher import match_scan, search_params
 from .observers import MatcherObserver, match_observed
 from .params import TinySlamParams
 from .scans import project_hits
@@ -51,13 +51,13 @@ class TinySlam(KnownPoses):
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
         grid_map, points = self.map, self._points
-        count = project_hits(ranges, grid_map.geometry, points)
         self.rng.standard_normal(out=self._noise)
         if self.observers:
+            count = project_hits(ranges, grid_map.geometry, points)
             found = match_observed(self.observers, grid_map, points, count, predicted, self._search, self._noise)
+            x, y = grid_map.to_metres(found.x, found.y)
+            theta, improved = wrap_angle(found.theta), found.accepted > 0
         else:
-            start = (*grid_map.to_cells(predicted.x, predicted.y), predicted.theta)
-            found = match(grid_map.words, points, count, start, self._search, self._noise)
-        if found.accepted == 0:
-            return predicted
-        return Pose2D(*grid_map.to_metres(found.x, found.y), wrap_angle(found.theta))
+            over = (grid_map.geometry, grid_map.words, grid_map.corner)
+            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), self._search, self._noise, points)
+        return Pose2D(x, y, theta) if improved else predicted

@@ -11,14 +11,14 @@ from numba import njit
 from envs.estimation.map_pyramid import crop_level
 from envs.estimation.motion import gyro_motion, wheel_motion
 from envs.estimation.trail import TRAIL_SPACING
-from envs.geometry.pose import between, compose, distance, wrap_angle
+from envs.geometry.pose import between, compose, distance
 from envs.observations.scan import scale_scan
 from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA, X, Y
 from envs.slam.grid_map import has_moved
-from envs.slam.matcher import SearchParams, match
-from envs.slam.scans import ScanGeometry, project_hits
+from envs.slam.matcher import SearchParams, match_scan
+from envs.slam.scans import ScanGeometry
 
 INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
 """What is left to do for a sub-environment: integrate its scan; one whose pose the matcher did not improve; remember
@@ -106,19 +106,6 @@ def _move(i, rows, shapes, setup):
 
 
 @njit(cache=True, error_model="numpy")
-def _match(i, x, y, theta, rows, shapes, setup, points):
-    """Return the pose at which the scan fits the map best, and whether that is another than (x, y, theta)."""
-    resolution = setup.geometry.resolution
-    count = project_hits(rows.ranges[i, 0], setup.geometry, points)
-    col, row = rows.corner[i, 0], rows.corner[i, 1]
-    start = (x / resolution - col, y / resolution - row, theta)
-    found = match(shapes.words[i], points, count, start, setup.search, rows.noise[i])
-    if found.accepted:
-        return (found.x + col) * resolution, (found.y + row) * resolution, wrap_angle(found.theta), True
-    return x, y, theta, False
-
-
-@njit(cache=True, error_model="numpy")
 def _is_apart(last, x, y):
     dx, dy = x - last[0], y - last[1]
     return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
@@ -136,7 +123,9 @@ def step_rows(rows, shapes, setup, points):
         x, y, theta = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
         flags, improved = 0, True
         if setup.matches:
-            x, y, theta, improved = _match(i, x, y, theta, rows, shapes, setup, points)
+            over = (setup.geometry, shapes.words[i], (rows.corner[i, 0], rows.corner[i, 1]))
+            found = match_scan(rows.ranges[i, 0], *over, (x, y, theta), setup.search, rows.noise[i], points)
+            x, y, theta, improved = found
         pose[0], pose[1], pose[2] = x, y, theta
         last = rows.integrated[i]
         if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
