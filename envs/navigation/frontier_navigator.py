@@ -331,7 +331,7 @@ class FrontierNavigator:
         start = self._start_cell(layer.costs, self._level, pose)
         if start[0] < 0:
             return False
-        slack = math.floor(self.navigator.numbers.goal_tolerance / planning.side + 1e-9)
+        slack = math.floor(self.navigator.numbers["goal_tolerance"] / planning.side + 1e-9)
         goal = planning.cell(*self.navigator.goal)
         weights, arrays = tables.weights, (layer.costs, layer.open_weights)
         end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
@@ -359,7 +359,7 @@ class FrontierNavigator:
         planning.refresh()
         reach = math.ceil((math.dist(self._chosen, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
-        view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov
+        view = pose.theta + numbers["mount"][2], math.pi if numbers["sees_around"] else numbers["half_fov"]
         in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
         row, col = planning.cell(*self._chosen)

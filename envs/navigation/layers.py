@@ -80,27 +80,6 @@ def mark_and_clear(layer, is_static, sensor, beams, marking, clearing):
             layer[row, col] = OCCUPIED
 
 
-@njit(cache=True, error_model="numpy")
-def combine(static, layer, occupied_from):
-    """Lay the obstacle layer over the static map: obstacles of either, else the static map where known, else scans.
-
-    Args:
-        static: shape (height, width), int8, occupancy.
-        layer: same shape, see `mark_and_clear`.
-        occupied_from: least occupancy that is an obstacle [percent].
-
-    Returns:
-        Same shape, int8, occupancy.
-    """
-    combined = static.copy()
-    for row in range(static.shape[0]):
-        for col in range(static.shape[1]):
-            seen = layer[row, col]
-            if static[row, col] < 0 or (seen == OCCUPIED and static[row, col] < occupied_from):
-                combined[row, col] = seen
-    return combined
-
-
 class LayeredCostmap:
     """Costs over a known map that scans keep up to date.
 
@@ -211,9 +190,10 @@ class LayeredCostmap:
     def _refresh(self, top: int, left: int, bottom: int, right: int) -> None:
         """Bring the costs up to date after a change of the layer within a window [cells]."""
         inner = np.s_[top:bottom, left:right]
-        self._combined.data[inner] = combine(
-            self.static.data[inner], self._layer[inner], np.int8(self._params.occupied_from)
-        )
+        static, seen = self.static.data[inner], self._layer[inner]
+        # Obstacles of either; else the static map where it is known, else scans.
+        is_seen = (static < 0) | ((seen == OCCUPIED) & (static < self._params.occupied_from))
+        self._combined.data[inner] = np.where(is_seen, seen, static)
         # Costs change up to the inflation's reach beyond it, and depend on what lies as far beyond that.
         reach = self._inflation.reach
         top, left, bottom, right = max(top - reach, 0), max(left - reach, 0), bottom + reach, right + reach

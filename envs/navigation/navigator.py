@@ -17,18 +17,11 @@ import numpy as np
 
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
-from envs.navigation.navigator_kernels import (
-    compute_velocity_command,
-    recover,
-    set_goal,
-    start_spin,
-    update,
-    update_obstacles,
-)
+from envs.navigation.navigator_kernels import compute_velocity_command, recover, update, update_obstacles
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
-from envs.navigation.records import DRIVING, NAVIGATOR, NavigatorNumbers
+from envs.navigation.records import DRIVING, NAVIGATOR, navigator_numbers
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -60,8 +53,9 @@ class Navigator:
             max_time: longest drive, but for a recovery, which is finished [s].
         """
         self.params = params
-        self.numbers = NavigatorNumbers.of(robot, control_period, max_time, params)
-        self._numbers = as_record(self.numbers)
+        self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
+        self.numbers = self._numbers[0]
+        """Robot and params as scalars, see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -158,10 +152,16 @@ class Navigator:
             keep_clocks: whether this is the same drive with another plan: the time for which the robot has got nowhere
                 goes on, or goals that change faster than that is noticed would keep it there for ever.
         """
-        self._path = np.ascontiguousarray(path, dtype=np.float64)
-        count = len(path) if num_points is None else num_points
-        end = goal or (float(path[count - 1, 0]), float(path[count - 1, 1]))
-        set_goal(self._records, count, end, view, keep_clocks)
+        self.follow(path, num_points=num_points)
+        record = self.record
+        record["goal_x"], record["goal_y"] = goal or path[record["num_points"] - 1]
+        record["view_x"], record["view_y"] = view
+        record["has_goal"] = 1
+        if not keep_clocks:
+            for name in ("steps", "recoveries", "back_steps", "turn_steps"):
+                record[name] = 0
+            record["stall_steps"] = -1
+        record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray, *, num_points: int | None = None) -> None:
         """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]; see `drive_to`."""
@@ -171,7 +171,11 @@ class Navigator:
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
-        start_spin(self._records, angle, self._numbers)
+        rate = float(self.numbers["spin_rate"])
+        for name in ("has_goal", "steps", "recoveries", "back_steps"):
+            self.record[name] = 0
+        self.record["turn_w"] = rate
+        self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self, *, backwards: bool = True) -> None:
         """Back up (or drive on, where there is more room) and spin a little."""
