@@ -11,39 +11,18 @@ import numpy as np
 
 from envs.estimation import Belief
 from envs.geometry import Pose2D
-from envs.navigation.candidate_features import (
-    AGE,
-    CLEARANCE,
-    EXTENT,
-    FAILURES,
-    GAIN,
-    LENGTH,
-    THERE_X,
-    THERE_Y,
-    TURN,
-    VIEW_X,
-    VIEW_Y,
-    Candidates,
-    fill_features,
-    make_table,
-    nearest_within,
-)
-from envs.navigation.candidates import (
-    CANDIDATE_FIELDS,
-    PART,
-    describe_surroundings,
-    find_candidates,
-    split_groups,
-)
+from envs.navigation.candidate_features import Candidates, describe, fill_features
+from envs.navigation.candidates import FOUND, find_candidates
 from envs.navigation.costmap import COST_INSCRIBED, Costmap
-from envs.navigation.navigator import NO_POINTS, Navigator
+from envs.navigation.frontiers import frontier_groups, split_groups
+from envs.navigation.navigator import NO_POINTS, NOTHING, Navigator
 from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import SHORTCUT, nearest_cell
 from envs.navigation.planned_paths import search_goal, write_path
-from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near
 from envs.navigation.planning_map import CostLayer, PlanningMap
 from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from envs.navigation.tables import costmap_params
+from envs.navigation.viewpoints import frontier_in_sight, frontier_near
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -129,13 +108,13 @@ class FrontierNavigator:
 
     def write_features(self, pose: Pose2D, features: np.ndarray) -> None:
         """Write the candidates' features, shape (max_candidates, 10), float32; see `fill_features`."""
-        fill_features(self._table, self.candidates.chosen, pose, self.params.max_failures, features)
+        fill_features(self._table, self.candidates.chosen, *pose, self.params.max_failures, features)
 
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
         self._has_changed = True
         planning, tables = self.map, self.map.tables[self._level]
-        cell = int(self._found[index, 0]), int(self._found[index, 1])
+        cell = tuple(self._found["goal"][index].tolist())
         frame = (*planning.origin, planning.side)
         costs = self.candidates.costmap.costs
         count = write_path(costs, tables.weights, planning.expansion, cell, self._shortcut, frame, self._path)
@@ -260,7 +239,7 @@ class FrontierNavigator:
             layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
             groups, parts = self._frontiers(layer)
             start = self._start_cell(layer.costs, level, pose)
-            found = np.empty((0, len(CANDIDATE_FIELDS)))
+            found = np.empty(0, dtype=FOUND)
             if start[0] >= 0:
                 self._has_start = True
                 found, planning.entries = find_candidates(
@@ -290,36 +269,28 @@ class FrontierNavigator:
         tables = planning.tables[self._level]
         height, width = planning.joined.shape
         predecessor = planning.expansion.predecessor.reshape(height + 2, width + 2)
-        described = describe_surroundings(planning.joined, predecessor, found, tables)
-        frame = (*planning.origin, planning.side, math.pi * tables.gain_radius**2, float(tables.inflation))
-        radius = self.params.retry_radius
-        table, self._seen = make_table(
-            found, described, frame, pose.theta, self._now, self._seen, self._failures, radius
-        )
+        past = self._seen, self._failures, self._chosen or NOTHING, self.params.retry_radius
+        raster, frame = (planning.joined, predecessor), (*planning.origin, planning.side)
+        table, self._seen, chosen = describe(raster, found, tables, frame, pose.theta, self._now, past)
         self._table = table
-        chosen = -1
-        if self._chosen is not None:
-            chosen = int(nearest_within(table[:, THERE_X : THERE_Y + 1], *self._chosen, radius))
-        corner = np.array(planning.origin)
-        own = parts[found[:, PART].astype(np.int64)]
-        centers = (groups[:, ::-1] + 0.5) * planning.side + corner
-        cells = tuple(centers[first:last] for first, last, _, _ in own.tolist())
+        own = parts[found["part"]]
+        centers = (groups[:, ::-1] + 0.5) * planning.side + np.array(planning.origin)
         costs = planning._layers[self._level].costs
         self.candidates = Candidates(
-            viewpoints=table[:, VIEW_X : VIEW_Y + 1],
-            frontiers=table[:, THERE_X : THERE_Y + 1],
-            costs=table[:, LENGTH],
-            sizes=table[:, EXTENT],
+            viewpoints=table["viewpoint"],
+            frontiers=table["frontier"],
+            costs=table["cost"],
+            sizes=table["size"],
             groups=own[:, 3],
             group_sizes=own[:, 2] * planning.side,
-            gains=table[:, GAIN],
-            clearances=table[:, CLEARANCE],
-            turns=table[:, TURN],
-            ages=table[:, AGE],
-            failures=table[:, FAILURES].astype(np.int64),
-            chosen=chosen,
+            gains=table["gain"],
+            clearances=table["clearance"],
+            turns=table["turn"],
+            ages=table["age"],
+            failures=table["failures"],
+            chosen=int(chosen),
             last_failed=self._last_failed,
-            cells=cells,
+            cells=tuple(centers[first:last] for first, last, _, _ in own.tolist()),
             costmap=Costmap(costs, planning.grid, costmap_params(planning.params, tables.robot_radius)),
         )
         """What there is to choose from."""

@@ -75,10 +75,13 @@ class Navigator:
         records["side"] = 1.0
         records["stall_steps"] = records["stuck_steps"] = -1
         records["forward"] = 1
-        self.record = records[0]
-        """Of type `NAVIGATOR`."""
         self._odometry.reset(reading)
         self.sense(reading)
+
+    @property
+    def record(self) -> Any:
+        """The state, of type `NAVIGATOR`; a view also after unpickling."""
+        return self._records[0]
 
     @property
     def plan(self) -> np.ndarray | None:

@@ -6,7 +6,6 @@ behaviors BackUp and Spin.
 
 import math
 
-import numpy as np
 from numba import njit
 
 from envs.geometry.pose import wrap_angle

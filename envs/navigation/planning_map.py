@@ -11,18 +11,11 @@ import numpy as np
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.astar import Expansion
 from envs.navigation.costmap import COST_UNKNOWN, Costmap, known_window
+from envs.navigation.frontiers import TILE, ignore_around, update_frontier
 from envs.navigation.params import PlanningParams
-from envs.navigation.planning_kernels import (
-    TILE,
-    cells_of,
-    ignore_around,
-    is_frontier_near,
-    join_cells,
-    obstacle_cells,
-    update_costs,
-    update_frontier,
-)
+from envs.navigation.planning_kernels import cells_of, join_cells, obstacle_cells, update_costs
 from envs.navigation.tables import PlanningTables, costmap_params, tables_of
+from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
 
 Window = tuple[int, int, int, int]

@@ -1,11 +1,16 @@
 """From which cell to look at a frontier, and what is in sight."""
 
+import math
+
+import numpy as np
 from numba import njit
 
 from envs.geometry.lines import cell_along
+from envs.geometry.pose import wrap_angle
+from envs.navigation.frontiers import FREE_BELOW
 
 OCCUPIED_FROM = 50
-"""Occupancy from which a cell blocks the view [percent]."""
+"""Least occupancy of a planning cell that is an obstacle, and blocks the view [percent]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,3 +49,78 @@ def cheapest_view(data, travel, cells, reach):
                 if is_visible(data, r, c, row, col):
                     best, best_row, best_col, seen = travel[r + 1, c + 1], r, c, k
     return best_row, best_col, seen
+
+
+@njit(cache=True, error_model="numpy")
+def is_frontier_near(data, block, ignored, row, col, reach):
+    """Tell whether there is a frontier cell within `reach` cells of (row, column), on the map as it is now.
+
+    Args:
+        data: shape (rows, cols), int8, occupancy of the map.
+        block: side of a planning cell [map cells].
+        ignored: shape (height, width), bool, by planning cell.
+        row: row of the planning cell in the middle.
+        col: its column.
+        reach: how far is looked [planning cells].
+    """
+    height, width = ignored.shape
+    top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
+    bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
+    if top >= bottom or left >= right:
+        return False
+    around = np.empty((bottom - top, right - left), dtype=np.int8)
+    for r in range(top, bottom):
+        for c in range(left, right):
+            highest = np.int8(-1)
+            for i in range(r * block, min((r + 1) * block, data.shape[0])):
+                for j in range(c * block, min((c + 1) * block, data.shape[1])):
+                    highest = max(highest, data[i, j])
+            around[r - top, c - left] = highest
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+            if ignored[r, c] or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
+                continue
+            if not 0 <= around[r - top, c - left] < FREE_BELOW:
+                continue
+            for i in range(max(r - 1, top), min(r + 2, bottom)):
+                for j in range(max(c - 1, left), min(c + 2, right)):
+                    if around[i - top, j - left] < 0:
+                        return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def frontier_near(frontier, row, col, reach):
+    """Return the frontier cells within `reach` cells of (row, column): shape (k, 2), int64."""
+    height, width = frontier.shape
+    cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
+    count = 0
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+            if frontier[r, c] and (r - row) ** 2 + (c - col) ** 2 <= reach * reach:
+                cells[count, 0], cells[count, 1] = r, c
+                count += 1
+    return cells[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def frontier_in_sight(joined, frontier, at, view, reach):
+    """Return the frontier cells in view of a point, with no obstacle between: shape (k, 2), int64.
+
+    Args:
+        joined: shape (height, width), int8, occupancy.
+        frontier: shape (height, width), bool.
+        at: the viewpoint (row, column), with fractions [cells].
+        view: middle of the view, and half of the angle in view [rad].
+        reach: how far is looked [cells].
+    """
+    row, col = math.floor(at[0]), math.floor(at[1])
+    cells = frontier_near(frontier, row, col, reach)
+    count = 0
+    for k in range(len(cells)):
+        bearing = math.atan2(cells[k, 0] + 0.5 - at[0], cells[k, 1] + 0.5 - at[1])
+        is_ahead = abs(wrap_angle(bearing - view[0])) <= view[1]
+        if is_ahead and is_visible(joined, row, col, cells[k, 0], cells[k, 1]):
+            cells[count, 0], cells[count, 1] = cells[k, 0], cells[k, 1]
+            count += 1
+    return cells[:count]
