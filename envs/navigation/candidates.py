@@ -114,5 +114,5 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
         if num_found > 0:
             break
     # Parts found in a later round may cost less than some before: a view from afar waits for a nearer one.
-    order = np.argsort(found[:num_found].cost, kind="mergesort")[:max_candidates]
+    order = np.argsort(found["cost"][:num_found], kind="mergesort")[:max_candidates]
     return found[order], entries

@@ -21,6 +21,17 @@ COST_UNKNOWN = 255
 """Never observed, and no known obstacle's footprint reaches it."""
 
 
+Window = tuple[int, int, int, int]
+"""A rectangle of cells: first row, first column, row after the last, column after the last."""
+
+
+def union(a: Window | None, b: Window | None) -> Window | None:
+    """Return the least window that holds two."""
+    if a is None or b is None:
+        return a or b
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+
 @dataclass(frozen=True, slots=True)
 class CostmapParams:
     """How obstacles spread into a costmap. Defaults: Nav2's bring-up file."""

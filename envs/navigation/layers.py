@@ -11,7 +11,7 @@ from envs.geometry.distance_transform import squared_distances
 from envs.geometry.lines import next_cell, start_walk
 from envs.robots import LidarParams
 
-from .costmap import Costmap, CostmapParams, Inflation
+from .costmap import Costmap, CostmapParams, Inflation, Window, union
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class LayeredCostmap:
         self._is_static = squared_distances(occupied, reach) <= reach**2 if reach else occupied
         self._combined = OccupancyGrid(static.data.copy(), static.resolution, static.origin)
         self._costmap = Costmap(self._inflation.costs(static.data), self._combined, params)
-        self._stale: tuple[int, int, int, int] | None = None
+        self._stale: Window | None = None
 
     @property
     def costmap(self) -> Costmap:
@@ -172,7 +172,7 @@ class LayeredCostmap:
         (x0, y0), resolution = self.static.origin, self.static.resolution
         return (x - x0) / resolution, (y - y0) / resolution
 
-    def _window(self, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
+    def _window(self, x: float, y: float, reach: float) -> Window:
         """Return top, left, bottom and right of the raster around (x, y), a cell beyond `reach` [cells]."""
         height, width = self._layer.shape
         left, top = max(math.floor(x - reach) - 1, 0), max(math.floor(y - reach) - 1, 0)
@@ -181,11 +181,7 @@ class LayeredCostmap:
 
     def _spoil(self, x: float, y: float, reach: float) -> None:
         """Take note that the layer may have changed within `reach` of (x, y) [cells]."""
-        window = self._window(x, y, reach)
-        if self._stale is not None:
-            (top, left, bottom, right), before = window, self._stale
-            window = min(top, before[0]), min(left, before[1]), max(bottom, before[2]), max(right, before[3])
-        self._stale = window
+        self._stale = union(self._stale, self._window(x, y, reach))
 
     def _refresh(self, top: int, left: int, bottom: int, right: int) -> None:
         """Bring the costs up to date after a change of the layer within a window [cells]."""

@@ -1,4 +1,7 @@
-"""Planning cells and costs, recomputed in a window. Kernels of `envs.navigation.planning_map`."""
+"""Planning cells and costs, recomputed in a `Window`. Kernels of `envs.navigation.planning_map`.
+
+`joined`, shape (height, width), int8, is the occupancy of planning cells.
+"""
 
 import math
 
@@ -17,8 +20,8 @@ def join_cells(data, block, joined, window):
     Args:
         data: shape (rows, cols), int8, occupancy.
         block: side of a joined cell [map cells].
-        joined: shape (height, width), int8, written in the window.
-        window: first row, first column, row after the last, column after the last [joined cells].
+        joined: written in the window.
+        window: of joined cells.
     """
     top, left, bottom, right = window
     rows, cols = data.shape
@@ -43,14 +46,7 @@ def join_cells(data, block, joined, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells of points: shape (k, 2), int64, (row, column).
-
-    Args:
-        points: shape (k, 2), float64 [m].
-        left: where the first column begins [m].
-        low: where the first row begins [m].
-        side: of a cell [m].
-    """
+    """Return the cells, shape (k, 2), int64, (row, column), of points, shape (k, 2), float64; see `obstacle_cells`."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -80,16 +76,16 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 @njit(cache=True, error_model="numpy")
 def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window):
-    """Inflate the obstacles of the map, and of those in sight that it misses.
+    """Inflate, in a window, the obstacles of the map, and of those in sight that it misses.
 
     Args:
-        joined: shape (height, width), int8, occupancy.
+        joined: see above.
         obstacles: shape (n, 2), int64, (row, column), also outside: marked where no occupied cell accounts for them.
         bodies: shape (m, 2), int64, (row, column), also outside: marked in any case.
         tables: `PlanningTables`.
         costs: shape (height, width), uint8, written in the window.
         open_weights: shape ((height + 2) * (width + 2),), uint8, written in the window; see `expand`.
-        window: first row, first column, row after the last, column after the last.
+        window: see above.
     """
     top, left, bottom, right = window
     height, width = joined.shape

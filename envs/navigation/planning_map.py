@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.astar import Expansion
-from envs.navigation.costmap import COST_UNKNOWN, Costmap, known_window
+from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
 from envs.navigation.frontiers import TILE, ignore_around, update_frontier
 from envs.navigation.params import PlanningParams
 from envs.navigation.planning_kernels import cells_of, join_cells, obstacle_cells, update_costs
@@ -18,17 +18,8 @@ from envs.navigation.tables import PlanningTables, costmap_params, tables_of
 from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
 
-Window = tuple[int, int, int, int]
-"""First row, first column, row after the last, column after the last."""
 NO_POINTS = np.empty((0, 2))
 """No obstacles."""
-
-
-def union(a: Window | None, b: Window | None) -> Window | None:
-    """Return the least window that holds two."""
-    if a is None or b is None:
-        return a or b
-    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 class CostLayer:
