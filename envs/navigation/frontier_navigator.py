@@ -113,11 +113,7 @@ class FrontierNavigator:
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
         self._has_changed = True
-        planning, tables = self.map, self.map.tables[self._level]
-        cell = tuple(self._found["goal"][index].tolist())
-        frame = (*planning.origin, planning.side)
-        costs = self.candidates.costmap.costs
-        count = write_path(costs, tables.weights, planning.expansion, cell, self._shortcut, frame, self._path)
+        count = self._write_path(self.candidates.costmap.costs, tuple(self._found["goal"][index].tolist()))
         view = self.candidates.frontiers[index].tolist()
         self._chosen = (view[0], view[1])
         goal = self.candidates.viewpoints[index].tolist()
@@ -308,10 +304,14 @@ class FrontierNavigator:
         end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
         if end[0] < 0:
             return False
-        frame = (*planning.origin, planning.side)
-        count = write_path(layer.costs, weights, planning.expansion, end, self._shortcut, frame, self._path)
-        self.navigator.follow(self._path, num_points=count)
+        self.navigator.follow(self._path, num_points=self._write_path(layer.costs, end))
         return True
+
+    def _write_path(self, costs: np.ndarray, cell: tuple[int, ...]) -> int:
+        """Write the path of the last search to a cell, and return how many points it has."""
+        planning = self.map
+        frame, weights = (*planning.origin, planning.side), planning.tables[self._level].weights
+        return int(write_path(costs, weights, planning.expansion, cell, self._shortcut, frame, self._path))
 
     def _fail(self) -> None:
         """Take note that the robot did not get to where it should look at a frontier."""
@@ -319,7 +319,10 @@ class FrontierNavigator:
         self._failures = np.vstack([self._failures, self._chosen])
         near = np.hypot(*(self._failures - self._chosen).T) <= self.params.retry_radius
         if np.count_nonzero(near) >= self.params.max_failures:
-            self._ignore(self._near_chosen(self._look_radius))
+            planning = self.map
+            planning.refresh()
+            reach = math.ceil(self._look_radius / planning.side - 1e-9)
+            self._ignore(frontier_near(planning.frontier, *planning.cell(*self._chosen), reach))
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
         """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
@@ -338,14 +341,6 @@ class FrontierNavigator:
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
         beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
         self._ignore(np.vstack([in_sight, [(row, col)], beside]))
-
-    def _near_chosen(self, radius: float) -> np.ndarray:
-        """Return the frontier cells within `radius` [m] of the chosen one: shape (k, 2), (row, column)."""
-        assert self._chosen is not None
-        self.map.refresh()
-        reach = math.ceil(radius / self.map.side - 1e-9)
-        cells: np.ndarray = frontier_near(self.map.frontier, *self.map.cell(*self._chosen), reach)
-        return cells
 
     def _ignore(self, cells: np.ndarray) -> None:
         """Leave frontier cells, shape (k, 2), (row, column), out from now on."""

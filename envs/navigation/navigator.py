@@ -17,7 +17,7 @@ import numpy as np
 
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
-from envs.navigation.navigator_kernels import compute_velocity_command, recover, update, update_obstacles
+from envs.navigation.navigator_kernels import compute_velocity_command, recover, set_goal, update, update_obstacles
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
@@ -155,16 +155,10 @@ class Navigator:
             keep_clocks: whether this is the same drive with another plan: the time for which the robot has got nowhere
                 goes on, or goals that change faster than that is noticed would keep it there for ever.
         """
-        self.follow(path, num_points=num_points)
-        record = self.record
-        record["goal_x"], record["goal_y"] = goal or path[record["num_points"] - 1]
-        record["view_x"], record["view_y"] = view
-        record["has_goal"] = 1
-        if not keep_clocks:
-            for name in ("steps", "recoveries", "back_steps", "turn_steps"):
-                record[name] = 0
-            record["stall_steps"] = -1
-        record["planned"] = record["steps"]
+        self._path = np.ascontiguousarray(path, dtype=np.float64)
+        count = len(path) if num_points is None else num_points
+        end = goal or (float(path[count - 1, 0]), float(path[count - 1, 1]))
+        set_goal(self._records, count, end, view, keep_clocks)
 
     def follow(self, path: np.ndarray, *, num_points: int | None = None) -> None:
         """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]; see `drive_to`."""
