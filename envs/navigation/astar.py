@@ -100,14 +100,9 @@ def _new_expansion(height, width):
 def begin(expansion, entries, stride, row, col, starts_inside, level):
     """Start a search over, in time that grows with what the last one has reached.
 
-    Args:
-        expansion: `Expansion`, written.
-        entries: shape (n, 2), int32, n > 0: of each entry of the last search's queue its cell; written.
-        stride: width of the raster and its border.
-        row: row of the start.
-        col: column of the start.
-        starts_inside: whether the start is lethal.
-        level: total of the start.
+    Writes `expansion` and the first of `entries`, shape (n, 2), int32, the queue: of each entry its cell, and the next
+    entry in its bucket. `stride` is the width of the raster and its border; `starts_inside` whether the start (row,
+    column) is lethal; `level` its total.
     """
     travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
     for k in range(counters[NUM_ENTRIES]):

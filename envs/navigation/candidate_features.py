@@ -9,9 +9,8 @@ from numba import njit
 from envs.geometry.pose import wrap_angle
 from envs.navigation.astar import SCALE, STRAIGHT
 from envs.navigation.costmap import Costmap
-from envs.navigation.frontiers import count_unknown
+from envs.navigation.frontiers import OCCUPIED_FROM, count_unknown
 from envs.navigation.paths import walk_back
-from envs.navigation.viewpoints import OCCUPIED_FROM
 
 FEATURES = ("gain", "cost", "turn", "size", "clearance", "age", "ahead", "left", "failures", "chosen")
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""

@@ -27,9 +27,8 @@ FOUND = np.dtype(
 def _view(joined, travel, members, tables, limit, is_complete):
     """Find the cheapest viewpoint of frontier cells, at the least view distance from which there is one.
 
-    Returns:
-        Row, column, index of the cell in view, travel cost; the index is -1 where the search has not come far enough,
-        or -2 where there is none.
+    Returns row, column, index of the cell in view, travel cost; the index is -1 where the search has not come far
+    enough, or -2 where there is none.
     """
     for k in range(len(tables.views)):
         row, col, seen = cheapest_view(joined, travel, members, tables.views[k])

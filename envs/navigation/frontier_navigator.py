@@ -15,7 +15,8 @@ from envs.navigation.candidate_features import Candidates, describe, fill_featur
 from envs.navigation.candidates import FOUND, find_candidates
 from envs.navigation.costmap import COST_INSCRIBED, Costmap
 from envs.navigation.frontiers import frontier_groups, split_groups
-from envs.navigation.navigator import NO_POINTS, NOTHING, Navigator
+from envs.navigation.navigator import NOTHING, Navigator
+from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import SHORTCUT, nearest_cell
 from envs.navigation.planned_paths import search_goal, write_path
@@ -66,7 +67,6 @@ class FrontierNavigator:
         self.params = params
         self._robot = robot
         self._planning_params = planning
-        self._period = control_period
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
@@ -345,6 +345,3 @@ class FrontierNavigator:
     def _ignore(self, cells: np.ndarray) -> None:
         """Leave frontier cells, shape (k, 2), (row, column), out from now on."""
         self.map.ignore(self.map.grid.centers(cells))
-
-
-__all__ = ["OUTCOMES", "Candidates", "FrontierNavigator"]

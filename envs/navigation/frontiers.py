@@ -11,6 +11,8 @@ from envs.geometry import OccupancyGrid
 
 FREE_BELOW = 50
 """Occupancy from which a cell no longer counts as free [percent]."""
+OCCUPIED_FROM = 50
+"""Least occupancy of a planning cell that is an obstacle, and blocks the view [percent]."""
 TILE = 32
 """Side of the tiles in which frontier cells are counted [cells]."""
 
@@ -141,7 +143,7 @@ def _split(cells, first, last, extent, bounds, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups of frontier cells into parts that are no longer than `extent`.
+    """Split groups of frontier cells into parts that are no longer than `extent` [cells].
 
     Args:
         cells: shape (n, 2), int64, reordered within the groups.

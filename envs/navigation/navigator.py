@@ -18,15 +18,13 @@ import numpy as np
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation.navigator_kernels import compute_velocity_command, recover, set_goal, update, update_obstacles
-from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
+from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
-from envs.navigation.records import DRIVING, NAVIGATOR, navigator_numbers
+from envs.navigation.records import NAVIGATOR, navigator_numbers
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
-NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
 MAX_OTHERS = 256
 """Points of other robots that are taken at most."""
 NOTHING = (math.nan, math.nan)
@@ -218,6 +216,3 @@ class Navigator:
         return Twist(
             *compute_velocity_command(self._records, self._path, self._obstacles, tuple(pose), self.v, self._numbers)
         )
-
-
-__all__ = ["DRIVING", "NO_POINTS", "Navigator"]

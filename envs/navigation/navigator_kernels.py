@@ -1,7 +1,15 @@
 """Driving along a path, recovering, and judging progress. Kernels over one record of `envs.navigation.records`.
 
 The parts are those of Nav2: a controller (regulated pure pursuit), a progress checker, a goal checker, and the recovery
-behaviors BackUp and Spin.
+behaviors BackUp and Spin. Arguments are arrays, which cost least to pass:
+
+- `navigators`: shape (1,), `NAVIGATOR`, written; `constants`: shape (1,), the fields of `navigator_numbers`.
+- `obstacles`: shape (n, 2), float64, base frame [m], the first `num_obstacles` count; `others`: shape (m, 2), float64,
+  base frame [m], further ones, which are not remembered.
+- `sensors`: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame (shape
+  (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
+- `motion`: pose of the base now, seen from the base at the last call; `pose`: estimate, map frame: x, y [m], theta
+  [rad].
 """
 
 import math
@@ -16,18 +24,7 @@ from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
-
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        obstacles: shape (n, 2), float64, written: the first `num_obstacles` are the obstacles, base
-            frame [m].
-        sensors: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame
-            (shape (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
-        motion: pose of the base now, seen from the base at the last call: x, y [m], theta [rad].
-        others: shape (m, 2), float64, base frame [m]: further obstacles, which are not remembered.
-        constants: shape (1,), the fields of `navigator_numbers`.
-    """
+    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry."""
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
     kept = remember(obstacles, record.num_remembered, record.num_seen, motion, numbers)
@@ -73,18 +70,9 @@ def _is_at_goal(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
-    """Choose the next twist.
+    """Choose the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
 
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        path: shape (n, 2), float64, map frame [m].
-        obstacles: see `update_obstacles`.
-        pose: estimate (x, y, theta), map frame [m, m, rad].
-        v_now: forward speed by odometry [m/s].
-        constants: shape (1,), the fields of `navigator_numbers`.
-
-    Returns:
-        Forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
+    `path` has shape (n, 2), float64, map frame [m]; `v_now` is the forward speed by odometry [m/s].
     """
     record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]
@@ -151,15 +139,7 @@ def _count_still(record, pose, numbers):
 def check_progress(navigators, obstacles, pose, bumper, constants):
     """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
 
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        obstacles: see `update_obstacles`.
-        pose: estimate (x, y, theta), map frame [m, m, rad].
-        bumper: whether the robot touched anything.
-        constants: shape (1,), the fields of `navigator_numbers`.
-
-    Returns:
-        `DRIVING` or one of what follows there.
+    Returns `DRIVING` or one of what follows there.
     """
     record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]

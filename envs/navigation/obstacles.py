@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+NO_POINTS = np.empty((0, 2))
+"""No obstacles."""
 SIGHT_STEP = 0.02
 """Spacing of the poses along an arc at which the footprint is tested [m]."""
 SAME_POINT = 0.02
@@ -17,13 +19,9 @@ BUMP_POINTS = 5
 
 @njit(cache=True, error_model="numpy")
 def scan_points(ranges, directions, mount, points):
-    """Write the ends of the beams that hit something into `points` and return how many there are.
+    """Write the ends of the beams that hit something to `points`, base frame [m], and return how many there are.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m], as in `Reading`.
-        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
-        mount: (x, y, yaw) of the lidar in the base frame.
-        points: shape (n, 2), float64, written in the base frame [m].
+    Ranges and directions are those of `update_obstacles`, `mount` is the lidar's in the base frame (x, y, yaw).
     """
     count = 0
     for beam in range(ranges.shape[0]):
@@ -76,17 +74,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Remember that the footprint touched something on the side to which it was driving.
-
-    Args:
-        points: shape (n, 2), float64, base frame [m]; written.
-        count: how many there are.
-        radius: of the footprint [m].
-        forward: whether the robot was driving forward.
-
-    Returns:
-        How many there are now.
-    """
+    """Add points of a footprint where it touched something ahead, or behind; returns how many there are now."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)

@@ -9,8 +9,6 @@ from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerParams, as_record, 
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
-__all__ = ["FollowerParams", "PathFollower"]
-
 
 class PathFollower:
     """Drives along one path at a time; a `LocalPlanner`."""

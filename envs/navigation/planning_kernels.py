@@ -1,6 +1,7 @@
 """Planning cells and costs, recomputed in a `Window`. Kernels of `envs.navigation.planning_map`.
 
-`joined`, shape (height, width), int8, is the occupancy of planning cells.
+`joined`, shape (height, width), int8, is the occupancy of planning cells. Cells are shape (n, 2), int64, (row, column),
+also outside the map.
 """
 
 import math
@@ -9,19 +10,15 @@ import numpy as np
 from numba import njit
 
 from envs.navigation.costmap import inflate
+from envs.navigation.frontiers import OCCUPIED_FROM
 from envs.navigation.obstacles import mark_missing, points_within
-from envs.navigation.viewpoints import OCCUPIED_FROM
 
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, joined, window):
-    """Join `block` x `block` map cells to one: the greatest occupancy, unknown (-1) where none is known.
+    """Join `block` x `block` cells of a map, `data`, to one of `joined`, written in the window.
 
-    Args:
-        data: shape (rows, cols), int8, occupancy.
-        block: side of a joined cell [map cells].
-        joined: written in the window.
-        window: of joined cells.
+    The greatest occupancy counts, unknown (-1) where none is known.
     """
     top, left, bottom, right = window
     rows, cols = data.shape
@@ -46,7 +43,7 @@ def join_cells(data, block, joined, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells, shape (k, 2), int64, (row, column), of points, shape (k, 2), float64; see `obstacle_cells`."""
+    """Return the cells of points, shape (k, 2), float64 [m]; `left` and `low`: where the first column and row begin."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -56,14 +53,9 @@ def cells_of(points, left, low, side):
 
 @njit(cache=True, error_model="numpy")
 def obstacle_cells(points, marking_range, pose, origin, side):
-    """Return the cells of obstacles near the robot: shape (k, 2), int64, (row, column), also outside the map.
+    """Return the cells of points, shape (n, 2), float64, base frame [m], within `marking_range` [m] of the robot.
 
-    Args:
-        points: shape (n, 2), float64, base frame [m].
-        marking_range: farther ones are left out [m].
-        pose: of the robot (x, y, theta), map frame.
-        origin: where the first column and the first row begin, map frame [m].
-        side: of a cell [m].
+    `origin` is where the first column and row begin, map frame [m], `side` that of a cell [m].
     """
     near = points_within(points, marking_range)
     x, y, theta = pose
@@ -78,14 +70,8 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window):
     """Inflate, in a window, the obstacles of the map, and of those in sight that it misses.
 
-    Args:
-        joined: see above.
-        obstacles: shape (n, 2), int64, (row, column), also outside: marked where no occupied cell accounts for them.
-        bodies: shape (m, 2), int64, (row, column), also outside: marked in any case.
-        tables: `PlanningTables`.
-        costs: shape (height, width), uint8, written in the window.
-        open_weights: shape ((height + 2) * (width + 2),), uint8, written in the window; see `expand`.
-        window: see above.
+    Of the cells in sight, `obstacles` are marked where no occupied cell accounts for them, `bodies` in any case. Writes
+    `costs`, shape (height, width), uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window
     height, width = joined.shape

@@ -12,14 +12,12 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.astar import Expansion
 from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
 from envs.navigation.frontiers import TILE, ignore_around, update_frontier
+from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import PlanningParams
 from envs.navigation.planning_kernels import cells_of, join_cells, obstacle_cells, update_costs
 from envs.navigation.tables import PlanningTables, costmap_params, tables_of
 from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
-
-NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
 
 
 class CostLayer:

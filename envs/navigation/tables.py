@@ -7,8 +7,8 @@ import numpy as np
 
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, step_weights
 from envs.navigation.costmap import CostmapParams, Inflation
+from envs.navigation.frontiers import OCCUPIED_FROM
 from envs.navigation.params import PlanningParams
-from envs.navigation.viewpoints import OCCUPIED_FROM
 from envs.robots import RobotParams
 
 FIRST_LIMIT = 16.0

@@ -1,4 +1,8 @@
-"""From which cell to look at a frontier, and what is in sight."""
+"""From which cell to look at a frontier, and what is in sight. Kernels.
+
+`joined`, shape (height, width), int8, is the occupancy of planning cells; `frontier` and `ignored`, same shape, bool.
+Cells are (row, column), distances count cells.
+"""
 
 import math
 
@@ -7,10 +11,8 @@ from numba import njit
 
 from envs.geometry.lines import cell_along
 from envs.geometry.pose import wrap_angle
-from envs.navigation.frontiers import FREE_BELOW
-
-OCCUPIED_FROM = 50
-"""Least occupancy of a planning cell that is an obstacle, and blocks the view [percent]."""
+from envs.navigation.frontiers import FREE_BELOW, OCCUPIED_FROM
+from envs.navigation.planning_kernels import join_cells
 
 
 @njit(cache=True, error_model="numpy")
@@ -27,16 +29,10 @@ def is_visible(data, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def cheapest_view(data, travel, cells, reach):
-    """Find the cell with the least travel cost within `reach` cells of any of `cells` and in sight of it.
+    """Find the cell with the least travel cost within `reach` of any of `cells`, shape (k, 2), and in sight of it.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        travel: shape (height + 2, width + 2), int32, with a border of one cell.
-        cells: shape (k, 2), int64, (row, column).
-        reach: radius [cells].
-
-    Returns:
-        Row and column of the viewpoint, and the index of the cell in view; -1, -1, -1 if there is none.
+    `travel` has a border of one cell. Returns row and column of the viewpoint, and the index of the cell in view; -1,
+    -1, -1 if there is none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
@@ -53,15 +49,9 @@ def cheapest_view(data, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def is_frontier_near(data, block, ignored, row, col, reach):
-    """Tell whether there is a frontier cell within `reach` cells of (row, column), on the map as it is now.
+    """Tell whether there is a frontier cell within `reach` of a planning cell, on the map as it is now.
 
-    Args:
-        data: shape (rows, cols), int8, occupancy of the map.
-        block: side of a planning cell [map cells].
-        ignored: shape (height, width), bool, by planning cell.
-        row: row of the planning cell in the middle.
-        col: its column.
-        reach: how far is looked [planning cells].
+    `data`, shape (rows, cols), int8, is the map itself, with `block` x `block` of its cells in a planning cell.
     """
     height, width = ignored.shape
     top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
@@ -69,13 +59,7 @@ def is_frontier_near(data, block, ignored, row, col, reach):
     if top >= bottom or left >= right:
         return False
     around = np.empty((bottom - top, right - left), dtype=np.int8)
-    for r in range(top, bottom):
-        for c in range(left, right):
-            highest = np.int8(-1)
-            for i in range(r * block, min((r + 1) * block, data.shape[0])):
-                for j in range(c * block, min((c + 1) * block, data.shape[1])):
-                    highest = max(highest, data[i, j])
-            around[r - top, c - left] = highest
+    join_cells(data[top * block :, left * block :], block, around, (0, 0, bottom - top, right - left))
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
         for c in range(max(col - reach, 0), min(col + reach + 1, width)):
             if ignored[r, c] or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
@@ -91,7 +75,7 @@ def is_frontier_near(data, block, ignored, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_near(frontier, row, col, reach):
-    """Return the frontier cells within `reach` cells of (row, column): shape (k, 2), int64."""
+    """Return the frontier cells within `reach` of (row, col): shape (k, 2), int64."""
     height, width = frontier.shape
     cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
     count = 0
@@ -105,14 +89,9 @@ def frontier_near(frontier, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_in_sight(joined, frontier, at, view, reach):
-    """Return the frontier cells in view of a point, with no obstacle between: shape (k, 2), int64.
+    """Return the frontier cells within `reach` that are in view with no obstacle between: shape (k, 2), int64.
 
-    Args:
-        joined: shape (height, width), int8, occupancy.
-        frontier: shape (height, width), bool.
-        at: the viewpoint (row, column), with fractions [cells].
-        view: middle of the view, and half of the angle in view [rad].
-        reach: how far is looked [cells].
+    `at` is the viewpoint (row, column), with fractions; `view` its middle and half of the angle in view [rad].
     """
     row, col = math.floor(at[0]), math.floor(at[1])
     cells = frontier_near(frontier, row, col, reach)
