@@ -11,7 +11,7 @@ from numba import njit
 
 from envs.geometry.lines import cell_along
 from envs.geometry.pose import wrap_angle
-from envs.navigation.frontiers import FREE_BELOW, OCCUPIED_FROM
+from envs.navigation.frontiers import OCCUPIED_FROM, TILE, update_frontier
 from envs.navigation.planning_kernels import join_cells
 
 
@@ -58,19 +58,13 @@ def is_frontier_near(data, block, ignored, row, col, reach):
     bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
     if top >= bottom or left >= right:
         return False
-    around = np.empty((bottom - top, right - left), dtype=np.int8)
-    join_cells(data[top * block :, left * block :], block, around, (0, 0, bottom - top, right - left))
-    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if ignored[r, c] or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
-                continue
-            if not 0 <= around[r - top, c - left] < FREE_BELOW:
-                continue
-            for i in range(max(r - 1, top), min(r + 2, bottom)):
-                for j in range(max(c - 1, left), min(c + 2, right)):
-                    if around[i - top, j - left] < 0:
-                        return True
-    return False
+    shape = bottom - top, right - left
+    window = (0, 0, bottom - top, right - left)
+    around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
+    join_cells(data[top * block :, left * block :], block, around, window)
+    tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
+    update_frontier(around, ignored[top:bottom, left:right], frontier, tile_counts, window)
+    return len(frontier_near(frontier, row - top, col - left, reach)) > 0
 
 
 @njit(cache=True, error_model="numpy")
