@@ -80,17 +80,13 @@ class Expansion(NamedTuple):
     """Shape (4,), int64: level (total of the current bucket), number of entries so far, entries waiting in the queue,
     and whether the search started in a lethal cell."""
 
-    @classmethod
-    def of(cls, height: int, width: int) -> "Expansion":
-        """Return a search over a raster that has not begun."""
-        return _new_expansion(height, width)
-
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 
 @njit(cache=True, error_model="numpy")
-def _new_expansion(height, width):
+def new_expansion(height, width):
+    """Return a search over a raster that has not begun."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
@@ -250,7 +246,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     for r in range(height):
         for c in range(width):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
-    expansion = _new_expansion(height, width)
+    expansion = new_expansion(height, width)
     entries = np.empty((open_weights.size, 2), dtype=np.int32)
     level = octile(goal_row - start_row, goal_col - start_col) if goal_row >= 0 else 0
     starts_inside = costs[start_row, start_col] == COST_LETHAL

@@ -84,7 +84,8 @@ class FrontierNavigator:
         self._level = 0
         self._seen = np.empty((0, 3))
         self._failures = NO_POINTS
-        self._chosen: tuple[float, float] | None = None
+        self.target: tuple[float, float] | None = None
+        """The frontier that was chosen last (x, y), map frame [m]."""
         self._last_failed = False
         # Whether the map may have changed since the last look for the frontier of the drive.
         self._has_changed = True
@@ -115,9 +116,9 @@ class FrontierNavigator:
         self._has_changed = True
         count = self._write_path(self.candidates.costmap.costs, tuple(self._found["goal"][index].tolist()))
         view = self.candidates.frontiers[index].tolist()
-        self._chosen = (view[0], view[1])
+        self.target = (view[0], view[1])
         goal = self.candidates.viewpoints[index].tolist()
-        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self._chosen, num_points=count)
+        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self.target, num_points=count)
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
@@ -175,11 +176,6 @@ class FrontierNavigator:
         self._last_failed = True
         self.navigator.stop()
 
-    @property
-    def target(self) -> tuple[float, float] | None:
-        """The frontier that was chosen last (x, y), map frame [m]."""
-        return self._chosen
-
     def free_costmap(self, pose: Pose2D) -> Costmap:
         """Return the costs now for the largest footprint that touches nothing where the robot is; its array is live."""
         for level in range(self.map.max_level + 1):
@@ -216,8 +212,8 @@ class FrontierNavigator:
 
     def _is_frontier_left(self) -> bool:
         """Tell whether there is a frontier near to the one that was chosen."""
-        assert self._chosen is not None
-        return self.map.is_frontier_near(self._chosen, self.params.frontier_radius)
+        assert self.target is not None
+        return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
     def _start_cell(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
         """Return the robot's cell, or the nearest traversable one; (-1, -1) for none."""
@@ -265,7 +261,7 @@ class FrontierNavigator:
         tables = planning.tables[self._level]
         height, width = planning.joined.shape
         predecessor = planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self._failures, self._chosen or NOTHING, self.params.retry_radius
+        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
         raster, frame = (planning.joined, predecessor), (*planning.origin, planning.side)
         table, self._seen, chosen = describe(raster, found, tables, frame, pose.theta, self._now, past)
         self._table = table
@@ -315,28 +311,28 @@ class FrontierNavigator:
 
     def _fail(self) -> None:
         """Take note that the robot did not get to where it should look at a frontier."""
-        assert self._chosen is not None
-        self._failures = np.vstack([self._failures, self._chosen])
-        near = np.hypot(*(self._failures - self._chosen).T) <= self.params.retry_radius
+        assert self.target is not None
+        self._failures = np.vstack([self._failures, self.target])
+        near = np.hypot(*(self._failures - self.target).T) <= self.params.retry_radius
         if np.count_nonzero(near) >= self.params.max_failures:
             planning = self.map
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)
-            self._ignore(frontier_near(planning.frontier, *planning.cell(*self._chosen), reach))
+            self._ignore(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
         """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
         if not self._is_frontier_left():
             return
-        assert self._chosen is not None
+        assert self.target is not None
         planning, numbers = self.map, self.navigator.numbers
         planning.refresh()
-        reach = math.ceil((math.dist(self._chosen, pose[:2]) + self._look_radius) / planning.side - 1e-9)
+        reach = math.ceil((math.dist(self.target, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
         view = pose.theta + numbers["mount"][2], math.pi if numbers["sees_around"] else numbers["half_fov"]
         in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
-        row, col = planning.cell(*self._chosen)
+        row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
         beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation.astar import Expansion
+from envs.navigation.astar import new_expansion
 from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
 from envs.navigation.frontiers import TILE, ignore_around, update_frontier
 from envs.navigation.obstacles import NO_POINTS
@@ -151,10 +151,6 @@ class PlanningMap:
         """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
-    def center(self, row: float, col: float) -> tuple[float, float]:
-        """Return the centre (x, y) of a planning cell, map frame [m]."""
-        return self.origin[0] + (col + 0.5) * self.side, self.origin[1] + (row + 0.5) * self.side
-
     def _rebuild(self, grid: OccupancyGrid) -> None:
         """Look at a map anew, from end to end."""
         rows, cols = grid.data.shape
@@ -171,7 +167,7 @@ class PlanningMap:
             self.ignored, self.frontier, self.tile_counts, cells_of(self.ignored_points, *self.origin, self.side)
         )
         self._layers: dict[int, CostLayer] = {}
-        self.expansion = Expansion.of(*shape)
+        self.expansion = new_expansion(*shape)
         """Workspace of searches."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
         """Queue of searches."""

@@ -58,8 +58,8 @@ def is_frontier_near(data, block, ignored, row, col, reach):
     bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
     if top >= bottom or left >= right:
         return False
-    shape = bottom - top, right - left
     window = (0, 0, bottom - top, right - left)
+    shape = window[2:]
     around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
     join_cells(data[top * block :, left * block :], block, around, window)
     tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
