@@ -14,8 +14,7 @@ from numba import njit
 from envs.arguments import check_positive
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
-from envs.estimation.ground_truth import TrueMotion
-from envs.estimation.motion import make_motion_source
+from envs.estimation.motion import TrueMotion, make_motion_source
 from envs.estimation.trail import Trail
 from envs.geometry import Pose2D
 from envs.geometry.pose import between, compose, distance

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from envs.arguments import choose_robot
 from envs.core import LidarEnv, make_robots
+from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.observations import Observations
 from envs.rendering.scene import Scene
@@ -19,51 +20,7 @@ OBSERVATIONS = ("scan", "map_near", "map_far", "motion")
 """Parts of an observation by default."""
 
 
-class ExplorationEnv(LidarEnv):
-    """What the exploration environments share for one robot and for teams."""
-
-    task: Explore
-
-    @property
-    def start(self) -> Pose2D:
-        """World pose of the map frame's origin: where the first robot starts."""
-        return self.task.map_pose
-
-    @property
-    def coverage(self) -> Coverage:
-        """The true coverage."""
-        return self.task.coverage
-
-    @property
-    def target_coverage(self) -> float:
-        """Explored fraction that ends the episode."""
-        return self.task.target_coverage
-
-    def scene(self) -> Scene:
-        """Return this moment for drawing: ground truth beside the robots' estimates."""
-        first, *peers = (self._scene_of(k) for k in range(len(self.robots)))
-        first.peers = tuple(peers)
-        return first
-
-    def _scene_of(self, k: int) -> Scene:
-        robot, truth = self.robots[k], self.truths[k]
-        return Scene(
-            world=self.world,
-            robot=robot.params,
-            pose=truth.state.pose,
-            start=self.start,
-            belief=robot.belief,
-            ranges=robot.reading.ranges,
-            trail=truth.trail.positions,
-            estimated_trail=robot.trail.positions,
-            plan=self.plans[k],
-            explored_fraction=self.coverage.explored_fraction,
-            time=self.time,
-            collisions=sum(other.collisions for other in self.robots),
-        )
-
-
-class ExploreEnv(ExplorationEnv):
+class ExploreEnv(LidarEnv):
     """Explore an unknown world with a lidar robot.
 
     ## Description
@@ -132,6 +89,12 @@ class ExploreEnv(ExplorationEnv):
     * v0: first version
     """
 
+    task: Explore
+    num_robots = 1
+    """How many robots explore together."""
+    is_team = False
+    """Whether actions and observations have an axis for the robots."""
+
     def __init__(
         self,
         *,
@@ -166,13 +129,15 @@ class ExploreEnv(ExplorationEnv):
             target_coverage=target_coverage,
             reward=reward,
             resolution=map_resolution,
+            num_robots=self.num_robots,
         )
         simulator, robots = make_robots(
             params,
             physics,
             control_hz,
-            lambda: make_slam(slam, params.lidar, map_resolution),
+            lambda: self._make_estimator(slam, params, map_resolution),
             uses_truth=slam == "truth",
+            num_robots=self.num_robots,
         )
         super().__init__(
             task,
@@ -183,6 +148,51 @@ class ExploreEnv(ExplorationEnv):
             time_limit=time_limit,
             render_mode=render_mode,
             clip_actions=clip_actions,
+            is_team=self.is_team,
         )
         self.resolution = map_resolution
         self.slam = robots[0].estimator
+
+    def _make_estimator(self, slam: Any, params: RobotParams, resolution: float) -> Estimator:
+        estimator = make_slam(slam, params.lidar, resolution)
+        if self.num_robots > 1 and not getattr(estimator, "shares_maps", False):
+            raise ValueError(f"slam {slam!r} cannot share a map; choose tinyslam, odometry or truth")
+        return estimator
+
+    @property
+    def start(self) -> Pose2D:
+        """World pose of the map frame's origin: where the first robot starts."""
+        return self.task.map_pose
+
+    @property
+    def coverage(self) -> Coverage:
+        """The true coverage."""
+        return self.task.coverage
+
+    @property
+    def target_coverage(self) -> float:
+        """Explored fraction that ends the episode."""
+        return self.task.target_coverage
+
+    def scene(self) -> Scene:
+        """Return this moment for drawing: ground truth beside the robots' estimates."""
+        first, *peers = (self._scene_of(k) for k in range(len(self.robots)))
+        first.peers = tuple(peers)
+        return first
+
+    def _scene_of(self, k: int) -> Scene:
+        robot, truth = self.robots[k], self.truths[k]
+        return Scene(
+            world=self.world,
+            robot=robot.params,
+            pose=truth.state.pose,
+            start=self.start,
+            belief=robot.belief,
+            ranges=robot.reading.ranges,
+            trail=truth.trail.positions,
+            estimated_trail=robot.trail.positions,
+            plan=self.plans[k],
+            explored_fraction=self.coverage.explored_fraction,
+            time=self.time,
+            collisions=sum(other.collisions for other in self.robots),
+        )

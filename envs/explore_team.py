@@ -1,24 +1,16 @@
 """Several robots explore one world together, with one map."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
-from envs.arguments import choose_robot
-from envs.core import make_robots
-from envs.estimation import Belief, Estimator
-from envs.explore import OBSERVATIONS, ExplorationEnv
+from envs.estimation import Belief
+from envs.explore import OBSERVATIONS, ExploreEnv
 from envs.observations import Observations
-from envs.robots import RobotParams
-from envs.slam import make_slam
-from envs.tasks.explore import Explore
-from envs.tasks.rewards import RewardWeights
-from envs.worlds import World
 
 MAX_ROBOTS = 4
 """Robots of a team at most."""
 
 
-class ExploreTeamEnv(ExplorationEnv):
+class ExploreTeamEnv(ExploreEnv):
     """Explore an unknown world with a team of lidar robots that share one map.
 
     ## Description
@@ -71,33 +63,16 @@ class ExploreTeamEnv(ExplorationEnv):
     | argument | default | meaning |
     |---|---|---|
     | `num_robots` | `2` | robots, 1 to 4 |
+    | `start` | `"random"` | also a pose for each robot, see Starting State |
+    | `observations` | `None` | parts of the observation; `None` gives those above |
 
     ## Version History
     * v0: first version
     """
 
-    def __init__(
-        self,
-        *,
-        num_robots: int = 2,
-        world: str | World = "turtlebot3_world",
-        robot: str | RobotParams | None = None,
-        physics: str = "bullet",
-        slam: Any = "tinyslam",
-        control_hz: float = 10.0,
-        time_limit: float | None = None,
-        target_coverage: float = 0.99,
-        start: Literal["random", "spawn"]
-        | tuple[float, float, float]
-        | Sequence[tuple[float, float, float]] = "random",
-        split: Literal["train", "test"] = "train",
-        world_size: tuple[float, float] | None = None,
-        reward: RewardWeights | Mapping[str, float] = RewardWeights(),
-        map_resolution: float = 0.05,
-        observations: Observations | None = None,
-        clip_actions: bool = False,
-        render_mode: str | None = None,
-    ) -> None:
+    is_team = True
+
+    def __init__(self, *, num_robots: int = 2, observations: Observations | None = None, **arguments: Any) -> None:
         """See the class for the arguments.
 
         Raises:
@@ -105,42 +80,10 @@ class ExploreTeamEnv(ExplorationEnv):
         """
         if num_robots not in range(1, MAX_ROBOTS + 1):
             raise ValueError(f"num_robots must be a whole number from 1 to {MAX_ROBOTS}, got {num_robots!r}")
-        params = choose_robot(robot, world)
-        task = Explore(
-            params,
-            world=world,
-            split=split,
-            world_size=world_size,
-            start=start,
-            target_coverage=target_coverage,
-            reward=reward,
-            resolution=map_resolution,
-            num_robots=num_robots,
-        )
-
-        def make_estimator() -> Estimator:
-            estimator = make_slam(slam, params.lidar, map_resolution)
-            if num_robots > 1 and not getattr(estimator, "shares_maps", False):
-                raise ValueError(f"slam {slam!r} cannot share a map; choose tinyslam, odometry or truth")
-            return estimator
-
-        simulator, robots = make_robots(
-            params, physics, control_hz, make_estimator, uses_truth=slam == "truth", num_robots=num_robots
-        )
+        self.num_robots = num_robots
         if observations is None:
             observations = OBSERVATIONS if num_robots == 1 else (*OBSERVATIONS, "mates")
-        super().__init__(
-            task,
-            simulator,
-            robots,
-            observations,
-            control_hz=control_hz,
-            time_limit=time_limit,
-            render_mode=render_mode,
-            clip_actions=clip_actions,
-            is_team=True,
-        )
-        self.num_robots = num_robots
+        super().__init__(observations=observations, **arguments)
 
     @property
     def beliefs(self) -> list[Belief]:

@@ -24,7 +24,37 @@ OBSERVATIONS = ("scan", "map_near", "map_far", "motion", "goal", "doubt")
 """Parts of an observation by default."""
 
 
-class NavigateEnv(LidarEnv):
+class KnownMapEnv(LidarEnv):
+    """What the environments on a known map share: how they are drawn."""
+
+    localizer: Localizer
+
+    def scene(self) -> NavigationScene:
+        """Return this moment for drawing: the map with what the robot estimates on it."""
+        robot, truth = self.robots[0], self.truths[0]
+        return NavigationScene(
+            world=self.world,
+            robot=self.robot,
+            pose=self.map_pose.between(truth.state.pose),
+            estimated_pose=robot.belief.pose,
+            is_lost=robot.belief.is_lost,
+            particles=getattr(self.localizer, "particles", np.empty((0, 3))),
+            grid=robot.belief.grid,
+            ranges=self.reading.ranges,
+            trail=self.map_pose.inverse().transform(truth.trail.positions),
+            goal=getattr(self, "goal", None),
+            plan=self.plan,
+            time=self.time,
+            collisions=robot.collisions,
+        )
+
+    def _painter(self) -> Callable[[tuple[int, int]], Any]:
+        from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
+
+        return NavigationPicture
+
+
+class NavigateEnv(KnownMapEnv):
     """Drive to a goal on a known map.
 
     ## Description
@@ -150,7 +180,7 @@ class NavigateEnv(LidarEnv):
             reward=reward,
             resolution=map_resolution,
         )
-        self.localizer: Localizer = make_localizer(localizer, params.lidar, amcl)
+        self.localizer = make_localizer(localizer, params.lidar, amcl)
         simulator, robots = make_robots(
             params,
             physics,
@@ -194,27 +224,3 @@ class NavigateEnv(LidarEnv):
         """
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
-
-    def scene(self) -> NavigationScene:
-        """Return this moment for drawing: the map with what the robot estimates on it."""
-        robot, truth = self.robots[0], self.truths[0]
-        return NavigationScene(
-            world=self.world,
-            robot=self.robot,
-            pose=self.map_pose.between(truth.state.pose),
-            estimated_pose=self.estimate.pose,
-            is_lost=self.estimate.is_lost,
-            particles=getattr(self.localizer, "particles", np.empty((0, 3))),
-            grid=self.belief.grid,
-            ranges=self.reading.ranges,
-            trail=self.map_pose.inverse().transform(truth.trail.positions),
-            goal=self.goal,
-            plan=self.plan,
-            time=self.time,
-            collisions=robot.collisions,
-        )
-
-    def _painter(self) -> Callable[[tuple[int, int]], Any]:
-        from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
-
-        return NavigationPicture

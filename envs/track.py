@@ -1,16 +1,16 @@
 """The tracking environment: follow a route by a pose that is fused from map, encoders and compass."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from envs.arguments import check_positive
-from envs.core import LidarEnv
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.localization import Amcl, AmclParams
 from envs.localization.ekf import Estimate
 from envs.localization.fusion import FusedPose
+from envs.navigate import KnownMapEnv
 from envs.observations import Observations
 from envs.rendering.scene import NavigationScene
 from envs.robots import RobotParams, load_robot
@@ -37,7 +37,7 @@ OBSERVATIONS = ("scan", "route", "motion")
 """Parts of an observation by default."""
 
 
-class TrackEnv(LidarEnv):
+class TrackEnv(KnownMapEnv):
     """Follow a route with a robot that is localized by a map, its wheels and a compass.
 
     ## Description
@@ -185,25 +185,7 @@ class TrackEnv(LidarEnv):
         return self.start.between(self.truths[0].state.pose)
 
     def scene(self) -> NavigationScene:
-        """Return this moment for drawing: the robot on its map."""
-        robot, truth = self.robots[0], self.truths[0]
-        return NavigationScene(
-            world=self.world,
-            robot=self.robot,
-            pose=self.true_pose,
-            estimated_pose=self.estimate.pose,
-            is_lost=robot.belief.is_lost,
-            particles=self.localizer.particles,
-            grid=robot.belief.grid,
-            ranges=self.reading.ranges,
-            trail=self.start.inverse().transform(truth.trail.positions),
-            goal=None,
-            plan=self.route.points[self.task.progress.index :],
-            time=self.time,
-            collisions=robot.collisions,
-        )
-
-    def _painter(self) -> Callable[[tuple[int, int]], Any]:
-        from envs.rendering.navigation import NavigationPicture  # and with it pygame, only when something is drawn
-
-        return NavigationPicture
+        """Return this moment for drawing: the robot on its map, and the route ahead."""
+        scene = super().scene()
+        scene.plan = self.route.points[self.task.progress.index :]
+        return scene

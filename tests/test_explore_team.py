@@ -235,7 +235,7 @@ def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
     directions = np.vstack([np.cos(angles), np.sin(angles)])
     ranges = np.full(36, 3.0, dtype=np.float32)
     ranges[18], ranges[9], ranges[0] = 1.8, np.nan, np.inf
-    out = remove_peers(ranges, directions, 0.0, 0.0, 5.0, 5.0, math.pi / 2, np.array([[5.0, 7.0]]), 0.3)
+    out = remove_peers(ranges, directions, (0.0, 0.0), (5.0, 5.0, math.pi / 2), np.array([[5.0, 7.0]]), 0.3)
     # Beam 18 looks ahead, which is to y = 6.8; its neighbours pass the peer at a distance.
     assert np.flatnonzero(np.isnan(out)).tolist() == [9, 18]
     assert np.isinf(out[0])

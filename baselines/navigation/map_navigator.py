@@ -22,7 +22,7 @@ from envs.navigation import (
     plan_path,
     smooth_path,
 )
-from envs.navigation.local_planners import make_local_planner
+from envs.navigation.local_planner import make_local_planner
 from envs.navigation.records import FAILED
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist

@@ -204,8 +204,7 @@ class MapPyramid:
 
     def mark(self, x: float, y: float) -> None:
         """Remember that a robot has been at (x, y), map frame [m]."""
-        grid, (left, low) = self._grid, self._grid.origin
-        col, row = (x - left) / grid.resolution, (y - low) / grid.resolution
+        col, row = self._in_cells(x, y)
         for level in self._levels.values():
             level.mark(col, row)
 
@@ -244,5 +243,8 @@ class MapPyramid:
         level.rebuild(self._grid.data)
         for trail in self._trails:
             for x, y in trail.positions.tolist():
-                left, low = self._grid.origin
-                level.mark((x - left) / self._grid.resolution, (y - low) / self._grid.resolution)
+                level.mark(*self._in_cells(x, y))
+
+    def _in_cells(self, x: float, y: float) -> tuple[float, float]:
+        grid, (left, low) = self._grid, self._grid.origin
+        return (x - left) / grid.resolution, (y - low) / grid.resolution

@@ -1,6 +1,7 @@
 """Sources of motion: how far a robot has come since the last reading, by its own sensors."""
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 from numba import njit
@@ -83,19 +84,15 @@ class WheelMotion:
         return Pose2D(*wheel_motion(left - left_before, right - right_before, self._metres_per_tick, self._track))
 
 
-class GyroMotion:
+class GyroMotion(WheelMotion):
     """Odometry that takes distances from the wheels and turns from the gyroscope, as the TurtleBot3's own does.
 
     Wheels that slip falsify the heading most, where the gyroscope drifts slowly.
     """
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
-        self._metres_per_tick, self._period = robot.odometry.metres_per_tick, control_period
-        self._ticks = (0, 0)
-
-    def reset(self, reading: Reading) -> None:
-        """Start at a reading."""
-        self._ticks = reading.ticks
+        super().__init__(robot)
+        self._period = control_period
 
     def update(self, reading: Reading) -> Pose2D:
         """Return the pose of the base now, seen from the base at the last reading."""
@@ -103,3 +100,20 @@ class GyroMotion:
         self._ticks = reading.ticks
         turn = reading.yaw_rate * self._period
         return Pose2D(*gyro_motion(left - left_before, right - right_before, self._metres_per_tick, turn))
+
+
+class TrueMotion:
+    """The true motion of the base, for mapping without drift."""
+
+    def __init__(self, true_pose: Callable[[], Pose2D]) -> None:
+        """Take what returns the true pose of the base at the last reading, world frame."""
+        self._true_pose = true_pose
+
+    def reset(self, reading: Reading) -> None:
+        """Start at the pose of the moment."""
+        self._last = self._true_pose()
+
+    def update(self, reading: Reading) -> Pose2D:
+        """Return the pose of the base now, seen from the base at the last reading."""
+        before, self._last = self._last, self._true_pose()
+        return before.between(self._last)

@@ -13,17 +13,14 @@ PEER_MARGIN = 0.15
 
 
 @njit(cache=True, error_model="numpy")
-def remove_peers(ranges, directions, mount_x, mount_y, x, y, theta, peers, reach):
+def remove_peers(ranges, directions, mount, pose, peers, reach):
     """Return a scan without the beams that end at a peer: NaN instead.
 
     Args:
         ranges: shape (num_beams,), float32 [m].
         directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
-        mount_x: position of the lidar in the base frame [m].
-        mount_y: position of the lidar in the base frame [m].
-        x: estimated position of the base, map frame [m].
-        y: estimated position of the base, map frame [m].
-        theta: estimated heading [rad].
+        mount: position (x, y) of the lidar in the base frame [m].
+        pose: estimated pose of the base (x, y, theta), map frame [m, m, rad].
         peers: shape (m, 2), float64, estimated positions of the peers, map frame [m].
         reach: distance from a peer's position within which a beam that ends has hit it [m].
 
@@ -31,10 +28,11 @@ def remove_peers(ranges, directions, mount_x, mount_y, x, y, theta, peers, reach
         Shape (num_beams,), float32 [m].
     """
     result = ranges.copy()
+    x, y, theta = pose
     c, s = math.cos(theta), math.sin(theta)
     for i in range(peers.shape[0]):
         dx, dy = peers[i, 0] - x, peers[i, 1] - y
-        u, v = c * dx + s * dy - mount_x, c * dy - s * dx - mount_y
+        u, v = c * dx + s * dy - mount[0], c * dy - s * dx - mount[1]
         for k in range(ranges.shape[0]):
             r = float(ranges[k])
             across, along = r * directions[0, k] - u, r * directions[1, k] - v
@@ -64,7 +62,7 @@ class PeerFilter:
         if not peers:
             return ranges
         positions, mount = np.array([peer[:2] for peer in peers]), self._lidar.mount
-        return remove_peers(ranges, self._directions, mount.x, mount.y, *pose, positions, self._reach)
+        return remove_peers(ranges, self._directions, (mount.x, mount.y), tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
         """Return where the beams end that end at a peer: shape (k, 2), float64, base frame [m]; see `__call__`."""

@@ -18,8 +18,8 @@ from .frontier_navigator import FrontierNavigator
 from .frontiers import count_unknown, frontier_mask
 from .layers import LayeredCostmap, ObstacleParams
 from .local_planner import LocalPlanner
-from .navigator import NO_POINTS, Navigator
-from .obstacles import free_distance, mark_missing
+from .navigator import Navigator
+from .obstacles import NO_POINTS, free_distance, mark_missing
 from .params import NavigatorParams, PlanningParams
 from .paths import TravelField, plan_path, travel_field
 from .planning_map import PlanningMap

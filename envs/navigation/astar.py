@@ -80,17 +80,13 @@ class Expansion(NamedTuple):
     """Shape (4,), int64: level (total of the current bucket), number of entries so far, entries waiting in the queue,
     and whether the search started in a lethal cell."""
 
-    @classmethod
-    def of(cls, height: int, width: int) -> "Expansion":
-        """Return a search over a raster that has not begun."""
-        return _new_expansion(height, width)
-
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 
 @njit(cache=True, error_model="numpy")
-def _new_expansion(height, width):
+def new_expansion(height, width):
+    """Return a search over a raster that has not begun."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
@@ -100,14 +96,9 @@ def _new_expansion(height, width):
 def begin(expansion, entries, stride, row, col, starts_inside, level):
     """Start a search over, in time that grows with what the last one has reached.
 
-    Args:
-        expansion: `Expansion`, written.
-        entries: shape (n, 2), int32, n > 0: of each entry of the last search's queue its cell; written.
-        stride: width of the raster and its border.
-        row: row of the start.
-        col: column of the start.
-        starts_inside: whether the start is lethal.
-        level: total of the start.
+    Writes `expansion` and the first of `entries`, shape (n, 2), int32, the queue: of each entry its cell, and the next
+    entry in its bucket. `stride` is the width of the raster and its border; `starts_inside` whether the start (row,
+    column) is lethal; `level` its total.
     """
     travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
     for k in range(counters[NUM_ENTRIES]):
@@ -255,7 +246,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     for r in range(height):
         for c in range(width):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
-    expansion = _new_expansion(height, width)
+    expansion = new_expansion(height, width)
     entries = np.empty((open_weights.size, 2), dtype=np.int32)
     level = octile(goal_row - start_row, goal_col - start_col) if goal_row >= 0 else 0
     starts_inside = costs[start_row, start_col] == COST_LETHAL

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
 from envs.geometry.pose import wrap_angle
 from envs.navigation.astar import SCALE, STRAIGHT
-from envs.navigation.candidates import COST, FRONTIER_COL, FRONTIER_ROW, GOAL_COL, GOAL_ROW, SIZE
 from envs.navigation.costmap import Costmap
+from envs.navigation.frontiers import OCCUPIED_FROM, count_unknown
+from envs.navigation.paths import walk_back
 
 FEATURES = ("gain", "cost", "turn", "size", "clearance", "age", "ahead", "left", "failures", "chosen")
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
@@ -23,6 +23,20 @@ HALF_AGE = 60.0
 """Age of a frontier that counts as one half [s]."""
 REACH = 16.0
 """Distance of a candidate that counts as one [m]."""
+CANDIDATE = np.dtype(
+    [
+        ("viewpoint", np.float64, 2),
+        ("frontier", np.float64, 2),
+        ("cost", np.float64),
+        ("size", np.float64),
+        ("gain", np.float64),
+        ("clearance", np.float64),
+        ("turn", np.float64),
+        ("age", np.float64),
+        ("failures", np.int64),
+    ]
+)
+"""A candidate in metres and seconds, map frame; see `Candidates`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,8 +99,8 @@ def _since(seen, x, y, radius, now):
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_within(points, x, y, radius):
-    """Return which of points (shape (n, 2)) is nearest to (x, y), -1 if none is within `radius`."""
+def _nearest_within(points, x, y, radius):
+    """Return which of points (rows (x, y, ...)) is nearest to (x, y), -1 if none is within `radius`."""
     nearest, best = -1, radius
     for k in range(len(points)):
         gap = math.hypot(points[k, 0] - x, points[k, 1] - y)
@@ -100,68 +114,90 @@ VIEW_X, VIEW_Y, THERE_X, THERE_Y, LENGTH, EXTENT, GAIN, CLEARANCE, TURN, AGE, FA
 
 
 @njit(cache=True, error_model="numpy")
-def make_table(found, described, frame, theta, now, before, failures, radius):
-    """Turn candidates into metres and seconds.
-
-    Args:
-        found: shape (k, 7), float64, see `CANDIDATE_FIELDS`.
-        described: shape (k, 3), float64, see `describe_surroundings`.
-        frame: position of the raster's corner (x, y) in the map frame [m], side of its cells [m], number of cells that
-            count as a gain of one, clearance that counts as one [cells].
-        theta: heading of the robot [rad].
-        now: time [s].
-        before: shape (n, 3), float64: frontiers of the candidates before (x, y), and since when they have been there.
-        failures: shape (m, 2), float64: frontiers that the robot did not get to, map frame [m].
-        radius: candidates this near to each other are the same [m].
-
-    Returns:
-        Shape (k, 11), float64: columns `VIEW_X` to `FAILURES`; and shape (k, 3), float64, the next `before`.
-    """
-    x0, y0, side, full_gain, full_clearance = frame
-    table, seen = np.empty((len(found), TABLE_COLUMNS)), np.empty((len(found), 3))
-    for k in range(len(found)):
-        row, out = found[k], table[k]
-        out[VIEW_X], out[VIEW_Y] = x0 + (row[GOAL_COL] + 0.5) * side, y0 + (row[GOAL_ROW] + 0.5) * side
-        out[THERE_X], out[THERE_Y] = x0 + (row[FRONTIER_COL] + 0.5) * side, y0 + (row[FRONTIER_ROW] + 0.5) * side
-        seen[k, 0], seen[k, 1] = out[THERE_X], out[THERE_Y]
-        seen[k, 2] = _since(before, out[THERE_X], out[THERE_Y], radius, now)
-        out[LENGTH], out[EXTENT] = row[COST] * side / (STRAIGHT * SCALE), row[SIZE] * side
-        out[GAIN] = min(described[k, 0] / full_gain, 1.0)
-        out[CLEARANCE] = min(described[k, 1] / full_clearance, 1.0)
-        out[TURN] = wrap_angle(described[k, 2] - theta)
-        out[AGE] = now - seen[k, 2]
-        out[FAILURES] = _count_near(failures, out[THERE_X], out[THERE_Y], radius)
-    return table, seen
+def _clearance(joined, row, col, reach):
+    """Return the distance from a cell to the nearest occupied one, at most `reach` [cells]."""
+    height, width = joined.shape
+    best = reach * reach
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+            if joined[r, c] >= OCCUPIED_FROM:
+                best = min(best, (r - row) ** 2 + (c - col) ** 2)
+    return math.sqrt(best)
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(table, chosen, x, y, theta, max_failures, features):
+def describe(raster, found, tables, frame, theta, now, past):
+    """Describe candidates in metres and seconds.
+
+    Args:
+        raster: occupancy, shape (height, width), int8, and predecessors, shape (height + 2, width + 2), uint8, of the
+            search that found them.
+        found: shape (k,), `FOUND`.
+        tables: `PlanningTables`.
+        frame: where the first column and the first row begin, map frame [m], and the side of a cell [m].
+        theta: heading of the robot [rad].
+        now: time [s].
+        past: frontiers of the candidates before (x, y), and since when they have been there, shape (n, 3); frontiers
+            that the robot did not get to, shape (m, 2); the frontier that was chosen last (x, y), NaN for none; and the
+            distance up to which two frontiers are the same; map frame [m, s].
+
+    Returns:
+        Shape (k,), `CANDIDATE`; shape (k, 3), float64, the frontiers for the next call; and the index of the candidate
+        that was chosen last, -1 if it is gone.
+    """
+    joined, predecessor = raster
+    left, low, side = frame
+    before, failures, chosen, radius = past
+    table, seen = np.empty(len(found), dtype=CANDIDATE), np.empty((len(found), 3))
+    full_gain = math.pi * tables.gain_radius**2
+    for k in range(len(found)):
+        cell, out = found[k], table[k]
+        goal_row, goal_col = cell.goal
+        row, col = cell.frontier
+        out.viewpoint[0], out.viewpoint[1] = left + (goal_col + 0.5) * side, low + (goal_row + 0.5) * side
+        x, y = left + (col + 0.5) * side, low + (row + 0.5) * side
+        out.frontier[0], out.frontier[1] = x, y
+        seen[k, 0], seen[k, 1], seen[k, 2] = x, y, _since(before, x, y, radius, now)
+        out.cost, out.size = cell.cost * side / (STRAIGHT * SCALE), cell.size * side
+        out.gain = min(count_unknown(joined, row, col, tables.gain_radius) / full_gain, 1.0)
+        out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
+        path = walk_back(predecessor, goal_row, goal_col)
+        # On the viewpoint already, the path on is the one to what is to be seen.
+        if path.shape[0] > 1:
+            ahead = min(tables.heading_steps, path.shape[0] - 1)
+            row, col = path[ahead, 0], path[ahead, 1]
+        out.turn = wrap_angle(math.atan2(row - path[0, 0], col - path[0, 1]) - theta)
+        out.age = now - seen[k, 2]
+        out.failures = _count_near(failures, x, y, radius)
+    return table, seen, _nearest_within(seen, chosen[0], chosen[1], radius)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_features(table, chosen, x, y, theta, max_failures, features):
+    """Write the features of candidates as policies see them.
+
+    Args:
+        table: shape (k,), `CANDIDATE`.
+        chosen: index of the candidate that the last drive was for; -1 for none.
+        x: estimated position, map frame [m].
+        y: estimated position, map frame [m].
+        theta: estimated heading [rad].
+        max_failures: number of failures that counts as one.
+        features: shape (n, 10), float32, n >= k, written: see `ExploreFrontiersEnv`; 0 in rows without a candidate.
+    """
     c, s = math.cos(theta), math.sin(theta)
     features[:] = 0.0
     for k in range(len(table)):
         row = table[k]
-        dx, dy = row[THERE_X] - x, row[THERE_Y] - y
-        features[k, 0] = row[GAIN]
-        features[k, 1] = row[LENGTH] / (row[LENGTH] + HALF_COST)
-        features[k, 2] = row[TURN] / math.pi
-        features[k, 3] = row[EXTENT] / (row[EXTENT] + HALF_SIZE)
-        features[k, 4] = row[CLEARANCE]
-        features[k, 5] = row[AGE] / (row[AGE] + HALF_AGE)
+        dx, dy = row.frontier[0] - x, row.frontier[1] - y
+        features[k, 0] = row.gain
+        features[k, 1] = row.cost / (row.cost + HALF_COST)
+        features[k, 2] = row.turn / math.pi
+        features[k, 3] = row.size / (row.size + HALF_SIZE)
+        features[k, 4] = row.clearance
+        features[k, 5] = row.age / (row.age + HALF_AGE)
         features[k, 6] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
         features[k, 7] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
-        features[k, 8] = min(row[FAILURES] / max_failures, 1.0)
+        features[k, 8] = min(row.failures / max_failures, 1.0)
     if chosen >= 0:
         features[chosen, CHOSEN] = 1.0
-
-
-def fill_features(table: np.ndarray, chosen: int, pose: Pose2D, max_failures: int, features: np.ndarray) -> None:
-    """Write the features of candidates as policies see them.
-
-    Args:
-        table: shape (k, 11), float64, see `make_table`.
-        chosen: index of the candidate that the last drive was for; -1 for none.
-        pose: estimate now, map frame.
-        max_failures: number of failures that counts as one.
-        features: shape (n, 10), float32, n >= k, written: see `ExploreFrontiersEnv`; 0 in rows without a candidate.
-    """
-    _fill(table, chosen, *pose, max_failures, features)

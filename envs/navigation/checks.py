@@ -3,32 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from .astar import COST_WEIGHT, step_weights
 from .costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
 from .paths import nearest_cell
-
-
-@njit(cache=True, error_model="numpy")
-def _is_open(points, costs, weights, origin_x, origin_y, resolution):
-    """Tell whether all points are traversable, but for the first ones as long as the robot gets out of there."""
-    height, width = costs.shape
-    is_out = False
-    for k in range(points.shape[0]):
-        row = math.floor((points[k, 1] - origin_y) / resolution)
-        col = math.floor((points[k, 0] - origin_x) / resolution)
-        if row < 0 or col < 0 or row >= height or col >= width:
-            return False
-        cost = costs[row, col]
-        if cost in (COST_INSCRIBED, COST_LETHAL):
-            if is_out:
-                return False
-        elif weights[cost] == 0:
-            return False
-        else:
-            is_out = True
-    return is_out
 
 
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
@@ -42,9 +20,14 @@ def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = F
         allow_unknown: whether it may cross unknown cells.
     """
     grid = costmap.grid
-    points = np.ascontiguousarray(path, dtype=np.float64)
-    weights = step_weights(COST_WEIGHT, allow_unknown)
-    return bool(_is_open(points, costmap.costs, weights, *grid.origin, grid.resolution))
+    cells = grid.cells(path)
+    if not grid.contains(cells).all():
+        return False
+    costs = costmap.costs[tuple(cells.T)]
+    touches = (costs == COST_INSCRIBED) | (costs == COST_LETHAL)
+    is_open = (step_weights(COST_WEIGHT, allow_unknown)[costs] > 0) & ~touches
+    first = int(np.argmax(is_open))
+    return bool(touches[:first].all() and is_open[first:].all())
 
 
 def check_goal(

@@ -21,6 +21,17 @@ COST_UNKNOWN = 255
 """Never observed, and no known obstacle's footprint reaches it."""
 
 
+Window = tuple[int, int, int, int]
+"""A rectangle of cells: first row, first column, row after the last, column after the last."""
+
+
+def union(a: Window | None, b: Window | None) -> Window | None:
+    """Return the least window that holds two."""
+    if a is None or b is None:
+        return a or b
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+
 @dataclass(frozen=True, slots=True)
 class CostmapParams:
     """How obstacles spread into a costmap. Defaults: Nav2's bring-up file."""
@@ -129,41 +140,24 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
 
 
 @njit(cache=True, error_model="numpy")
-def _known_rows_and_columns(data):
-    """Tell which rows and columns hold an observed cell: bool arrays of shape (height,) and (width,)."""
-    height, width = data.shape
-    rows = np.zeros(height, dtype=np.bool_)
-    deepest = np.full(width, -1, dtype=np.int8)
-    for row in range(height):
-        line = data[row]
-        highest = np.int8(-1)
-        for col in range(width):
-            highest = max(highest, line[col])
-            deepest[col] = max(deepest[col], line[col])
-        rows[row] = highest >= 0
-    return rows, deepest >= 0
-
-
-@njit(cache=True, error_model="numpy")
 def known_window(data):
     """Return the first row and column and the last row and column that hold an observed cell.
 
     Args:
         data: shape (height, width), int8, occupancy. Where nothing has been observed, the window is all of it.
     """
-    rows, cols = _known_rows_and_columns(data)
-    top, left, bottom, right = 0, 0, data.shape[0] - 1, data.shape[1] - 1
-    if not rows.any():
-        return top, left, bottom, right
-    while not rows[top]:
-        top += 1
-    while not rows[bottom]:
-        bottom -= 1
-    while not cols[left]:
-        left += 1
-    while not cols[right]:
-        right -= 1
-    return top, left, bottom, right
+    height, width = data.shape
+    highest_in_row = np.full(height, -1, dtype=np.int8)
+    highest_in_col = np.full(width, -1, dtype=np.int8)
+    for row in range(height):
+        line = data[row]
+        highest = np.int8(-1)
+        for col in range(width):
+            highest = max(highest, line[col])
+            highest_in_col[col] = max(highest_in_col[col], line[col])
+        highest_in_row[row] = highest
+    rows, cols = np.flatnonzero(highest_in_row >= 0), np.flatnonzero(highest_in_col >= 0)
+    return (rows[0], cols[0], rows[-1], cols[-1]) if len(rows) else (0, 0, height - 1, width - 1)
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
@@ -176,10 +170,11 @@ def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
     Returns:
         A view of the same cells; the whole grid where nothing has been observed.
     """
-    rows, cols = (np.flatnonzero(known) for known in _known_rows_and_columns(grid.data))
-    if len(rows) == 0:
-        return grid
-    top, left = max(rows[0] - margin, 0), max(cols[0] - margin, 0)
-    window = grid.data[top : rows[-1] + margin + 1, left : cols[-1] + margin + 1]
+    top, left, bottom, right = known_window(grid.data)
+    top, left = max(top - margin, 0), max(left - margin, 0)
     x, y = grid.origin
-    return OccupancyGrid(window, grid.resolution, (x + left * grid.resolution, y + top * grid.resolution))
+    return OccupancyGrid(
+        grid.data[top : bottom + margin + 1, left : right + margin + 1],
+        grid.resolution,
+        (x + left * grid.resolution, y + top * grid.resolution),
+    )

@@ -114,7 +114,6 @@ class DwbPlanner:
             params: how to try and judge.
         """
         self._robot = robot
-        self._period = control_period
         self._params = params
         self._max_w = min(params.max_w, robot.max_w)
         self._horizon = robot.max_v * params.sim_time + params.forward_point_distance

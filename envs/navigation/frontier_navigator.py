@@ -11,39 +11,19 @@ import numpy as np
 
 from envs.estimation import Belief
 from envs.geometry import Pose2D
-from envs.navigation.candidate_features import (
-    AGE,
-    CLEARANCE,
-    EXTENT,
-    FAILURES,
-    GAIN,
-    LENGTH,
-    THERE_X,
-    THERE_Y,
-    TURN,
-    VIEW_X,
-    VIEW_Y,
-    Candidates,
-    fill_features,
-    make_table,
-    nearest_within,
-)
-from envs.navigation.candidates import (
-    CANDIDATE_FIELDS,
-    PART,
-    describe_surroundings,
-    find_candidates,
-    split_groups,
-)
+from envs.navigation.candidate_features import Candidates, describe, fill_features
+from envs.navigation.candidates import FOUND, find_candidates
 from envs.navigation.costmap import COST_INSCRIBED, Costmap
-from envs.navigation.navigator import NO_POINTS, Navigator
+from envs.navigation.frontiers import frontier_groups, split_groups
+from envs.navigation.navigator import NOTHING, Navigator
+from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import SHORTCUT, nearest_cell
 from envs.navigation.planned_paths import search_goal, write_path
-from envs.navigation.planning_kernels import frontier_groups, frontier_in_sight, frontier_near
 from envs.navigation.planning_map import CostLayer, PlanningMap
 from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from envs.navigation.tables import costmap_params
+from envs.navigation.viewpoints import frontier_in_sight, frontier_near
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -87,7 +67,6 @@ class FrontierNavigator:
         self.params = params
         self._robot = robot
         self._planning_params = planning
-        self._period = control_period
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
@@ -105,7 +84,8 @@ class FrontierNavigator:
         self._level = 0
         self._seen = np.empty((0, 3))
         self._failures = NO_POINTS
-        self._chosen: tuple[float, float] | None = None
+        self.target: tuple[float, float] | None = None
+        """The frontier that was chosen last (x, y), map frame [m]."""
         self._last_failed = False
         # Whether the map may have changed since the last look for the frontier of the drive.
         self._has_changed = True
@@ -129,20 +109,16 @@ class FrontierNavigator:
 
     def write_features(self, pose: Pose2D, features: np.ndarray) -> None:
         """Write the candidates' features, shape (max_candidates, 10), float32; see `fill_features`."""
-        fill_features(self._table, self.candidates.chosen, pose, self.params.max_failures, features)
+        fill_features(self._table, self.candidates.chosen, *pose, self.params.max_failures, features)
 
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
         self._has_changed = True
-        planning, tables = self.map, self.map.tables[self._level]
-        cell = int(self._found[index, 0]), int(self._found[index, 1])
-        frame = (*planning.origin, planning.side)
-        costs = self.candidates.costmap.costs
-        count = write_path(costs, tables.weights, planning.expansion, cell, self._shortcut, frame, self._path)
+        count = self._write_path(self.candidates.costmap.costs, tuple(self._found["goal"][index].tolist()))
         view = self.candidates.frontiers[index].tolist()
-        self._chosen = (view[0], view[1])
+        self.target = (view[0], view[1])
         goal = self.candidates.viewpoints[index].tolist()
-        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self._chosen, num_points=count)
+        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self.target, num_points=count)
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
@@ -200,11 +176,6 @@ class FrontierNavigator:
         self._last_failed = True
         self.navigator.stop()
 
-    @property
-    def target(self) -> tuple[float, float] | None:
-        """The frontier that was chosen last (x, y), map frame [m]."""
-        return self._chosen
-
     def free_costmap(self, pose: Pose2D) -> Costmap:
         """Return the costs now for the largest footprint that touches nothing where the robot is; its array is live."""
         for level in range(self.map.max_level + 1):
@@ -241,8 +212,8 @@ class FrontierNavigator:
 
     def _is_frontier_left(self) -> bool:
         """Tell whether there is a frontier near to the one that was chosen."""
-        assert self._chosen is not None
-        return self.map.is_frontier_near(self._chosen, self.params.frontier_radius)
+        assert self.target is not None
+        return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
     def _start_cell(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
         """Return the robot's cell, or the nearest traversable one; (-1, -1) for none."""
@@ -260,7 +231,7 @@ class FrontierNavigator:
             layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
             groups, parts = self._frontiers(layer)
             start = self._start_cell(layer.costs, level, pose)
-            found = np.empty((0, len(CANDIDATE_FIELDS)))
+            found = np.empty(0, dtype=FOUND)
             if start[0] >= 0:
                 self._has_start = True
                 found, planning.entries = find_candidates(
@@ -290,36 +261,28 @@ class FrontierNavigator:
         tables = planning.tables[self._level]
         height, width = planning.joined.shape
         predecessor = planning.expansion.predecessor.reshape(height + 2, width + 2)
-        described = describe_surroundings(planning.joined, predecessor, found, tables)
-        frame = (*planning.origin, planning.side, math.pi * tables.gain_radius**2, float(tables.inflation))
-        radius = self.params.retry_radius
-        table, self._seen = make_table(
-            found, described, frame, pose.theta, self._now, self._seen, self._failures, radius
-        )
+        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
+        raster, frame = (planning.joined, predecessor), (*planning.origin, planning.side)
+        table, self._seen, chosen = describe(raster, found, tables, frame, pose.theta, self._now, past)
         self._table = table
-        chosen = -1
-        if self._chosen is not None:
-            chosen = int(nearest_within(table[:, THERE_X : THERE_Y + 1], *self._chosen, radius))
-        corner = np.array(planning.origin)
-        own = parts[found[:, PART].astype(np.int64)]
-        centers = (groups[:, ::-1] + 0.5) * planning.side + corner
-        cells = tuple(centers[first:last] for first, last, _, _ in own.tolist())
+        own = parts[found["part"]]
+        centers = (groups[:, ::-1] + 0.5) * planning.side + np.array(planning.origin)
         costs = planning._layers[self._level].costs
         self.candidates = Candidates(
-            viewpoints=table[:, VIEW_X : VIEW_Y + 1],
-            frontiers=table[:, THERE_X : THERE_Y + 1],
-            costs=table[:, LENGTH],
-            sizes=table[:, EXTENT],
+            viewpoints=table["viewpoint"],
+            frontiers=table["frontier"],
+            costs=table["cost"],
+            sizes=table["size"],
             groups=own[:, 3],
             group_sizes=own[:, 2] * planning.side,
-            gains=table[:, GAIN],
-            clearances=table[:, CLEARANCE],
-            turns=table[:, TURN],
-            ages=table[:, AGE],
-            failures=table[:, FAILURES].astype(np.int64),
-            chosen=chosen,
+            gains=table["gain"],
+            clearances=table["clearance"],
+            turns=table["turn"],
+            ages=table["age"],
+            failures=table["failures"],
+            chosen=int(chosen),
             last_failed=self._last_failed,
-            cells=cells,
+            cells=tuple(centers[first:last] for first, last, _, _ in own.tolist()),
             costmap=Costmap(costs, planning.grid, costmap_params(planning.params, tables.robot_radius)),
         )
         """What there is to choose from."""
@@ -331,54 +294,50 @@ class FrontierNavigator:
         start = self._start_cell(layer.costs, self._level, pose)
         if start[0] < 0:
             return False
-        slack = math.floor(self.navigator.numbers.goal_tolerance / planning.side + 1e-9)
+        slack = math.floor(self.navigator.numbers["goal_tolerance"] / planning.side + 1e-9)
         goal = planning.cell(*self.navigator.goal)
         weights, arrays = tables.weights, (layer.costs, layer.open_weights)
         end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
         if end[0] < 0:
             return False
-        frame = (*planning.origin, planning.side)
-        count = write_path(layer.costs, weights, planning.expansion, end, self._shortcut, frame, self._path)
-        self.navigator.follow(self._path, num_points=count)
+        self.navigator.follow(self._path, num_points=self._write_path(layer.costs, end))
         return True
+
+    def _write_path(self, costs: np.ndarray, cell: tuple[int, ...]) -> int:
+        """Write the path of the last search to a cell, and return how many points it has."""
+        planning = self.map
+        frame, weights = (*planning.origin, planning.side), planning.tables[self._level].weights
+        return int(write_path(costs, weights, planning.expansion, cell, self._shortcut, frame, self._path))
 
     def _fail(self) -> None:
         """Take note that the robot did not get to where it should look at a frontier."""
-        assert self._chosen is not None
-        self._failures = np.vstack([self._failures, self._chosen])
-        near = np.hypot(*(self._failures - self._chosen).T) <= self.params.retry_radius
+        assert self.target is not None
+        self._failures = np.vstack([self._failures, self.target])
+        near = np.hypot(*(self._failures - self.target).T) <= self.params.retry_radius
         if np.count_nonzero(near) >= self.params.max_failures:
-            self._ignore(self._near_chosen(self._look_radius))
+            planning = self.map
+            planning.refresh()
+            reach = math.ceil(self._look_radius / planning.side - 1e-9)
+            self._ignore(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
         """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
         if not self._is_frontier_left():
             return
-        assert self._chosen is not None
+        assert self.target is not None
         planning, numbers = self.map, self.navigator.numbers
         planning.refresh()
-        reach = math.ceil((math.dist(self._chosen, pose[:2]) + self._look_radius) / planning.side - 1e-9)
+        reach = math.ceil((math.dist(self.target, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
-        view = pose.theta + numbers.mount[2], math.pi if numbers.sees_around else numbers.half_fov
+        view = pose.theta + numbers["mount"][2], math.pi if numbers["sees_around"] else numbers["half_fov"]
         in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
-        row, col = planning.cell(*self._chosen)
+        row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
         beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
         self._ignore(np.vstack([in_sight, [(row, col)], beside]))
 
-    def _near_chosen(self, radius: float) -> np.ndarray:
-        """Return the frontier cells within `radius` [m] of the chosen one: shape (k, 2), (row, column)."""
-        assert self._chosen is not None
-        self.map.refresh()
-        reach = math.ceil(radius / self.map.side - 1e-9)
-        cells: np.ndarray = frontier_near(self.map.frontier, *self.map.cell(*self._chosen), reach)
-        return cells
-
     def _ignore(self, cells: np.ndarray) -> None:
         """Leave frontier cells, shape (k, 2), (row, column), out from now on."""
         self.map.ignore(self.map.grid.centers(cells))
-
-
-__all__ = ["OUTCOMES", "Candidates", "FrontierNavigator"]

@@ -11,7 +11,7 @@ from envs.geometry.distance_transform import squared_distances
 from envs.geometry.lines import next_cell, start_walk
 from envs.robots import LidarParams
 
-from .costmap import Costmap, CostmapParams, Inflation
+from .costmap import Costmap, CostmapParams, Inflation, Window, union
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,27 +80,6 @@ def mark_and_clear(layer, is_static, sensor, beams, marking, clearing):
             layer[row, col] = OCCUPIED
 
 
-@njit(cache=True, error_model="numpy")
-def combine(static, layer, occupied_from):
-    """Lay the obstacle layer over the static map: obstacles of either, else the static map where known, else scans.
-
-    Args:
-        static: shape (height, width), int8, occupancy.
-        layer: same shape, see `mark_and_clear`.
-        occupied_from: least occupancy that is an obstacle [percent].
-
-    Returns:
-        Same shape, int8, occupancy.
-    """
-    combined = static.copy()
-    for row in range(static.shape[0]):
-        for col in range(static.shape[1]):
-            seen = layer[row, col]
-            if static[row, col] < 0 or (seen == OCCUPIED and static[row, col] < occupied_from):
-                combined[row, col] = seen
-    return combined
-
-
 class LayeredCostmap:
     """Costs over a known map that scans keep up to date.
 
@@ -130,7 +109,7 @@ class LayeredCostmap:
         self._is_static = squared_distances(occupied, reach) <= reach**2 if reach else occupied
         self._combined = OccupancyGrid(static.data.copy(), static.resolution, static.origin)
         self._costmap = Costmap(self._inflation.costs(static.data), self._combined, params)
-        self._stale: tuple[int, int, int, int] | None = None
+        self._stale: Window | None = None
 
     @property
     def costmap(self) -> Costmap:
@@ -193,7 +172,7 @@ class LayeredCostmap:
         (x0, y0), resolution = self.static.origin, self.static.resolution
         return (x - x0) / resolution, (y - y0) / resolution
 
-    def _window(self, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
+    def _window(self, x: float, y: float, reach: float) -> Window:
         """Return top, left, bottom and right of the raster around (x, y), a cell beyond `reach` [cells]."""
         height, width = self._layer.shape
         left, top = max(math.floor(x - reach) - 1, 0), max(math.floor(y - reach) - 1, 0)
@@ -202,18 +181,15 @@ class LayeredCostmap:
 
     def _spoil(self, x: float, y: float, reach: float) -> None:
         """Take note that the layer may have changed within `reach` of (x, y) [cells]."""
-        window = self._window(x, y, reach)
-        if self._stale is not None:
-            (top, left, bottom, right), before = window, self._stale
-            window = min(top, before[0]), min(left, before[1]), max(bottom, before[2]), max(right, before[3])
-        self._stale = window
+        self._stale = union(self._stale, self._window(x, y, reach))
 
     def _refresh(self, top: int, left: int, bottom: int, right: int) -> None:
         """Bring the costs up to date after a change of the layer within a window [cells]."""
         inner = np.s_[top:bottom, left:right]
-        self._combined.data[inner] = combine(
-            self.static.data[inner], self._layer[inner], np.int8(self._params.occupied_from)
-        )
+        static, seen = self.static.data[inner], self._layer[inner]
+        # Obstacles of either; else the static map where it is known, else scans.
+        is_seen = (static < 0) | ((seen == OCCUPIED) & (static < self._params.occupied_from))
+        self._combined.data[inner] = np.where(is_seen, seen, static)
         # Costs change up to the inflation's reach beyond it, and depend on what lies as far beyond that.
         reach = self._inflation.reach
         top, left, bottom, right = max(top - reach, 0), max(left - reach, 0), bottom + reach, right + reach

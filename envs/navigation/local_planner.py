@@ -1,10 +1,15 @@
-"""What every local planner offers: twists that follow a path around obstacles."""
+"""Local planners: twists that follow a path around obstacles."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
+from envs.files import resolve
 from envs.geometry import Pose2D
+from envs.navigation.dwb import DwbPlanner
+from envs.navigation.path_follower import PathFollower
+from envs.robots import RobotParams
 from envs.simulation import Twist
 
 
@@ -43,3 +48,22 @@ class LocalPlanner(Protocol):
             obstacles: shape (n, 2), float64, base frame [m].
         """
         ...
+
+
+LOCAL_PLANNERS: dict[str, Callable[[RobotParams, float], LocalPlanner]] = {"rpp": PathFollower, "dwb": DwbPlanner}
+"""Regulated pure pursuit and DWB; called with the robot and the control period [s]."""
+
+
+def make_local_planner(name: str, robot: RobotParams, control_period: float) -> LocalPlanner:
+    """Return a local planner with its default parameters.
+
+    Args:
+        name: one of `LOCAL_PLANNERS`, or `module:attribute` of what is called as those are.
+        robot: to drive.
+        control_period: time between two calls [s].
+
+    Raises:
+        ValueError: the name is unknown.
+    """
+    planner: LocalPlanner = resolve(name, LOCAL_PLANNERS, "local planner")(robot, control_period)
+    return planner

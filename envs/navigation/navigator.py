@@ -17,23 +17,14 @@ import numpy as np
 
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
-from envs.navigation.navigator_kernels import (
-    compute_velocity_command,
-    recover,
-    set_goal,
-    start_spin,
-    update,
-    update_obstacles,
-)
-from envs.navigation.obstacles import BUMP_POINTS, CAPACITY
+from envs.navigation.navigator_kernels import compute_velocity_command, recover, set_goal, update, update_obstacles
+from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
-from envs.navigation.records import DRIVING, NAVIGATOR, NavigatorNumbers
+from envs.navigation.records import NAVIGATOR, navigator_numbers
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
-NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
 MAX_OTHERS = 256
 """Points of other robots that are taken at most."""
 NOTHING = (math.nan, math.nan)
@@ -60,8 +51,9 @@ class Navigator:
             max_time: longest drive, but for a recovery, which is finished [s].
         """
         self.params = params
-        self.numbers = NavigatorNumbers.of(robot, control_period, max_time, params)
-        self._numbers = as_record(self.numbers)
+        self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
+        self.numbers = self._numbers[0]
+        """Robot and params as scalars, see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -81,10 +73,13 @@ class Navigator:
         records["side"] = 1.0
         records["stall_steps"] = records["stuck_steps"] = -1
         records["forward"] = 1
-        self.record = records[0]
-        """Of type `NAVIGATOR`."""
         self._odometry.reset(reading)
         self.sense(reading)
+
+    @property
+    def record(self) -> Any:
+        """The state, of type `NAVIGATOR`; a view also after unpickling."""
+        return self._records[0]
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -171,7 +166,11 @@ class Navigator:
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
-        start_spin(self._records, angle, self._numbers)
+        rate = float(self.numbers["spin_rate"])
+        for name in ("has_goal", "steps", "recoveries", "back_steps"):
+            self.record[name] = 0
+        self.record["turn_w"] = rate
+        self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self, *, backwards: bool = True) -> None:
         """Back up (or drive on, where there is more room) and spin a little."""
@@ -217,6 +216,3 @@ class Navigator:
         return Twist(
             *compute_velocity_command(self._records, self._path, self._obstacles, tuple(pose), self.v, self._numbers)
         )
-
-
-__all__ = ["DRIVING", "NO_POINTS", "Navigator"]

@@ -1,12 +1,19 @@
 """Driving along a path, recovering, and judging progress. Kernels over one record of `envs.navigation.records`.
 
 The parts are those of Nav2: a controller (regulated pure pursuit), a progress checker, a goal checker, and the recovery
-behaviors BackUp and Spin.
+behaviors BackUp and Spin. Arguments are arrays, which cost least to pass:
+
+- `navigators`: shape (1,), `NAVIGATOR`, written; `constants`: shape (1,), the fields of `navigator_numbers`.
+- `obstacles`: shape (n, 2), float64, base frame [m], the first `num_obstacles` count; `others`: shape (m, 2), float64,
+  base frame [m], further ones, which are not remembered.
+- `sensors`: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame (shape
+  (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
+- `motion`: pose of the base now, seen from the base at the last call; `pose`: estimate, map frame: x, y [m], theta
+  [rad].
 """
 
 import math
 
-import numpy as np
 from numba import njit
 
 from envs.geometry.pose import wrap_angle
@@ -17,35 +24,14 @@ from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
-
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        obstacles: shape (n, 2), float64, written: the first `num_obstacles` are the obstacles, base
-            frame [m].
-        sensors: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame
-            (shape (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
-        motion: pose of the base now, seen from the base at the last call: x, y [m], theta [rad].
-        others: shape (m, 2), float64, base frame [m]: further obstacles, which are not remembered.
-        constants: shape (1,), the fields of `NavigatorNumbers`.
-    """
+    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry."""
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
-    mount = numbers.mount
-    kept = remember(
-        obstacles,
-        record.num_remembered,
-        record.num_seen,
-        motion,
-        mount,
-        numbers.half_fov,
-        numbers.range_min,
-        numbers.range_far,
-    )
+    kept = remember(obstacles, record.num_remembered, record.num_seen, motion, numbers)
     if bumper:
-        kept = add_bump(obstacles, kept, numbers.follower.radius, record.forward == 1)
+        kept = add_bump(obstacles, kept, numbers.radius, record.forward == 1)
     record.num_remembered = kept
-    count = scan_points(ranges, np.inf, 1.0, directions[0], directions[1], mount[0], mount[1], obstacles[kept:])
+    count = scan_points(ranges, directions, numbers.mount, obstacles[kept:])
     record.num_seen = kept + count
     record.num_obstacles = kept + count + others.shape[0]
     for k in range(others.shape[0]):
@@ -61,25 +47,10 @@ def set_goal(navigators, num_points, goal, view, keep_clocks):
     record.goal_x, record.goal_y = goal
     record.view_x, record.view_y = view
     record.has_goal = 1
+    if not keep_clocks:
+        record.steps = record.recoveries = record.back_steps = record.turn_steps = 0
+        record.stall_steps = -1
     record.planned = record.steps
-    if keep_clocks:
-        return
-    record.steps = record.planned = 0
-    record.stall_steps = -1
-    record.recoveries = 0
-    record.back_steps = record.turn_steps = 0
-
-
-@njit(cache=True, error_model="numpy")
-def start_spin(navigators, angle, constants):
-    """Begin a turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
-    record, numbers = navigators[0], constants[0]
-    record.has_goal = 0
-    record.steps = 0
-    record.recoveries = 0
-    record.back_steps = 0
-    record.turn_w = numbers.spin_rate
-    record.turn_steps = math.ceil(angle / numbers.spin_rate / numbers.period)
 
 
 @njit(cache=True, error_model="numpy")
@@ -99,27 +70,17 @@ def _is_at_goal(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
-    """Choose the next twist.
+    """Choose the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
 
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        path: shape (n, 2), float64, map frame [m].
-        obstacles: see `update_obstacles`.
-        pose: estimate (x, y, theta), map frame [m, m, rad].
-        v_now: forward speed by odometry [m/s].
-        constants: shape (1,), the fields of `NavigatorNumbers`.
-
-    Returns:
-        Forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
+    `path` has shape (n, 2), float64, map frame [m]; `v_now` is the forward speed by odometry [m/s].
     """
     record, numbers = navigators[0], constants[0]
-    follower = numbers.follower
     around = obstacles[: record.num_obstacles]
     v, w = 0.0, 0.0
     if record.back_steps > 0:
         record.back_steps -= 1
         look = 2.0 * record.back_v * numbers.period
-        if free_distance(around, 0.0, follower.radius, look) < 0.5 * abs(look):
+        if free_distance(around, 0.0, numbers.radius, look) < 0.5 * abs(look):
             record.back_steps = 0
         else:
             v = record.back_v
@@ -128,12 +89,12 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
         w = record.turn_w
     elif record.has_goal:
         if _is_at_goal(record, pose, numbers):
-            w = turn_rate(_turn_to_view(record, pose, numbers), follower)
+            w = turn_rate(_turn_to_view(record, pose, numbers), numbers)
         else:
             points = path[: record.num_points]
-            v, w, _ = follow(record, points, pose[0], pose[1], pose[2], v_now, around, follower)
+            v, w, _ = follow(record, points, pose[0], pose[1], pose[2], v_now, around, numbers)
     record.forward = 1 if v >= 0.0 else 0
-    v, w = min(max(v, -follower.max_v), follower.max_v), min(max(w, -numbers.max_w), numbers.max_w)
+    v, w = min(max(v, -numbers.max_v), numbers.max_v), min(max(w, -numbers.max_w), numbers.max_w)
     return v, w
 
 
@@ -142,7 +103,7 @@ def recover(navigators, around, backwards, constants):
     """Back up, or drive on where there is more room, and spin a little, left and right in turn."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
-    radius, reach = numbers.follower.radius, numbers.back_reach
+    radius, reach = numbers.radius, numbers.back_reach
     sign = -1.0 if backwards else 1.0
     room = free_distance(around, 0.0, radius, sign * reach)
     if room < 0.5 * reach and free_distance(around, 0.0, radius, -sign * reach) > room:
@@ -178,15 +139,7 @@ def _count_still(record, pose, numbers):
 def check_progress(navigators, obstacles, pose, bumper, constants):
     """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
 
-    Args:
-        navigators: shape (1,), `NAVIGATOR`, written.
-        obstacles: see `update_obstacles`.
-        pose: estimate (x, y, theta), map frame [m, m, rad].
-        bumper: whether the robot touched anything.
-        constants: shape (1,), the fields of `NavigatorNumbers`.
-
-    Returns:
-        `DRIVING` or one of what follows there.
+    Returns `DRIVING` or one of what follows there.
     """
     record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]

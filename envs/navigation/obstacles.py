@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+NO_POINTS = np.empty((0, 2))
+"""No obstacles."""
 SIGHT_STEP = 0.02
 """Spacing of the poses along an arc at which the footprint is tested [m]."""
 SAME_POINT = 0.02
@@ -16,31 +18,22 @@ BUMP_POINTS = 5
 
 
 @njit(cache=True, error_model="numpy")
-def scan_points(scan, no_return, unit, cos, sin, mount_x, mount_y, points):
-    """Write the ends of the beams that hit something into `points` and return how many there are.
+def scan_points(ranges, directions, mount, points):
+    """Write the ends of the beams that hit something to `points`, base frame [m], and return how many there are.
 
-    Args:
-        scan: shape (num_beams,), float32: ranges; `no_return` or more where nothing was hit, 0 or NaN where nothing was
-            measured.
-        no_return: in the unit of `scan`.
-        unit: of `scan` [m].
-        cos: shape (num_beams,), of the beams' angles in the base frame.
-        sin: shape (num_beams,), of the same angles.
-        mount_x: x of the lidar in the base frame [m].
-        mount_y: y of the lidar in the base frame [m].
-        points: shape (n, 2), float64, written in the base frame [m].
+    Ranges and directions are those of `update_obstacles`, `mount` is the lidar's in the base frame (x, y, yaw).
     """
     count = 0
-    for beam in range(scan.shape[0]):
-        if 0.0 < scan[beam] < no_return:
-            points[count, 0] = mount_x + scan[beam] * unit * cos[beam]
-            points[count, 1] = mount_y + scan[beam] * unit * sin[beam]
+    for beam in range(ranges.shape[0]):
+        if 0.0 < ranges[beam] < np.inf:
+            points[count, 0] = mount[0] + ranges[beam] * directions[0, beam]
+            points[count, 1] = mount[1] + ranges[beam] * directions[1, beam]
             count += 1
     return count
 
 
 @njit(cache=True, error_model="numpy")
-def remember(points, num_remembered, num_points, motion, mount, half_fov, range_min, range_far):
+def remember(points, num_remembered, num_points, motion, numbers):
     """Carry points along with the robot's motion and keep those that the lidar no longer sees.
 
     Args:
@@ -48,25 +41,23 @@ def remember(points, num_remembered, num_points, motion, mount, half_fov, range_
         num_remembered: how many of them had been remembered before; the others come from the last scan.
         num_points: how many there are.
         motion: pose of the base now in the base frame before: x, y [m], theta [rad].
-        mount: (x, y, yaw) of the lidar in the base frame.
-        half_fov: half the lidar's field of view [rad].
-        range_min: the lidar's least range [m].
-        range_far: distance from the lidar up to which points beside its view are kept [m].
+        numbers: a record with the fields of `navigator_numbers`.
 
     Returns:
         How many are kept, at the start of `points`; at most `CAPACITY`.
     """
     dx, dy, dtheta = motion
+    mount = numbers.mount
     c, s = math.cos(dtheta), math.sin(dtheta)
     kept = 0
     for k in range(num_points):
         u, v = points[k, 0] - dx, points[k, 1] - dy
         x, y = c * u + s * v, c * v - s * u
         distance = math.hypot(x - mount[0], y - mount[1])
-        is_hidden = distance < range_min
-        if not is_hidden and distance < range_far:
+        is_hidden = distance < numbers.range_min
+        if not is_hidden and distance < numbers.range_far:
             bearing = math.atan2(y - mount[1], x - mount[0]) - mount[2]
-            is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > half_fov
+            is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > numbers.half_fov
         if not is_hidden or kept == CAPACITY:
             continue
         is_new = True
@@ -83,17 +74,7 @@ def remember(points, num_remembered, num_points, motion, mount, half_fov, range_
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Remember that the footprint touched something on the side to which it was driving.
-
-    Args:
-        points: shape (n, 2), float64, base frame [m]; written.
-        count: how many there are.
-        radius: of the footprint [m].
-        forward: whether the robot was driving forward.
-
-    Returns:
-        How many there are now.
-    """
+    """Add points of a footprint where it touched something ahead, or behind; returns how many there are now."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)

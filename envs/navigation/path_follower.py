@@ -5,11 +5,9 @@ import math
 import numpy as np
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerNumbers, FollowerParams, as_record, follow, turn_rate
+from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerParams, as_record, follow, follower_numbers, turn_rate
 from envs.robots import RobotParams
 from envs.simulation import Twist
-
-__all__ = ["FollowerParams", "PathFollower"]
 
 
 class PathFollower:
@@ -24,7 +22,7 @@ class PathFollower:
             params: how to follow.
         """
         self._goal_tolerance = params.goal_tolerance
-        self._numbers = as_record(FollowerNumbers.of(robot, control_period, params))[0]
+        self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=FOLLOWER_FIELDS)
         self._state["side"] = 1.0
         self._path = np.empty((0, 2))

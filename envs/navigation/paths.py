@@ -126,13 +126,12 @@ class TravelField:
         metres = self.costmap.grid.resolution / (STRAIGHT * SCALE)
         return np.where(travel == UNREACHED, np.inf, travel * metres)
 
-    def path(self, row: int, col: int, *, short: bool = True) -> np.ndarray | None:
-        """Return the path to a cell as points a cell apart.
+    def path(self, row: int, col: int) -> np.ndarray | None:
+        """Return the path to a cell as points a cell apart; straight lines replace staircases where they cost no more.
 
         Args:
             row: row of the cell.
             col: column of the cell.
-            short: replace staircases by straight lines that cost no more.
 
         Returns:
             Shape (n, 2), float64, cell centres and points between them, from start to goal [m]; None without a path.
@@ -141,10 +140,9 @@ class TravelField:
             return None
         cells = walk_back(self.predecessor, row, col)
         grid = self.costmap.grid
-        if short:
-            reach = max(2, round(SHORTCUT / grid.resolution))
-            cells = shorten(self.costmap.costs, self.weights, self.travel, cells, reach)
-        return resample(grid.centers(cells), grid.resolution)
+        reach = max(2, round(SHORTCUT / grid.resolution))
+        corners = shorten(self.costmap.costs, self.weights, self.travel, cells, reach)
+        return resample(grid.centers(corners), grid.resolution)
 
 
 def _traversable_cell(
@@ -192,7 +190,6 @@ def plan_path(
     *,
     tolerance: float = 0.0,
     allow_unknown: bool = False,
-    cost_weight: float = COST_WEIGHT,
 ) -> np.ndarray | None:
     """Find the cheapest path to a goal with A*.
 
@@ -202,13 +199,12 @@ def plan_path(
         goal: where to go (x, y), map frame [m].
         tolerance: how far beside the goal the path may end where the goal is not traversable [m].
         allow_unknown: whether the robot may cross unknown cells, at the highest cost of free ones.
-        cost_weight: see `COST_WEIGHT`.
 
     Returns:
         Shape (n, 2), float64, points a cell apart from start to goal [m]; None if there is no path.
     """
-    cell = _traversable_cell(costmap, step_weights(cost_weight, allow_unknown), goal, tolerance, COST_MAX_FREE)
+    cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
         return None
-    field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown, cost_weight=cost_weight)
+    field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown)
     return None if field is None else field.path(*cell)

@@ -1,4 +1,8 @@
-"""Paths over planning cells, written as points. Kernels."""
+"""Paths over planning cells, written as points. Kernels.
+
+`costs`: shape (height, width), uint8; `weights`: see `step_weights`; `expansion` and `entries`: workspace, see `begin`.
+Cells are (row, column).
+"""
 
 import math
 
@@ -12,19 +16,11 @@ from envs.navigation.paths import nearest_cell, shorten, walk_back
 
 @njit(cache=True, error_model="numpy")
 def write_path(costs, weights, expansion, cell, reach, frame, path):
-    """Write the path to a cell as points at most half a planning cell apart.
+    """Write the path to a cell that a search has reached as points at most half a planning cell apart.
 
-    Args:
-        costs: shape (height, width), uint8.
-        weights: see `step_weights`.
-        expansion: `Expansion` of a search that has reached the cell.
-        cell: (row, column).
-        reach: greatest number of cells that a straight line replaces.
-        frame: where the first column and the first row begin, map frame [m], and the side of a cell [m].
-        path: shape (n, 2), float64, written, map frame [m]; what is longer is cut off.
-
-    Returns:
-        How many points there are.
+    A straight line replaces at most `reach` cells. `frame` is where the first column and the first row begin, map frame
+    [m], and the side of a cell [m]. `path`, shape (n, 2), float64, is written, map frame [m]; what is longer is cut
+    off. Returns how many points there are.
     """
     left, low, side = frame
     shape = (costs.shape[0] + 2, costs.shape[1] + 2)
@@ -48,17 +44,8 @@ def write_path(costs, weights, expansion, cell, reach, frame, path):
 def search_goal(layer, weights, expansion, entries, start, goal, slack):
     """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
 
-    Args:
-        layer: costs, shape (height, width), uint8, and `open_weights` of `expand`.
-        weights: see `step_weights`.
-        expansion: workspace, see `begin`.
-        entries: workspace, see `begin`.
-        start: (row, column) of the start.
-        goal: (row, column).
-        slack: how far beside the goal the path may end [cells].
-
-    Returns:
-        The cell (row, column) where the path ends, (-1, -1) without one; and `entries`.
+    `layer` holds `costs` and the `open_weights` of `_expand`. The path may end up to `slack` cells beside the goal.
+    Returns the cell where it ends, (-1, -1) without one; and `entries`.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)

@@ -9,33 +9,15 @@ import math
 import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation.astar import Expansion
-from envs.navigation.costmap import COST_UNKNOWN, Costmap, known_window
+from envs.navigation.astar import new_expansion
+from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
+from envs.navigation.frontiers import TILE, ignore_around, update_frontier
+from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import PlanningParams
-from envs.navigation.planning_kernels import (
-    TILE,
-    cells_of,
-    ignore_around,
-    is_frontier_near,
-    join_cells,
-    obstacle_cells,
-    update_costs,
-    update_frontier,
-)
+from envs.navigation.planning_kernels import cells_of, join_cells, obstacle_cells, update_costs
 from envs.navigation.tables import PlanningTables, costmap_params, tables_of
+from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
-
-Window = tuple[int, int, int, int]
-"""First row, first column, row after the last, column after the last."""
-NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
-
-
-def union(a: Window | None, b: Window | None) -> Window | None:
-    """Return the least window that holds two."""
-    if a is None or b is None:
-        return a or b
-    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 class CostLayer:
@@ -169,10 +151,6 @@ class PlanningMap:
         """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
-    def center(self, row: float, col: float) -> tuple[float, float]:
-        """Return the centre (x, y) of a planning cell, map frame [m]."""
-        return self.origin[0] + (col + 0.5) * self.side, self.origin[1] + (row + 0.5) * self.side
-
     def _rebuild(self, grid: OccupancyGrid) -> None:
         """Look at a map anew, from end to end."""
         rows, cols = grid.data.shape
@@ -189,7 +167,7 @@ class PlanningMap:
             self.ignored, self.frontier, self.tile_counts, cells_of(self.ignored_points, *self.origin, self.side)
         )
         self._layers: dict[int, CostLayer] = {}
-        self.expansion = Expansion.of(*shape)
+        self.expansion = new_expansion(*shape)
         """Workspace of searches."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
         """Queue of searches."""

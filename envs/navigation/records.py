@@ -1,12 +1,11 @@
 """Records of a navigator: its state from step to step, its numbers, and its progress."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from envs.navigation.params import NavigatorParams
-from envs.navigation.pursuit import FOLLOWER_FIELDS, FollowerNumbers
+from envs.navigation.pursuit import FOLLOWER_FIELDS, follower_numbers
 from envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
@@ -45,67 +44,33 @@ NAVIGATOR = np.dtype(
 """What a navigator keeps from step to step, in the map frame, m and rad."""
 
 
-class NavigatorNumbers(NamedTuple):
-    """Robot and `NavigatorParams` as scalars, for kernels as a record: see `as_record`."""
+def navigator_numbers(
+    robot: RobotParams, period: float, max_time: float, params: NavigatorParams
+) -> dict[str, float | tuple[float, ...]]:
+    """Return the numbers for drives of at most `max_time` seconds with a command every `period` seconds; m, s, rad."""
+    lidar = robot.lidar
 
-    follower: FollowerNumbers
-    period: float
-    """[s]"""
-    mount: tuple[float, float, float]
-    """Of the lidar: x, y [m], yaw [rad]."""
-    half_fov: float
-    sees_around: bool
-    """Whether the lidar sees in all directions."""
-    range_min: float
-    range_far: float
-    """Distance up to which obstacles beside the lidar's view are remembered [m]."""
-    max_w: float
-    goal_tolerance: float
-    """[m]"""
-    max_steps: int
-    replan_steps: int
-    stall_distance: float
-    """[m]"""
-    stall_angle: float
-    stall_steps: int
-    stuck_distance: float
-    stuck_steps: int
-    max_recoveries: int
-    spin_rate: float
-    """[rad/s]"""
-    back_reach: float
-    """How far the robot backs up [m]."""
-    back_speed: float
-    """[m/s]"""
+    def steps(seconds: float) -> int:
+        return max(1, round(min(seconds, 1e6) / period))
 
-    @classmethod
-    def of(cls, robot: RobotParams, period: float, max_time: float, params: NavigatorParams) -> "NavigatorNumbers":
-        """Collect the numbers for drives of at most `max_time` seconds with a command every `period` seconds."""
-        lidar = robot.lidar
-
-        def steps(seconds: float) -> int:
-            return max(1, round(min(seconds, 1e6) / period))
-
-        return cls(
-            follower=FollowerNumbers.of(robot, period),
-            period=float(period),
-            mount=(float(lidar.mount.x), float(lidar.mount.y), float(lidar.mount.yaw)),
-            # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
-            half_fov=0.5 * lidar.fov + lidar.angle_increment,
-            sees_around=lidar.fov > 2.0 * math.pi - 0.1,
-            range_min=float(lidar.range_min),
-            range_far=2.0 * robot.radius + 0.3,
-            max_w=float(robot.max_w),
-            goal_tolerance=min(params.goal_tolerance * robot.radius, 0.2),
-            max_steps=steps(max_time),
-            replan_steps=steps(params.replan_time),
-            stall_distance=0.25 * robot.radius + 0.02,
-            stall_angle=params.stall_angle,
-            stall_steps=steps(params.stall_time),
-            stuck_distance=params.stuck_distance,
-            stuck_steps=steps(params.stuck_time),
-            max_recoveries=params.max_recoveries,
-            spin_rate=float(min(robot.max_w, params.spin_rate)),
-            back_reach=0.5 * robot.radius + 0.1,
-            back_speed=0.4 * robot.max_v,
-        )
+    return {
+        **follower_numbers(robot, period),
+        "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
+        # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
+        "half_fov": 0.5 * lidar.fov + lidar.angle_increment,
+        "sees_around": lidar.fov > 2.0 * math.pi - 0.1,
+        "range_min": lidar.range_min,
+        "range_far": 2.0 * robot.radius + 0.3,  # up to which obstacles beside the lidar's view are remembered
+        "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
+        "max_steps": steps(max_time),
+        "replan_steps": steps(params.replan_time),
+        "stall_distance": 0.25 * robot.radius + 0.02,
+        "stall_angle": params.stall_angle,
+        "stall_steps": steps(params.stall_time),
+        "stuck_distance": params.stuck_distance,
+        "stuck_steps": steps(params.stuck_time),
+        "max_recoveries": params.max_recoveries,
+        "spin_rate": min(robot.max_w, params.spin_rate),
+        "back_reach": 0.5 * robot.radius + 0.1,  # how far the robot backs up
+        "back_speed": 0.4 * robot.max_v,
+    }

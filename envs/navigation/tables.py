@@ -7,8 +7,8 @@ import numpy as np
 
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, step_weights
 from envs.navigation.costmap import CostmapParams, Inflation
+from envs.navigation.frontiers import OCCUPIED_FROM
 from envs.navigation.params import PlanningParams
-from envs.navigation.planning_kernels import OCCUPIED_FROM
 from envs.robots import RobotParams
 
 FIRST_LIMIT = 16.0
@@ -47,28 +47,6 @@ class PlanningTables(NamedTuple):
     robot_radius: float
     """Radius of the footprint that is planned for [m]."""
 
-    @classmethod
-    def of(cls, params: PlanningParams, robot_radius: float, block: int, resolution: float) -> "PlanningTables":
-        """Collect the numbers for a robot of a radius [m] on a map with cells of a side [m]."""
-        side = block * resolution
-        inflation = Inflation.of(costmap_params(params, robot_radius), side)
-        return cls(
-            block=block,
-            costs=inflation.cost_of_squared,
-            weights=step_weights(COST_WEIGHT, False),
-            inflation=inflation.reach,
-            radius=max(1, math.floor(robot_radius / side + 1e-9)),
-            same_obstacle=round(params.same_obstacle / side),
-            marking_range=params.marking_range,
-            max_extent=max(2, round(params.max_extent / side)),
-            views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
-            detour=round(params.detour / side * STRAIGHT * SCALE),
-            first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
-            gain_radius=params.gain_radius / side,
-            heading_steps=max(1, round(params.heading_distance / side)),
-            robot_radius=robot_radius,
-        )
-
 
 def costmap_params(params: PlanningParams, robot_radius: float) -> CostmapParams:
     """Return how obstacles spread for a footprint of a radius [m]."""
@@ -78,5 +56,25 @@ def costmap_params(params: PlanningParams, robot_radius: float) -> CostmapParams
 def tables_of(params: PlanningParams, robot: RobotParams, resolution: float) -> tuple[PlanningTables, ...]:
     """Return the tables of all footprint padding levels: the padded robot first, then smaller ones."""
     block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
-    radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
-    return tuple(PlanningTables.of(params, radius, block, resolution) for radius in radii)
+    side = block * resolution
+
+    def tables(radius: float) -> PlanningTables:
+        inflation = Inflation.of(costmap_params(params, radius), side)
+        return PlanningTables(
+            block=block,
+            costs=inflation.cost_of_squared,
+            weights=step_weights(COST_WEIGHT, False),
+            inflation=inflation.reach,
+            radius=max(1, math.floor(radius / side + 1e-9)),
+            same_obstacle=round(params.same_obstacle / side),
+            marking_range=params.marking_range,
+            max_extent=max(2, round(params.max_extent / side)),
+            views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
+            detour=round(params.detour / side * STRAIGHT * SCALE),
+            first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
+            gain_radius=params.gain_radius / side,
+            heading_steps=max(1, round(params.heading_distance / side)),
+            robot_radius=radius,
+        )
+
+    return tuple(map(tables, (robot.radius + params.padding, *(k * robot.radius for k in params.tight_radii))))

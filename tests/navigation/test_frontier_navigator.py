@@ -170,7 +170,7 @@ def test_features_say_where_and_since_when():
 def test_only_the_candidate_nearest_to_the_last_choice_is_marked():
     robot = Robot(held=True, max_time=2.0, data=room(doors=((1.0, 1.4), (1.6, 2.0), (3.0, 3.6))))
     robot.decide(1)
-    chosen = robot.navigator._chosen
+    chosen = robot.navigator.target
     gaps = np.hypot(*(robot.navigator.candidates.frontiers - chosen).T)
     assert robot.navigator.candidates.chosen == gaps.argmin()
     assert gaps.min() <= NavigatorParams().retry_radius

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -97,6 +98,15 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
         navigator.sense(wheels.drive(0.0, 0.0, [], bumper=True))
         assert len(navigator.obstacles) > 0
         assert (sign * navigator.obstacles[:, 0] > 0.8 * robot.radius).all()
+
+
+def test_a_copy_stops_by_itself():
+    navigator, _ = begin(BURGER, [])
+    navigator.drive_to(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    twin = pickle.loads(pickle.dumps(navigator))
+    twin.stop()
+    assert twin.command(Pose2D(0.0, 0.0, 0.0)) == Twist(0.0, 0.0)
+    assert navigator.command(Pose2D(0.0, 0.0, 0.0)).v > 0.0
 
 
 def reference_free_distance(points, curvature, radius, distance):

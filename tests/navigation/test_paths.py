@@ -8,8 +8,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.polyline import resample
 from envs.navigation import Costmap, CostmapParams, make_costmap, plan_path, travel_field
 from envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from envs.navigation.paths import walk_back
 from tests.navigation.costs import cost_at
 
 
@@ -102,7 +104,8 @@ def test_straight_lines_cost_no_more_than_the_staircase():
     costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
     field = travel_field(costmap, (-0.5, -1.5))
     row, col = costmap.grid.cells(np.array([4.5, 0.5]))
-    short, stairs = field.path(row, col), field.path(row, col, short=False)
+    short = field.path(row, col)
+    stairs = resample(costmap.grid.centers(walk_back(field.predecessor, row, col)), costmap.grid.resolution)
 
     def price(path):
         middles, lengths = (path[1:] + path[:-1]) / 2, np.hypot(*np.diff(path, axis=0).T)

@@ -7,8 +7,8 @@ import pytest
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams, PlanningMap, frontier_mask, make_costmap, mark_missing
-from envs.navigation.planning_kernels import TILE, frontier_groups, frontier_in_sight, frontier_near
-from envs.navigation.viewpoints import is_visible
+from envs.navigation.frontiers import TILE, frontier_groups
+from envs.navigation.viewpoints import frontier_in_sight, frontier_near, is_visible
 from envs.robots import load_robot
 
 BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")

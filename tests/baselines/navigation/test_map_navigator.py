@@ -13,7 +13,7 @@ from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigate import NavigateEnv
 from envs.navigation import Navigator
-from envs.navigation.local_planners import LOCAL_PLANNERS, make_local_planner
+from envs.navigation.local_planner import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
 from tests.baselines.maps import reading_of
 from tests.navigation.costs import cost_at
