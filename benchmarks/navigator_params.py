@@ -25,8 +25,8 @@ WORLDS = (
 """Library worlds and families of different sizes."""
 CHANGES = (
     *("max_time=2", "max_time=8", "max_time=inf", "min_time=0.5", "min_time=2", "frontier_radius=0.25"),
-    *("frontier_radius=0.7", "goal_tolerance=1", "goal_tolerance=2.4", "stuck_time=20", "detour=1.5", "detour=6"),
-    *("inflation=0.3", "inflation=0.6", "max_extent=1", "max_extent=4"),
+    *("frontier_radius=0.7", "goal_tolerance=1", "stuck_time=20", "inflation=0.3", "inflation=0.6"),
+    *("max_extent=1", "max_extent=4"),
 )
 """What is tried if nothing is asked for; `max_time` is the explorer's, the others are the navigator's."""
 
