@@ -119,10 +119,9 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
     A robot whose footprint touches something at the start may drive on through such cells until it is out of them,
     and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
-    buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest; three to
-    five times as fast here as a binary heap. Where all cells around one cost the same, only steps that lead onward are
-    tried: the pruning of jump point search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps",
-    2011). What the rest would find is found from the cell before, at no higher cost.
+    buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest. Where all
+    cells around one cost the same, only steps that lead onward are tried: the pruning of jump point search (Harabor,
+    Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is found from the cell before, at no higher cost.
 
     Args:
         expansion: `Expansion`, written.
@@ -182,8 +181,8 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if not escaping:
             a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
             ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
-        # Which steps lead somewhere at less cost than before, all eight without a branch: few do, and a processor that
-        # guesses wrong eight times takes longer than one that computes.
+        # The steps that lead somewhere at less cost than before, as bits and without branches, which would often be
+        # mispredicted.
         steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
         steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
         steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4

@@ -16,7 +16,7 @@ import numpy as np
 
 from .shard import Extras, Shard
 
-PATIENCE = 0.002
+SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""
 
 
@@ -63,9 +63,9 @@ def wait(pipe: Connection) -> None:
         return
     poll = select.poll()
     poll.register(pipe.fileno(), select.POLLIN)
-    end = time.perf_counter() + PATIENCE
+    end = time.perf_counter() + SPIN_TIME
     while not poll.poll(0) and time.perf_counter() < end:
-        os.sched_yield()  # to whom it waits for, where processes share a core
+        os.sched_yield()  # the other process may share this core
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
