@@ -121,7 +121,8 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
     buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest. Where all
     cells around one cost the same, only steps that lead onward are tried: the pruning of jump point search (Harabor,
-    Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is found from the cell before, at no higher cost.
+    Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is found from the
+    cell before, at no higher cost.
 
     Args:
         expansion: `Expansion`, written.
