@@ -11,6 +11,7 @@ from envs.arguments import check_positive
 from envs.compilation import announce_compilation
 from envs.estimation import Belief
 from envs.explore import ExploreEnv
+from envs.fused import UNCHECKED, FusedDrive, is_fusible
 from envs.navigation import FEATURES, Candidates, FrontierNavigator
 from envs.navigation.candidates import find_candidates
 from envs.observations import FAR_PIXEL, MapCrop, make_parts
@@ -126,6 +127,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
+        self._fused: FusedDrive | None = None
         self._parts = make_parts({"map": {"resolution": FAR_PIXEL}, "motion": None}, {"map": MapCrop})
         self.action_space = spaces.Discrete(max_candidates)
         own: dict[str, spaces.Space[Any]] = {
@@ -141,8 +143,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode and return the first observation and info; see `LidarEnv.reset`."""
         super().reset(seed=seed)
-        _, info = self.explore.reset(seed=seed, options=options)
-        self.navigator.begin(self.explore.reading, self.belief)
+        explore = self.explore
+        _, info = explore.reset(seed=seed, options=options)
+        self.navigator.begin(explore.reading, self.belief)
+        self._fused = self._fuse()
         self._steps, self._quantities = 0, dict.fromkeys(info["rewards"], 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         return self.observe(), self._info()
@@ -224,27 +228,69 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Release the physics engine and the window."""
         self.explore.close()
 
+    def _fuse(self) -> FusedDrive | None:
+        """Return what drives by a kernel; None where control periods need Python."""
+        explore = self.explore
+        if explore.render_mode == "human" or explore.world.movers or not is_fusible(explore):
+            return None
+        fused = self._fused or FusedDrive(explore, self.navigator.navigator)
+        fused.begin()
+        return fused
+
     def _drive(self) -> str:
         """Drive until a decision is due, and return why."""
-        explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
-        max_v, max_w = robot.params.max_v, robot.params.max_w
+        if self._fused is not None:
+            self._fused.load()
         while True:
-            if explore.render_mode == "human":
-                explore.plan = navigator.plan
-                explore.render()
-            twist = navigator.command(robot.belief)
-            robot.action = twist.v / max_v, twist.w / max_w
-            explore.advance([twist])
-            self._steps += 1
-            for name, quantity in explore.task.quantities().items():
-                self._quantities[name] += quantity
-            if any(explore.is_over):
-                navigator.look(robot.reading, robot.belief)
-                return EPISODE_END
-            result = navigator.update(robot.reading, robot.belief)
+            result = self._advance() if self._fused is None else self._advance_fused(self._fused)
             if result is not None:
-                explore.plan = navigator.plan
+                self.explore.plan = self.navigator.plan
                 return result
+
+    def _advance(self) -> str | None:
+        """Drive for one control period; return why a decision is due, if it is."""
+        explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        if explore.render_mode == "human":
+            explore.plan = navigator.plan
+            explore.render()
+        twist = navigator.command(robot.belief)
+        robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
+        explore.advance([twist])
+        self._note(1, 0)
+        if any(explore.is_over):
+            navigator.look(robot.reading, robot.belief)
+            return EPISODE_END
+        return navigator.update(robot.reading, robot.belief)
+
+    def _advance_fused(self, fused: FusedDrive) -> str | None:
+        """Do the same for as many control periods as a kernel can do."""
+        explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        count, contacts, progress, has_mapped = fused.advance(navigator.check_from)
+        self._note(count, contacts)
+        reading, belief = robot.reading, robot.belief
+        if has_mapped:
+            navigator.integrate(belief)
+        if any(explore.is_over):
+            navigator.find_candidates(reading, belief)
+            return EPISODE_END
+        if progress == UNCHECKED:
+            progress = navigator.navigator.check_progress(belief.pose, bumper=reading.bumper)
+        return navigator.conclude(progress, reading, belief)
+
+    def _note(self, count: int, contacts: int) -> None:
+        """Sum what is rewarded of control periods, of which the task has processed the last.
+
+        Args:
+            count: how many.
+            contacts: how many of them, but for the last, ended in contact.
+        """
+        self._steps += count
+        period, quantities = self.explore.control_period, self._quantities
+        for name, quantity in self.explore.task.quantities().items():
+            quantities[name] += quantity
+        if count > 1:
+            quantities["time"] += (count - 1) * period
+            quantities["collision"] += contacts * period
 
     def _mask(self) -> np.ndarray:
         mask = np.zeros(self._max_candidates, dtype=np.int8)

@@ -2,6 +2,7 @@ import itertools
 import json
 import pickle
 import warnings
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -14,6 +15,7 @@ from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.simulation import Twist
+from envs.slam import KnownPoses, TinySlam, load_params
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -46,6 +48,33 @@ def test_both_checkers_have_no_warning():
         warnings.filterwarnings("ignore", ".*observation candidates has an unconventional shape.*")
         check_sb3(env, warn=True)
     env.close()
+
+
+class OwnTinySlam(TinySlam):
+    """TinySLAM as the user's own class, which no kernel drives."""
+
+
+class OwnKnownPoses(KnownPoses):
+    """The same of mapping with known poses."""
+
+
+def make_own(kind, lidar, resolution):
+    return kind(lidar, load_params("default", {"resolution": resolution}))
+
+
+@pytest.mark.parametrize("own", [OwnTinySlam, OwnKnownPoses])
+@pytest.mark.parametrize("robot", ["turtlebot3_burger", "raspimouse"])
+def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
+    slam = "tinyslam" if own is OwnTinySlam else "odometry"
+    arguments = {**QUICK, "robot": robot, "time_limit": 40.0, "reward": {"collision": -1.0}}
+    by_kernel = rollout(ExploreFrontiersEnv(slam=slam, **arguments), 3, 12)
+    step_by_step = rollout(ExploreFrontiersEnv(slam=partial(make_own, own), **arguments), 3, 12)
+    for a, b in zip(by_kernel, step_by_step, strict=True):
+        assert same(a[0], b[0])
+        info, other = dict(a[-1]), dict(b[-1])
+        assert info.pop("rewards") == pytest.approx(other.pop("rewards"))
+        assert same(info, other)
+        assert a[1:-1] == pytest.approx(b[1:-1])
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
@@ -141,7 +170,7 @@ def test_bad_arguments_are_named(arguments, culprit):
 
 
 def test_rewards_are_those_of_the_control_steps(monkeypatch):
-    env = ExploreFrontiersEnv(**QUICK, reward={"collision": -1.0})
+    env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam), reward={"collision": -1.0})
     observation, info = env.reset(seed=5)
     assert set(info) == INFO_KEYS
     taken = []

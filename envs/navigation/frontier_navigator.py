@@ -141,7 +141,12 @@ class FrontierNavigator:
             How the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
             that has no candidates left looks around first.
         """
-        outcome = self._judge(self.drive(reading, belief, others), belief.pose)
+        return self.conclude(self.drive(reading, belief, others), reading, belief)
+
+    def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
+        """Return as `update`, after a control period whose reading, map and progress are processed."""
+        self._now = reading.time
+        outcome = self._judge(progress, belief.pose)
         if outcome is None:
             return None
         self._find(belief.pose)
@@ -157,13 +162,21 @@ class FrontierNavigator:
         """Take in a reading, and find the candidates whatever has become of the drive."""
         self.integrate(belief)
         self.navigator.sense(reading)
+        self.find_candidates(reading, belief)
+
+    def find_candidates(self, reading: Reading, belief: Belief) -> None:
+        """Find the candidates once the reading is processed."""
         self._now = reading.time
         self._find(belief.pose)
+
+    @property
+    def check_from(self) -> float:
+        """Control period of the drive from which on each is to be followed by `conclude`, whatever the progress."""
+        return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
         """Process a reading without looking for candidates; returns what `Navigator.update` does."""
         self.integrate(belief)
-        self._now = reading.time
         return self.navigator.update(reading, belief.pose, others)
 
     def stop(self) -> None:

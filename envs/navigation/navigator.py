@@ -11,13 +11,20 @@ turns once around on the spot; `update` returns `DRIVING`, or how the drive has 
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
-from envs.navigation.navigator_kernels import compute_velocity_command, recover, set_goal, update, update_obstacles
+from envs.navigation.navigator_kernels import (
+    check_progress,
+    compute_velocity_command,
+    recover,
+    set_goal,
+    update,
+    update_obstacles,
+)
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
@@ -29,6 +36,16 @@ MAX_OTHERS = 256
 """Points of other robots that are taken at most."""
 NOTHING = (math.nan, math.nan)
 """No view is asked for at the goal."""
+
+
+class NavigatorArrays(NamedTuple):
+    """What kernels need to drive; see `envs.navigation.navigator_kernels`."""
+
+    records: np.ndarray
+    path: np.ndarray
+    obstacles: np.ndarray
+    directions: np.ndarray
+    numbers: np.ndarray
 
 
 class Navigator:
@@ -80,6 +97,20 @@ class Navigator:
     def record(self) -> Any:
         """The state, of type `NAVIGATOR`; a view also after unpickling."""
         return self._records[0]
+
+    @property
+    def arrays(self) -> NavigatorArrays:
+        """The same, path, obstacles and constants, for kernels that drive."""
+        return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
+
+    def note_motion(self, reading: Reading, twist: Twist) -> None:
+        """Take note of a reading that kernels have processed, and of the velocity by odometry then."""
+        self._odometry.reset(reading)
+        self.v, self.w = twist
+
+    def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
+        """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
+        return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     @property
     def plan(self) -> np.ndarray | None:

@@ -144,12 +144,16 @@ class Sensors:
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
         """Draw the noise of a control period, each robot's from its own generator."""
         for k, rng in enumerate(rngs):
-            row = self.draws[k]
-            if self._num_uniforms:
-                rng.standard_normal(out=row[: -self._num_uniforms])
-                rng.random(out=row[-self._num_uniforms :])
-            else:
-                rng.standard_normal(out=row)
+            self.draw_rows(rng, self.draws[k : k + 1])
+
+    def draw_rows(self, rng: np.random.Generator, rows: np.ndarray) -> None:
+        """Draw the noise of one robot for n control periods to `rows`, shape (n, k), float64; see `draws`."""
+        if not self._num_uniforms:
+            rng.standard_normal(out=rows)
+            return
+        for row in rows:
+            rng.standard_normal(out=row[: -self._num_uniforms])
+            rng.random(out=row[-self._num_uniforms :])
 
     def draw_biases(self, states: np.ndarray) -> None:
         """Write each gyroscope's bias of an episode to its state, by the draw that slip leaves unused at a reset.

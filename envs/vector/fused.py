@@ -13,49 +13,21 @@ import numba
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from envs.estimation import NO_UPDATE
-from envs.estimation.motion import GyroMotion, WheelMotion
-from envs.explore import ExploreEnv
+from envs.fused import FusedRobots, is_fusible
+from envs.fused.kernels import INTEGRATE, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
 from envs.geometry import Pose2D
 from envs.observations import MapCrop, Motion, Scan
-from envs.robot import Robot
-from envs.simulation import KinematicSimulator, Reading, Twist
-from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
+from envs.simulation.sensors import TOUCHED
 from envs.simulation.state import THETA
-from envs.slam import KnownPoses, TinySlam
-from envs.slam.matcher import search_params
-from envs.tasks.rewards import RewardWeights
 
-from .fused_kernels import (
-    INTEGRATE,
-    RAW,
-    REMEMBER,
-    REMEMBER_TRUE,
-    Rows,
-    Setup,
-    Shapes,
-    crop_levels,
-    scale_scans,
-    step_rows,
-)
+from .crops import crop_levels, scale_scans
 from .memory import Memory
 from .shard import Extras, Shard
 
 
-def is_fusible(env: Any) -> bool:
-    """Tell whether a sub-environment can be stepped by `FusedShard`: nothing in it is the user's own."""
-    if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator:
-        return False
-    robot = env.robots[0]
-    slam = robot.estimator
-    return (
-        type(robot) is Robot
-        and type(robot.odometry) in (WheelMotion, GyroMotion)
-        and (type(slam) is KnownPoses or (type(slam) is TinySlam and not slam.observers))
-        and slam.params.odometry == "robot_frame"
-        and type(env.task.weights) is RewardWeights
-        and all(type(part) in (Scan, Motion, MapCrop) for part in env.parts.values())
-    )
+def is_shard_fusible(env: Any) -> bool:
+    """Tell whether `FusedShard` can step a sub-environment: nothing in it is the user's own."""
+    return is_fusible(env) and all(type(part) in (Scan, Motion, MapCrop) for part in env.parts.values())
 
 
 class FusedShard(Shard):
@@ -64,58 +36,21 @@ class FusedShard(Shard):
     def __init__(self, envs: list[Any], *arguments: Any) -> None:
         """Take the sub-environments, all of them fusible and alike; the other arguments are those of `Shard`."""
         super().__init__(envs, *arguments)
-        env, num_envs = envs[0], len(envs)
-        robot, simulator = env.robots[0], env.simulator
-        slam = robot.estimator
-        params, lidar, odometry = slam.params, env.robot.lidar, env.robot.odometry
-        matches = isinstance(slam, TinySlam)
-        self._setup = Setup(
-            robot=simulator.sensors.numbers,
-            period=env.control_period,
-            geometry=slam.map.geometry,
-            search=search_params(params),
-            metres_per_tick=odometry.metres_per_tick,
-            track=float(odometry.track),
-            uses_gyro=isinstance(robot.odometry, GyroMotion),
-            uses_truth=robot.ground_truth is not None,
-            matches=matches,
-            min_travel_distance=float(params.min_travel_distance),
-            min_travel_angle=float(params.min_travel_angle),
-        )
-        sensors, tries = simulator.sensors, params.max_tries if matches else 0
+        env = envs[0]
+        self._robots = robots = FusedRobots(envs)
+        self._robot_rows, self._setup, self._actions = robots.rows, robots.setup, robots.actions
+        self._step_counts = robots.steps
 
         def zeros(*shape: int, dtype: Any = np.float64) -> np.ndarray:
-            return np.zeros((num_envs, *shape), dtype)
+            return np.zeros((len(envs), *shape), dtype)
 
-        self._robot_rows = rows = Rows(
-            states=zeros(*simulator.rows.shape),
-            commands=zeros(*simulator.commands.shape),
-            draws=zeros(*sensors.draws.shape),
-            ranges=zeros(1, lidar.num_beams, dtype=np.float32),
-            others=zeros(*sensors.others.shape),
-            noise=zeros(tries, 3),
-            corner=zeros(2, dtype=np.int64),
-            path_length=zeros(),
-            collisions=zeros(dtype=np.int64),
-            flags=zeros(dtype=np.uint8),
-            active=zeros(dtype=np.bool_),
-            **{name: zeros(3) for name in ("pose", "integrated", "map_pose")},
-            **{name: zeros(2) for name in ("ticks", "twist", "trail", "true_trail", "error")},
-        )
-        for i, each in enumerate(envs):
-            simulator = each.simulator
-            simulator.rows, simulator.commands = rows.states[i], rows.commands[i]
-            sensors = simulator.sensors
-            sensors.draws, sensors.others = rows.draws[i], rows.others[i]
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
-        self._step_counts, self._time_limits = zeros(dtype=np.int64), zeros()
-        self._actions, self._origins = zeros(2), zeros(2)
+        self._time_limits, self._origins = zeros(), zeros(2)
         self._fractions, self._areas, self._gained = zeros(), zeros(), zeros()
         self._crops = {name: part for name, part in env.parts.items() if isinstance(part, MapCrop)}
         self._sizes = {name: zeros(2, dtype=np.int64) for name in self._crops}
         self._shapes: Shapes
-        self._words: list[Any] = [None] * num_envs
+        self._words: list[Any] = [None] * len(envs)
         self._levels: dict[str, Any] = {}
 
     def reset(self, seeds: Any, mask: Any, options: Any) -> tuple[np.ndarray, Extras]:
@@ -137,7 +72,7 @@ class FusedShard(Shard):
         if self._records is None:
             return work(*args)
         for i in range(len(self.envs)):
-            self._sync(i)
+            self._robots.sync(i)
         result = work(*args)
         self._load_all()
         return result
@@ -151,7 +86,7 @@ class FusedShard(Shard):
         np.multiply(self._actions, self._limits, out=rows.commands[:, 0])
         self._step_counts += rows.active
         self._draw()
-        step_rows(rows, self._shapes, self._setup, self._points)
+        step_rows(rows, self._shapes, self._setup, self._robots.points)
         self._gained[:] = 0.0
         for i in np.flatnonzero(rows.flags).tolist():
             self._finish(i, int(rows.flags[i]))
@@ -183,16 +118,12 @@ class FusedShard(Shard):
         rows, env = self._robot_rows, self.envs[i]
         robot, truth = env.robots[0], env.truths[0]
         if flags & INTEGRATE:
-            slam, ranges, pose = robot.estimator, rows.ranges[i, 0], Pose2D(*rows.pose[i].tolist())
-            quality = slam.params.raw_quality if flags & RAW else slam.params.quality
-            update = slam.map.integrate(ranges, pose, quality)
-            slam.last_integrated_pose, rows.integrated[i] = pose, pose
-            robot.pyramid.update(update)
+            update, ranges = self._robots.integrate(i, flags), rows.ranges[i, 0]
             true_pose = Pose2D(*rows.states[i, 0, : THETA + 1].tolist())
             coverage = env.task.coverage
             self._gained[i] = coverage.update(update, self._setup.geometry.resolution, ranges, true_pose)
             self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
-            if slam.map.words is not self._words[i]:
+            if robot.estimator.map.words is not self._words[i]:
                 self._load_map(i)
         if flags & REMEMBER:
             x, y, theta = rows.pose[i].tolist()
@@ -269,7 +200,7 @@ class FusedShard(Shard):
     def _end(self, i: int, reason: str, extras: Extras) -> None:
         """Complete the info of an episode that has ended."""
         assert self._records is not None
-        self._sync(i)
+        self._robots.sync(i)
         env, names = self.envs[i], self._records.dtype["rewards"].names or ()
         info = env.info({name: float(self._records["rewards"][name][i]) for name in names})
         info |= env.task.final_metrics() | {"end_reason": reason}
@@ -281,25 +212,6 @@ class FusedShard(Shard):
     def _times(self) -> np.ndarray:
         """Time since the resets, shape (num_envs,) [s]."""
         return self._step_counts * self._setup.period
-
-    def _sync(self, i: int) -> None:
-        """Bring the objects of a sub-environment up to date."""
-        rows, env = self._robot_rows, self.envs[i]
-        simulator, robot, truth = env.simulator, env.robots[0], env.truths[0]
-        others = rows.others[i, 0].tolist()
-        ticks = int(others[LEFT_TICKS]), int(others[RIGHT_TICKS])
-        simulator.go_to(int(self._step_counts[i]))
-        ranges, is_touched = rows.ranges[i, 0].copy(), others[TOUCHED] > 0.0
-        reading = Reading(float(self._times[i]), ranges, ticks, others[YAW_RATE], others[HEADING], is_touched)
-        robot.reading, robot.twist = reading, Twist(*rows.twist[i].tolist())
-        robot.action, robot.collisions = tuple(self._actions[i].tolist()), int(rows.collisions[i])
-        robot.odometry.reset(reading)
-        belief = robot.belief
-        belief.pose = robot.predicted_pose = Pose2D(*rows.pose[i].tolist())
-        belief.update = NO_UPDATE
-        truth.state, truth.path_length = simulator.states[0], float(rows.path_length[i])
-        if robot.ground_truth is not None:
-            robot.ground_truth.reset(reading)
 
     def _load_all(self) -> None:
         envs = self.envs
@@ -318,18 +230,12 @@ class FusedShard(Shard):
 
     def _load(self, i: int) -> None:
         """Take the numbers of a sub-environment from its objects."""
-        rows, env = self._robot_rows, self.envs[i]
-        robot, truth, simulator = env.robots[0], env.truths[0], env.simulator
-        reading, slam = robot.reading, robot.estimator
-        rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
-        rows.integrated[i] = slam.last_integrated_pose
-        rows.ticks[i], rows.twist[i], self._actions[i] = reading.ticks, robot.twist, robot.action
-        rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
-        rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions
-        self._step_counts[i], self._time_limits[i] = simulator.steps, env.time_limit
+        env = self.envs[i]
+        self._robots.load(i)
+        self._time_limits[i] = env.time_limit
         shapes = self._shapes
         shapes.segments[i] = np.array(env.world.segments)
-        shapes.before[i] = shapes.after[i] = np.array(simulator.circles)
+        shapes.before[i] = shapes.after[i] = np.array(env.simulator.circles)
         self._load_map(i)
 
     def _load_map(self, i: int) -> None:
@@ -337,7 +243,8 @@ class FusedShard(Shard):
         env = self.envs[i]
         robot, coverage = env.robots[0], env.task.coverage
         grid_map = robot.estimator.map
-        self._robot_rows.corner[i], self._origins[i] = grid_map.corner, grid_map.grid.origin
+        self._robots.load_map(i)
+        self._origins[i] = grid_map.grid.origin
         self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
         self._shapes.words[i] = self._words[i] = grid_map.words
         for name, part in self._crops.items():
@@ -365,5 +272,5 @@ def make_shard(
         max_episode_steps: truncates episodes after so many steps.
     """
     envs = [make_env() for _ in range(last - first)]
-    kind: type[Shard] = FusedShard if all(map(is_fusible, envs)) else Shard
+    kind: type[Shard] = FusedShard if all(map(is_shard_fusible, envs)) else Shard
     return kind(envs, memory.arrays().rows(first, last), autoreset_mode, max_episode_steps)

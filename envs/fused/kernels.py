@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.estimation.map_pyramid import crop_level
 from envs.estimation.motion import gyro_motion, wheel_motion
 from envs.estimation.trail import TRAIL_SPACING
 from envs.geometry.pose import between, compose, distance
-from envs.observations.scan import scale_scan
 from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA, X, Y
@@ -43,6 +41,7 @@ class Rows(NamedTuple):
     trail: np.ndarray
     true_trail: np.ndarray
     path_length: np.ndarray
+    odometry: np.ndarray
     collisions: np.ndarray
     error: np.ndarray
     flags: np.ndarray
@@ -99,6 +98,7 @@ def _move(i, rows, shapes, setup):
         motion = gyro_motion(left, right, setup.metres_per_tick, others[YAW_RATE] * setup.period)
     else:
         motion = wheel_motion(left, right, setup.metres_per_tick, setup.track)
+    rows.odometry[i, 0], rows.odometry[i, 1], rows.odometry[i, 2] = motion
     rows.twist[i, 0], rows.twist[i, 1] = motion[0] / setup.period, motion[2] / setup.period
     if setup.uses_truth:
         return between(x, y, theta, state[X], state[Y], state[THETA])
@@ -139,20 +139,3 @@ def step_rows(rows, shapes, setup, points):
         dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
         rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)
         rows.flags[i] = flags
-
-
-@njit(cache=True, error_model="numpy")
-def scale_scans(ranges, range_max, active, out):
-    """Write the scans of active robots over the greatest range; shapes (n, 1, num_beams) and (n, num_beams)."""
-    for i in range(active.shape[0]):
-        if active[i]:
-            scale_scan(ranges[i, 0], range_max, out[i])
-
-
-@njit(cache=True, error_model="numpy")
-def crop_levels(levels, sizes, pose, origin, side, pixel, active, out):
-    """Crop the maps around active robots; see `crop_level`. `sizes`: shape (n, 2), rows and columns of the levels."""
-    for i in range(active.shape[0]):
-        if active[i]:
-            x, y = (pose[i, 0] - origin[i, 0]) / side, (pose[i, 1] - origin[i, 1]) / side
-            crop_level(levels[i], sizes[i, 0], sizes[i, 1], x, y, pose[i, 2], pixel / side, out[i])

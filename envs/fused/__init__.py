@@ -1,0 +1,6 @@
+"""Control steps by one kernel call: kinematic physics and a SLAM that matches scans to a grid map."""
+
+from .drive import UNCHECKED, FusedDrive
+from .robots import FusedRobots, is_fusible
+
+__all__ = ["UNCHECKED", "FusedDrive", "FusedRobots", "is_fusible"]

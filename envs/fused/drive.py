@@ -1,0 +1,182 @@
+"""Drives of one robot, stepped by a kernel up to what needs the objects of the environment or of the navigator."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.navigation import Navigator
+from envs.navigation.navigator_kernels import check_progress, compute_velocity_command, update_obstacles
+from envs.navigation.records import DRIVING
+from envs.simulation.sensors import TOUCHED
+from envs.simulation.state import X, Y
+
+from .kernels import INTEGRATE, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
+from .robots import FusedRobots
+
+BLOCK = 16
+"""Control periods for which noise is drawn at once."""
+UNCHECKED = -1
+"""Progress of a drive that has not been checked after the last control period."""
+
+
+class Noise(NamedTuple):
+    """Noise of coming control periods, a row each."""
+
+    sensors: np.ndarray
+    """Shape (n, k), float64; see `Sensors.draws`."""
+    matcher: np.ndarray
+    """Shape (n, max_tries, 3), float64, standard normal."""
+
+
+class Passed(NamedTuple):
+    """Positions to remember of the control periods of a call."""
+
+    estimated: np.ndarray
+    """Shape (n, 2), float64, map frame [m]."""
+    true: np.ndarray
+    """Shape (n, 2), float64, world frame [m]."""
+    counts: np.ndarray
+    """Shape (3,), int64: how many there are of each, and periods that ended in contact, but for the last period."""
+
+
+@njit(cache=True, error_model="numpy")
+def drive(rows, shapes, setup, points, navigator, noise, passed, check_from):
+    """Drive the first robot until its scan is to be integrated, the noise is used up, or the drive calls for a look.
+
+    Args:
+        rows: `Rows`, written.
+        shapes: `Shapes`.
+        setup: `Setup`.
+        points: shape (2, num_beams), float32: room to work in.
+        navigator: `NavigatorArrays`, written.
+        noise: `Noise`; a row is used for each control period.
+        passed: `Passed`, written.
+        check_from: control period of the drive from which on the navigator's objects check each one.
+
+    Returns:
+        Control periods, and the progress: `UNCHECKED` after the first two, else as `check_progress` returns it.
+    """
+    navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
+    pose, twist, state, others = rows.pose[0], rows.twist[0], rows.states[0, 0], rows.others[0, 0]
+    passed.counts[:] = 0
+    no_points = obstacles[:0]
+    num_rows = noise.sensors.shape[0]
+    record = navigators[0]
+    for k in range(num_rows):
+        at = (pose[0], pose[1], pose[2])
+        v, w = compute_velocity_command(navigators, navigator.path, obstacles, at, twist[0], constants)
+        rows.commands[0, 0, 0], rows.commands[0, 0, 1] = v, w
+        rows.draws[0, 0] = noise.sensors[k]
+        rows.noise[0] = noise.matcher[k]
+        step_rows(rows, shapes, setup, points)
+        flags, touched = rows.flags[0], others[TOUCHED] > 0.0
+        if flags & REMEMBER:
+            _remember(passed.estimated, passed.counts, 0, pose[0], pose[1])
+            rows.trail[0] = pose[:2]
+        if flags & REMEMBER_TRUE:
+            _remember(passed.true, passed.counts, 1, state[X], state[Y])
+            rows.true_trail[0, 0], rows.true_trail[0, 1] = state[X], state[Y]
+        motion = (rows.odometry[0, 0], rows.odometry[0, 1], rows.odometry[0, 2])
+        sensors = (rows.ranges[0, 0], navigator.directions, touched)
+        update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
+        if flags & INTEGRATE or k == num_rows - 1:
+            return k + 1, UNCHECKED
+        progress = check_progress(navigators, obstacles, (pose[0], pose[1], pose[2]), touched, constants)
+        if progress != DRIVING or record.steps >= check_from:
+            return k + 1, progress
+        passed.counts[2] += touched
+    return 0, UNCHECKED
+
+
+@njit(cache=True, error_model="numpy")
+def _remember(positions, counts, kind, x, y):
+    positions[counts[kind], 0], positions[counts[kind], 1] = x, y
+    counts[kind] += 1
+
+
+class FusedDrive:
+    """Drives the robot of a fusible environment by its navigator; see `drive`."""
+
+    def __init__(self, env: Any, navigator: Navigator) -> None:
+        """Take an environment for which `is_fusible` is true."""
+        self._env, self._navigator = env, navigator
+        self._robots = robots = FusedRobots([env])
+        draws, matcher = robots.rows.draws[0, 0], robots.rows.noise[0]
+        self._noise = Noise(np.empty((BLOCK, *draws.shape)), np.empty((BLOCK, *matcher.shape)))
+        self._next = BLOCK
+        self._passed = Passed(np.empty((BLOCK, 2)), np.empty((BLOCK, 2)), np.zeros(3, dtype=np.int64))
+
+    def begin(self) -> None:
+        """Begin an episode."""
+        self._next = BLOCK
+
+    def load(self) -> None:
+        """Take over from the environment's objects."""
+        env, robots = self._env, self._robots
+        robots.load(0)
+        circles = np.array(env.simulator.circles)
+        self._shapes = Shapes(
+            (np.array(env.world.segments),), (circles,), (circles,), (env.robots[0].estimator.map.words,)
+        )
+
+    def advance(self, check_from: float) -> tuple[int, int, int, int]:
+        """Drive for one or more control periods, and bring all objects up to date.
+
+        The task processes the last one; those before it gained nothing.
+
+        Args:
+            check_from: see `drive`.
+
+        Returns:
+            Control periods; how many of them but for the last ended in contact; progress, see `drive`; and whether the
+            map has changed.
+        """
+        env, robots, navigator = self._env, self._robots, self._navigator
+        rows, robot, truth, passed = robots.rows, env.robots[0], env.truths[0], self._passed
+        count, progress = drive(
+            rows,
+            self._shapes,
+            robots.setup,
+            robots.points,
+            navigator.arrays,
+            self._next_noise(),
+            passed,
+            min(check_from, 1 << 40),
+        )
+        self._next += count
+        robots.steps[0] += count
+        v, w = rows.commands[0, 0].tolist()
+        robots.actions[0] = v / robot.params.max_v, w / robot.params.max_w
+        robots.sync(0)
+        navigator.note_motion(robot.reading, robot.twist)
+        flags = int(rows.flags[0])
+        if flags & INTEGRATE:
+            robot.belief.update = robots.integrate(0, flags)
+            words = robot.estimator.map.words
+            if words is not self._shapes.words[0]:
+                robots.load_map(0)
+                self._shapes = self._shapes._replace(words=(words,))
+        num_estimated, num_true, num_contacts = passed.counts.tolist()
+        for x, y in passed.estimated[:num_estimated].tolist():
+            robot.trail.append(Pose2D(x, y, 0.0))
+            robot.pyramid.mark(x, y)
+        for x, y in passed.true[:num_true].tolist():
+            truth.trail.append(Pose2D(x, y, 0.0))
+        env.task.update(env.simulator.states, env.robots, env.control_period)
+        return count, num_contacts, progress, bool(flags & INTEGRATE)
+
+    def _next_noise(self) -> Noise:
+        """Return noise for the coming control periods, at most up to the end of the episode."""
+        env, noise = self._env, self._noise
+        if self._next == BLOCK:
+            self._next = 0
+            rows = noise.sensors
+            env.simulator.sensors.draw_rows(env.simulator.rngs[0], rows)
+            if noise.matcher.size:
+                env.robots[0].estimator.rng.standard_normal(out=noise.matcher)
+        left = math.ceil((env.time_limit - 1e-6) / env.control_period) - env.simulator.steps
+        end = min(BLOCK, self._next + max(left, 1))
+        return Noise(noise.sensors[self._next : end], noise.matcher[self._next : end])
