@@ -68,6 +68,27 @@ def ignore_around(ignored, frontier, tile_counts, cells):
 
 
 @njit(cache=True, error_model="numpy")
+def _flood(frontier, left, row, col, cells, count):
+    """Move the frontier cells that are connected to one to `cells`, from row `count` on; return the next row."""
+    height, width = frontier.shape
+    frontier[row, col] = False
+    left[row // TILE, col // TILE] -= 1
+    cells[count, 0], cells[count, 1] = row, col
+    head, count = count, count + 1
+    while head < count:
+        r0, c0 = cells[head, 0], cells[head, 1]
+        head += 1
+        for r in range(max(r0 - 1, 0), min(r0 + 2, height)):
+            for c in range(max(c0 - 1, 0), min(c0 + 2, width)):
+                if frontier[r, c]:
+                    frontier[r, c] = False
+                    left[r // TILE, c // TILE] -= 1
+                    cells[count, 0], cells[count, 1] = r, c
+                    count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
 def frontier_groups(frontier, tile_counts):
     """Group frontier cells that touch, also diagonally, in time that grows with their number.
 
@@ -75,34 +96,20 @@ def frontier_groups(frontier, tile_counts):
         Cells, shape (n, 2), int64, (row, column), group after group; and where each group begins, followed by n.
     """
     height, width = frontier.shape
-    total = 0
-    for i in range(tile_counts.shape[0]):
-        for j in range(tile_counts.shape[1]):
-            total += tile_counts[i, j]
-    cells = np.empty((total, 2), dtype=np.int64)
+    # Frontier cells of each tile that are in no group yet: where none are left, the rest of the tile need not be read.
+    left = tile_counts.copy()
+    cells = np.empty((left.sum(), 2), dtype=np.int64)
     starts = [0]
     count = 0
-    for i in range(tile_counts.shape[0]):
-        for j in range(tile_counts.shape[1]):
-            if tile_counts[i, j] == 0:
-                continue
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
             for row in range(i * TILE, min((i + 1) * TILE, height)):
+                if left[i, j] == 0:
+                    break
                 for col in range(j * TILE, min((j + 1) * TILE, width)):
-                    if not frontier[row, col]:
-                        continue
-                    frontier[row, col] = False
-                    cells[count, 0], cells[count, 1] = row, col
-                    head, count = count, count + 1
-                    while head < count:
-                        r0, c0 = cells[head, 0], cells[head, 1]
-                        head += 1
-                        for r in range(max(r0 - 1, 0), min(r0 + 2, height)):
-                            for c in range(max(c0 - 1, 0), min(c0 + 2, width)):
-                                if frontier[r, c]:
-                                    frontier[r, c] = False
-                                    cells[count, 0], cells[count, 1] = r, c
-                                    count += 1
-                    starts.append(count)
+                    if frontier[row, col]:
+                        count = _flood(frontier, left, row, col, cells, count)
+                        starts.append(count)
     for k in range(count):
         frontier[cells[k, 0], cells[k, 1]] = True
     return cells, np.array(starts)
