@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from envs.estimation import MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.logs.g2o import load_g2o
+from envs.logs.pictures import picture
+from envs.logs.replay import Options, main
 from envs.slam import Belief
-from envs.slam.replay import Options, main, picture
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
