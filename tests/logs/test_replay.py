@@ -1,6 +1,7 @@
 import json
 import math
 import os
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -14,8 +15,9 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.logs.g2o import load_g2o
 from envs.logs.pictures import picture
 from envs.logs.replay import Options, main
-from envs.slam import Belief
+from envs.slam import SLAM_NAMES, Belief
 
+ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
 
@@ -39,8 +41,34 @@ class TurningSlam:
 
     def update(self, ranges, motion):
         self.theta += math.pi / 2
-        self.belief = Belief(Pose2D(5.0, 0.0, self.theta), self.grid, np.empty((0, 2), dtype=np.int32))
+        self.belief = Belief(Pose2D(5.0, 0.0, self.theta), self.grid)
         return self.belief
+
+
+class ClosingSlam(TurningSlam):
+    """Closes a loop at the second scan, and corrects everything again at the end."""
+
+    def __init__(self, lidar, resolution, has_finish=True):
+        super().__init__(lidar, resolution)
+        self.loop_closures = 0
+        if has_finish:
+            self.finish = self._finish
+
+    @property
+    def pose_graph(self):
+        edge = (0, 1, np.array([1.0, 0.0, 0.5]), np.diag([1.0, 2.0, 3.0]))
+        return types.SimpleNamespace(nodes=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]]), edges=[edge])
+
+    def update(self, ranges, motion):
+        belief = super().update(ranges, motion)
+        if round(self.theta / (math.pi / 2)) == 2:
+            self.loop_closures = 1
+            belief.update = MapUpdate(np.empty((0, 2), dtype=np.int32), None, redrawn=True)
+            belief.path = np.array([[7.0, 0.0, 0.0], [8.0, 0.0, 0.0]])
+        return belief
+
+    def _finish(self):
+        self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
 
 
 @pytest.fixture
@@ -82,6 +110,60 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path, monkeypatch):
     assert (summary["slam"], summary["params"]) == ("my_slams:Turning", None)
     with pytest.raises(ValueError, match="has no parameters hole_width"):
         main(Options(log, slam="my_slams:Turning", change={"hole_width": "0.25"}))
+
+
+@pytest.mark.parametrize("has_finish", [False, True])
+def test_replay_takes_the_corrected_path_and_the_pose_graph(log, tmp_path, monkeypatch, has_finish):
+    module = types.ModuleType("my_slams")
+    module.closing = lambda lidar, resolution: ClosingSlam(lidar, resolution, has_finish)
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    relations = tmp_path / "relations"
+    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    (run,) = main(Options(log, slam="my_slams:closing", relations=relations, out=tmp_path))
+    assert run.loop_closures == 1
+    assert run.error.translation == pytest.approx(math.sqrt(2.0))  # the robot turns on the spot
+    assert run.final_error.translation == pytest.approx(0.0 if has_finish else 1.0)
+    assert 0.0 < run.milliseconds <= run.milliseconds_p99 <= run.milliseconds_max
+    final, online = (np.loadtxt(tmp_path / f"trajectory_{name}0.tum") for name in ("", "online_"))
+    np.testing.assert_allclose(final[[1, 3], 1], [0.0, 1.0] if has_finish else [7.0, 8.0])
+    np.testing.assert_allclose(online[[1, 3], 1], 5.0)
+    graph = load_g2o(tmp_path / "pose_graph_0.g2o")
+    np.testing.assert_array_equal(graph.nodes, [[0, 0, 0], [1, 0, 0.5]])
+    np.testing.assert_array_equal(graph.edges[0].information, np.diag([1.0, 2.0, 3.0]))
+
+
+def test_a_corrected_path_has_a_pose_per_scan(log, monkeypatch):
+    module = types.ModuleType("my_slams")
+    module.Closing = ClosingSlam
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    monkeypatch.setattr(ClosingSlam, "_finish", lambda self: setattr(self.belief, "path", np.zeros((5, 3))))
+    with pytest.raises(ValueError, match=r"corrected path of shape \(5, 3\) after 2 scans"):
+        main(Options(log, slam="my_slams:Closing"))
+
+
+def test_all_slams_are_compared(log, tmp_path, capsys):
+    relations = tmp_path / "relations"
+    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    runs = main(Options(log, slam="all", relations=relations, out=tmp_path, seeds=2))
+    names = [name for name in SLAM_NAMES if name != "truth"]
+    assert [run.slam for run in runs] == [name for name in names for _ in range(2)]
+    table = capsys.readouterr().out.splitlines()[-len(names) - 3 :]
+    assert "final relation error" in table[0]
+    assert "loop closures" in table[0]
+    assert [line.split()[0] for line in table[2:-1]] == names
+    assert all((tmp_path / name / "trajectory_1.tum").is_file() for name in names)
+
+
+def test_the_former_name_of_the_command_still_works(log):
+    command = [sys.executable, "-m", "envs.slam.replay", str(log), "--slam", "odometry"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "ms per scan" in done.stdout
+
+
+def test_errors_are_one_line(tmp_path):
+    command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / "none.bag")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, f"error: no log at {tmp_path / 'none.bag'}\n")
 
 
 @pytest.mark.parametrize(
