@@ -229,8 +229,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         max_v, max_w = robot.params.max_v, robot.params.max_w
         while True:
-            if explore.render_mode == "human":
+            if explore.render_mode == "human" or explore.on_period is not None:
                 explore.plan = navigator.plan
+            if explore.render_mode == "human":
                 explore.render()
             twist = navigator.command(robot.belief)
             robot.action = twist.v / max_v, twist.w / max_w

@@ -89,9 +89,9 @@ def comparison(runs: list[Run]) -> Table:
     """Return a table with a row per SLAM: medians over its seeds."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     fields = [f for f in _ERROR_FIELDS if any(getattr(run, f) for run in runs)]
-    heads = [f"{_label(f)} [m / deg]" for f in fields]
+    heads = [f"{_label(f)}, m / deg" for f in fields]
     for k, head in enumerate(["SLAM", *heads, "ms per scan: mean", "99 %", "worst", "loop closures"]):
-        table.add_column(head, justify="right" if k else "left")
+        table.add_column(head, justify="right" if k else "left", no_wrap=k == 0)
     for name in dict.fromkeys(run.slam for run in runs):
         own = [run for run in runs if run.slam == name]
         cells = ["{:.3f} / {:.2f}".format(*_median_error(own, f)) for f in fields]

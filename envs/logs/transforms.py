@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from envs.geometry import wrap_angle
-
 MIN_UPRIGHT = 0.9
 """Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
 
@@ -95,7 +93,7 @@ def planar_beams(pose: np.ndarray, first: float, step: float) -> tuple[float, fl
         tilt = np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0)))
         raise ValueError(f"the lidar is tilted by {tilt:.0f} degrees, its scans are no planes of the map")
     sign = 1.0 if pose[2, 2] > 0.0 else -1.0
-    return float(wrap_angle(np.arctan2(pose[1, 0], pose[0, 0]) + sign * first)), sign * step
+    return float(np.arctan2(pose[1, 0], pose[0, 0])) + sign * first, sign * step
 
 
 def _unit(quaternion: Any) -> np.ndarray:
