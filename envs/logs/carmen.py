@@ -25,10 +25,10 @@ def read_carmen(path: Path) -> dict[str, Any]:
         kind, *fields = line.split() or [""]
         try:
             if kind == "ODOM":
-                pose = fields[0:3]
+                pose, num_fields = fields[0:3], 9
             elif kind == "FLASER":
                 count = int(fields[0])
-                scan, pose = fields[1 : 1 + count], fields[4 + count : 7 + count]
+                scan, pose, num_fields = fields[1 : 1 + count], fields[4 + count : 7 + count], count + 10
                 # Half a turn in steps of 1 or 0.5 degrees.
                 lidar |= {"ang0": -math.pi / 2, "dang": math.radians(1.0 if count <= 181 else 0.5)}
             elif kind == "ROBOTLASER1":
@@ -37,16 +37,17 @@ def read_carmen(path: Path) -> dict[str, Any]:
                 after = 9 + count + int(fields[8 + count])
                 laser, pose = _numbers(fields[after : after + 3]), fields[after + 3 : after + 6]
                 lidar |= {"ang0": float(fields[1]), "dang": float(fields[3]), "maxr": float(fields[4])}
+                num_fields = after + 14
                 lidar["mount_x"] = math.hypot(laser[0] - float(pose[0]), laser[1] - float(pose[1]))
             elif kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
                 (lidar["mount_x"],) = _numbers(fields[1:2])
                 continue
             else:
                 continue
+            if len(fields) < num_fields:
+                raise ValueError(f"cut off, {len(fields)} of {num_fields} fields")
             times += _numbers([fields[-3]])
             odometry.append(_numbers(pose))
-            if len(odometry[-1]) != 3:
-                raise ValueError("the pose is cut off")
             if kind != "ODOM":
                 scan_rows.append(len(times) - 1)
                 scans.append(np.array(scan, dtype=np.float32))

@@ -58,6 +58,7 @@ def test_bad_logs(tmp_path):
     complain("drive.txt", b"", "unknown kind of log")
     complain("empty.log", b"ODOM 0 0 0 0 0 0 1 h 1\n", "holds no FLASER or ROBOTLASER1")
     complain("cut.log", CARMEN.encode()[:-30], "line 6: bad FLASER line")
+    complain("end.log", CARMEN.encode()[:-6], "line 6: bad FLASER line: cut off, 12 of 13 fields")
     complain("word.log", CARMEN.replace("2.5", "two").encode(), "line 6: bad FLASER line.*two")
     complain("beams.log", CARMEN.replace("3 1.5 2.5", "2 2.5").encode(), "line 6: .*2 beams where earlier scans have 3")
     complain("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5").encode(), "line 5: bad ODOM line: nan")
