@@ -104,14 +104,10 @@ def _read_scans(bag: BagReader, topic: str) -> tuple[np.ndarray, np.ndarray, Any
 
 def _read_odometry(bag: BagReader, topic: str | None) -> _Track:
     """Return the poses of Odometry messages, or of transforms from `odom` to the base."""
-    moving = [t for t in bag.topics(TRANSFORMS) if not t.endswith("tf_static")]
-    kinds = [ODOMETRY]
-    if (topic is None and not bag.topics(kinds) and moving) or (topic or "").strip("/") in [
-        t.strip("/") for t in moving
-    ]:
-        kinds = [*TRANSFORMS]
-        topic = topic or (moving[0] if len(moving) == 1 else None)
-    topic = bag.choose(kinds, topic, "odom_topic")
+    moving = [name for name in bag.topics(TRANSFORMS) if not name.endswith("tf_static")]
+    if topic is None and len(moving) == 1 and not bag.topics([ODOMETRY]):
+        topic = moving[0]
+    topic = bag.choose([ODOMETRY] if topic is None else [ODOMETRY, *TRANSFORMS], topic, "odom_topic")
     times, poses, bases = [], [], set()
     for stamp, position, rotation, base in _poses(bag, topic):
         times.append(_seconds(stamp))

@@ -40,7 +40,8 @@ class BagReader:
         if not found:
             raise self.error(f"holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
         if len(found) > 1:
-            raise self.error(f"{len(found)} topics hold {kinds[0]}: {', '.join(found)}; choose one by {option}")
+            choice = f"choose one by {option} (--{option.replace('_', '-')})"
+            raise self.error(f"{len(found)} topics hold {kinds[0]}: {', '.join(found)}; {choice}")
         return found[0]
 
     def messages(self, topic: str) -> Iterator[Any]:

@@ -113,9 +113,8 @@ def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
     ranges, step = arrays["ranges"].astype(np.float32), float(arrays["dang"])
     limit = float(arrays["maxr"]) if max_range is None else min(float(arrays["maxr"]), max_range)
     if not 0.0 < limit <= MAX_RANGE_LIMIT:
-        raise ValueError(
-            f"the range limit (maxr) is {limit:g} m, it must lie in (0, {MAX_RANGE_LIMIT:g}]; max_range sets one"
-        )
+        allowed = f"(0, {MAX_RANGE_LIMIT:g}]; max_range (--max-range) sets one"
+        raise ValueError(f"the range limit (maxr) is {limit:g} m, it must lie in {allowed}")
     mount_x, mount_y, mount_z = (float(arrays.get(f"mount_{axis}", 0.0)) for axis in "xyz")
     if not (math.isfinite(arrays["ang0"]) and 0.0 < step < math.inf and math.isfinite(mount_x)):
         raise ValueError(f"beams start at {float(arrays['ang0'])} rad in steps of {step} rad, {mount_x} m ahead")
