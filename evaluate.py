@@ -40,6 +40,8 @@ class Command:
     """Run part I of N and publish nothing, as `I/N`; parts may share the folder, also between machines."""
     ray: str | None = None
     """Address of a Ray cluster to run the episodes on (needs the extra `ray`)."""
+    bags: Path | None = None
+    """Folder for a ROS 2 bag (MCAP) of each episode that is run."""
     report: bool = False
     """Run nothing; publish what the folder holds."""
     publish: Path | None = None
@@ -60,7 +62,9 @@ def main(arguments: list[str] | None = None) -> int:
         default = Command(settings, out=tyro.MISSING)
         command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
         evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))
-        failures = [] if command.report else run_with_progress(evaluation, command.jobs, command.ray, messages)
+        failures = []
+        if not command.report:
+            failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags)
         if command.shard:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0

@@ -110,6 +110,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plans: list[np.ndarray | None] = [None] * len(self.robots)
         """Planned path of each robot for drawing, shape (n, 2), map frame [m]; set them from outside, `reset` clears
         them."""
+        self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
+        """Called after a reset with None, and after each control period with the commands, to record the episode."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = is_team
@@ -156,6 +158,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         usual = task.reset(self.robots, readings, rngs[1::2], self.np_random, own)
         self._set_time_limit(usual)
         self.plans = [None] * num_robots
+        if self.on_period is not None:
+            self.on_period(None)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for one control period.
@@ -201,6 +205,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         for robot in robots:
             robot.locate()  # scan matching -> map
         self.task.update(states, robots, self.control_period)
+        if self.on_period is not None:
+            self.on_period(commands)
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last control period.

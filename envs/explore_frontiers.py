@@ -250,8 +250,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def _advance(self) -> str | None:
         """Drive for one control period; return why a decision is due, if it is."""
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        explore.plan = navigator.plan
         if explore.render_mode == "human":
-            explore.plan = navigator.plan
             explore.render()
         twist = navigator.command(robot.belief)
         robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w

@@ -35,7 +35,9 @@ PRINTED = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", 
 """Columns of the ranking in the terminal."""
 
 
-def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, console: Console) -> list[Result]:
+def run_with_progress(
+    evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None
+) -> list[Result]:
     """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
     columns = (
         TextColumn("{task.description}"),
@@ -53,7 +55,7 @@ def run_with_progress(evaluation: Evaluation, jobs: int, ray: str | None, consol
             latest = f"{short(result.key.policy)} in {result.key.world}: {came}"
             progress.update(task, advance=1, latest=latest)
 
-        failures = evaluation.run(jobs, ray, on_result)
+        failures = evaluation.run(jobs, ray, on_result, bags)
     for (where, reason), (number, who) in group_failures(failures).items():
         line = f"{number} episodes of {who} in {where} could not be run: {reason}"
         console.print(line, style="red", markup=False, highlight=False)

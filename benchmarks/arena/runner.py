@@ -14,7 +14,7 @@ from benchmarks.arena.pairs import BOUND
 from benchmarks.arena.policies import parse_policy
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
-from benchmarks.arena.trace import trace_path
+from benchmarks.arena.trace import episode_name, trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all, run_on_ray
 from envs.files import write_file
 
@@ -95,7 +95,11 @@ class Evaluation:
         return self.total - len(self._missing)
 
     def run(
-        self, jobs: int = 1, ray: str | None = None, on_result: Callable[[Result], None] | None = None
+        self,
+        jobs: int = 1,
+        ray: str | None = None,
+        on_result: Callable[[Result], None] | None = None,
+        bags: Path | None = None,
     ) -> list[Result]:
         """Run the episodes that are missing.
 
@@ -103,14 +107,21 @@ class Evaluation:
             jobs: processes to spread the episodes over; 1 stays in this one.
             ray: address of a Ray cluster that runs them instead.
             on_result: called with each episode that has ended, also in failure.
+            bags: folder that gets a ROS 2 bag of each of them, see `envs.wrappers.BagRecorder`; None for none.
 
         Returns:
             The episodes that could not be run. The others are in the folder.
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
+        if bags and ray:
+            raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
+        tasks = self._missing
+        if bags:
+            bags.mkdir(parents=True, exist_ok=True)
+            tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
         failures = []
-        for result in run_on_ray(self._missing, ray) if ray else run_all(self._missing, jobs):
+        for result in run_on_ray(tasks, ray) if ray else run_all(tasks, jobs):
             if result.row is None:
                 self._records.add_failure(result.key, result.reason)
                 failures.append(result)

@@ -113,8 +113,12 @@ class Recorder:
 
 def trace_path(folder: Path, row: Row) -> Path:
     """Return where the trace of a row's episode lies."""
-    parts = [slug(str(row[name])) for name in ("policy", "world", "robot", "physics", "slam", "seed")]
-    return folder / "episodes" / f"{'__'.join(parts)}.npz"
+    return folder / "episodes" / f"{episode_name(row)}.npz"
+
+
+def episode_name(row: Row) -> str:
+    """Return the name of the files of a row's episode, without a suffix."""
+    return "__".join(slug(str(row[name])) for name in ("policy", "world", "robot", "physics", "slam", "seed"))
 
 
 def load_curve(folder: Path, row: Row) -> Curve:

@@ -26,6 +26,7 @@ from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
+from envs.wrappers import BagRecorder
 
 MAX_RETRIES = 1
 """How often an episode whose machine or process has died on a Ray cluster is tried again."""
@@ -43,6 +44,8 @@ class Task:
     time_limit: float | None
     given: Mapping[str, Any] = field(default_factory=dict)
     """World, robot and SLAM of the user's own that the case names."""
+    bag: Path | None = None
+    """File that the episode is recorded in, as a ROS 2 bag; None for none."""
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Make the environment."""
@@ -153,7 +156,8 @@ class _Worker:
             prepare(env, explorer, task.key.seed, WARM_UP_STEPS)
             self._explorers[task.policy.name] = explorer
         recorder = Recorder(exploration_of(env))
-        episode = run_episode(env, explorer, task.key.seed, recorder.watch)
+        with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext():
+            episode = run_episode(env, explorer, task.key.seed, recorder.watch)
         trace = recorder.trace(episode.curve).to_bytes()
         return Result(task.key, make_row(task.policy, task.key, episode), trace)
 

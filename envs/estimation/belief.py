@@ -58,4 +58,5 @@ class Belief:
     is_lost: bool = False
     """Whether the pose must not be trusted."""
     path: np.ndarray | None = None
-    """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far [m, m, rad]; None otherwise."""
+    """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan [m, m, rad]; None
+    otherwise."""

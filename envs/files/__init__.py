@@ -2,7 +2,7 @@
 
 from .names import explain_unknown, load_object, resolve
 from .records import dump_record, explain_errors, parse_record, read_mapping, read_record
-from .writing import write_file, write_folder
+from .writing import temporary_beside, write_file, write_folder
 
 __all__ = [
     "dump_record",
@@ -13,6 +13,7 @@ __all__ = [
     "read_mapping",
     "read_record",
     "resolve",
+    "temporary_beside",
     "write_file",
     "write_folder",
 ]

@@ -13,7 +13,7 @@ def write_file(path: Path, content: bytes | str) -> None:
     Raises:
         OSError: if it cannot be written; the old file is still there, and nothing is left beside it.
     """
-    temporary = _beside(path)
+    temporary = temporary_beside(path)
     try:
         _write_through(temporary, content)
         os.replace(temporary, path)
@@ -29,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
     Raises:
         OSError: if it cannot be written or exists already; nothing is left beside it.
     """
-    temporary = _beside(path)
+    temporary = temporary_beside(path)
     shutil.rmtree(temporary, ignore_errors=True)
     try:
         temporary.mkdir(parents=True)
@@ -43,7 +43,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
     _sync_folder(path.parent)
 
 
-def _beside(path: Path) -> Path:
+def temporary_beside(path: Path) -> Path:
     """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder."""
     return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
 

@@ -24,8 +24,8 @@ from .kernels import RAW, Rows, Setup
 
 
 def is_fusible(env: Any) -> bool:
-    """Tell whether an environment can be stepped by kernels: nothing in it is the user's own."""
-    if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator:
+    """Tell whether an environment can be stepped by kernels: nothing in it is the user's own, or looks at each step."""
+    if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator or env.on_period:
         return False
     robot = env.robots[0]
     slam = robot.estimator

@@ -2,6 +2,8 @@
 
 import gzip
 import math
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,45 +14,67 @@ _SICK_MAX_RANGE = 80.0
 
 
 def read_carmen(path: Path) -> dict[str, Any]:
-    """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one kind of laser, as the arrays of `load_log`."""
+    """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one kind of laser, as the arrays of `load_log`.
+
+    Raises:
+        ValueError: a line is damaged, the file is cut off, or there are no scans.
+    """
     times, odometry, scan_rows, scans = [], [], [], []
     lidar = {"maxr": _SICK_MAX_RANGE, "mount_x": 0.0}
-    opener = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rt", encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            kind, *fields = line.split() or [""]
-            try:
-                if kind == "ODOM":
-                    pose = fields[0:3]
-                elif kind == "FLASER":
-                    count = int(fields[0])
-                    scan, pose = fields[1 : 1 + count], fields[4 + count : 7 + count]
-                    # Half a turn in steps of 1 or 0.5 degrees.
-                    lidar |= {"ang0": -math.pi / 2, "dang": math.radians(1.0 if count <= 181 else 0.5)}
-                elif kind == "ROBOTLASER1":
-                    count = int(fields[7])
-                    scan = fields[8 : 8 + count]
-                    after = 9 + count + int(fields[8 + count])
-                    laser, pose = [float(value) for value in fields[after : after + 3]], fields[after + 3 : after + 6]
-                    lidar |= {"ang0": float(fields[1]), "dang": float(fields[3]), "maxr": float(fields[4])}
-                    lidar["mount_x"] = math.hypot(laser[0] - float(pose[0]), laser[1] - float(pose[1]))
-                elif kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
-                    lidar["mount_x"] = float(fields[1])
-                    continue
-                else:
-                    continue
-                times.append(float(fields[-3]))
-                odometry.append([float(value) for value in pose])
-                if len(odometry[-1]) != 3:
-                    raise ValueError("the pose is cut off")
-                if kind != "ODOM":
-                    scan_rows.append(len(times) - 1)
-                    scans.append(np.array(scan, dtype=np.float32))
-                    if len(scans[-1]) != len(scans[0]):
-                        raise ValueError(f"{len(scans[-1])} beams where earlier scans have {len(scans[0])}")
-            except (ValueError, IndexError) as error:
-                raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
+    for number, line in enumerate(_lines(path), start=1):
+        kind, *fields = line.split() or [""]
+        try:
+            if kind == "ODOM":
+                pose, num_fields = fields[0:3], 9
+            elif kind == "FLASER":
+                count = int(fields[0])
+                scan, pose, num_fields = fields[1 : 1 + count], fields[4 + count : 7 + count], count + 10
+                # Half a turn in steps of 1 or 0.5 degrees.
+                lidar |= {"ang0": -math.pi / 2, "dang": math.radians(1.0 if count <= 181 else 0.5)}
+            elif kind == "ROBOTLASER1":
+                count = int(fields[7])
+                scan = fields[8 : 8 + count]
+                after = 9 + count + int(fields[8 + count])
+                laser, pose = _numbers(fields[after : after + 3]), fields[after + 3 : after + 6]
+                lidar |= {"ang0": float(fields[1]), "dang": float(fields[3]), "maxr": float(fields[4])}
+                num_fields = after + 14
+                lidar["mount_x"] = math.hypot(laser[0] - float(pose[0]), laser[1] - float(pose[1]))
+            elif kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
+                (lidar["mount_x"],) = _numbers(fields[1:2])
+                continue
+            else:
+                continue
+            if len(fields) < num_fields:
+                raise ValueError(f"cut off, {len(fields)} of {num_fields} fields")
+            times += _numbers([fields[-3]])
+            odometry.append(_numbers(pose))
+            if kind != "ODOM":
+                scan_rows.append(len(times) - 1)
+                scans.append(np.array(scan, dtype=np.float32))
+                if len(scans[-1]) != len(scans[0]):
+                    raise ValueError(f"{len(scans[-1])} beams where earlier scans have {len(scans[0])}")
+                if np.isnan(scans[-1]).any():
+                    raise ValueError(f"beam {int(np.isnan(scans[-1]).argmax())} is NaN")
+        except (ValueError, IndexError) as error:
+            raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
     if not scans:
         raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines")
     arrays = {"t": times, "odo": odometry, "idx": scan_rows, "ranges": scans}
     return {name: np.array(values) for name, values in arrays.items()} | lidar
+
+
+def _lines(path: Path) -> Iterator[str]:
+    opener = gzip.open if path.suffix == ".gz" else open
+    try:
+        with opener(path, "rt", encoding="ascii", errors="replace") as file:
+            yield from file
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise ValueError(f"{path}: damaged or cut off: {error}") from error
+
+
+def _numbers(fields: list[str]) -> list[float]:
+    values = [float(field) for field in fields]
+    for field, value in zip(fields, values):
+        if not math.isfinite(value):
+            raise ValueError(f"{field} where a finite number is needed")
+    return values

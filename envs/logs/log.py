@@ -5,13 +5,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from envs.geometry import Pose2D
 from envs.robots import LidarParams, Mount
 
+from .archive import read_archive
+from .bag import is_bag, read_bag
 from .carmen import read_carmen
+from .clock import find_jump_back
+
+MAX_RANGE_LIMIT = 1000.0
+"""A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +32,7 @@ class Log:
     scan_rows: np.ndarray
     """Shape (m,), int64: rows of `times` and `odometry` at which the scans were taken."""
     ranges: np.ndarray
-    """Shape (m, num_beams), float32 [m]; +inf for no return."""
+    """Shape (m, num_beams), float32 [m]; +inf for no return, NaN for a beam to ignore."""
     lidar: LidarParams
     """Geometry of the scans."""
 
@@ -41,45 +48,83 @@ class Log:
             raise ValueError("numbers of times, poses and scans do not agree")
         if len(self.ranges) == 0:
             raise ValueError("holds no scans")
-        if not (np.isfinite(self.times).all() and np.isfinite(self.odometry).all()):
-            raise ValueError("times and odometry must be finite")
+        finite = np.isfinite(self.times) & np.isfinite(self.odometry).all(axis=1)
+        if not finite.all():
+            row = int(finite.argmin())
+            pose = self.odometry[row].tolist()
+            raise ValueError(f"times and odometry must be finite, row {row} is {self.times[row]} s, {pose}")
         if self.scan_rows.min() < 0 or self.scan_rows.max() >= len(self.times):
             raise ValueError("scans refer to rows of odometry that do not exist")
+        if (self.ranges < 0.0).any():
+            scan, beam = np.argwhere(self.ranges < 0.0)[0].tolist()
+            raise ValueError(f"ranges must not be negative, beam {beam} of scan {scan} is {self.ranges[scan, beam]} m")
+        times = self.times[self.scan_rows]
+        jump = find_jump_back(times)
+        if jump is not None:
+            latest = times[:jump].max()
+            raise ValueError(f"the clock runs back from {latest:.3f} to {times[jump]:.3f} s at scan {jump}")
 
 
-def load_log(path: str | Path, max_range: float | None = None) -> Log:
-    """Read a log, either arrays (.npz) or CARMEN text (.log, .clf, also gzipped).
+def load_log(
+    path: str | Path,
+    max_range: float | None = None,
+    *,
+    scan_topic: str | None = None,
+    odom_topic: str | None = None,
+) -> Log:
+    """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
     Args:
-        path: the file. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of `Log`; `ang0` and `dang`, the angle
-            of the first beam in the base frame and from one beam to the next [rad]; `maxr`, the range from which there
-            is no return [m]; optionally `mount_x`, the lidar's position in the base frame [m], and `off`, added to `t`.
+        path: the file, or the folder of a ROS 2 bag. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of
+            `Log`; `ang0` and `dang`, the angle of the first beam in the base frame and from one beam to the next [rad];
+            `maxr`, the range from which there is no return [m]; optionally `mount_x`, the lidar's position in the base
+            frame [m], and `off`, added to `t`. Bags: see `read_bag`.
         max_range: readings from this on count as no return [m]; None takes what the log says.
+        scan_topic: topic of the scans in a bag; None for the only one.
+        odom_topic: topic of the odometry in a bag; None for the only one.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is of another kind, damaged, or holds no scans.
+        ValueError: the file is of another kind, damaged, or holds no scans, or values that make no sense; the message
+            names the file and the place.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(f"no log at {path}")
-    if path.suffix == ".npz":
-        with np.load(path) as archive:
-            arrays = dict(archive)
-        if missing := {"t", "odo", "ranges", "idx", "ang0", "dang", "maxr"} - set(arrays):
-            raise ValueError(f"{path}: lacks the arrays {sorted(missing)}")
-    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")):
+    if is_bag(path):
+        arrays = read_bag(path, scan_topic, odom_topic)
+    elif scan_topic or odom_topic:
+        raise ValueError(f"{path}: topics can be chosen in bags only")
+    elif path.suffix == ".npz":
+        arrays = read_archive(path)
+    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file():
         arrays = read_carmen(path)
     else:
-        raise ValueError(f"{path}: unknown kind of log; .npz, .log, .log.gz, .clf and .clf.gz are known")
-    limit = min(float(arrays["maxr"]), math.inf if max_range is None else max_range)
-    fov = float(arrays["dang"]) * (arrays["ranges"].shape[-1] - 1)
-    # LidarParams centres the field of view on the sensor's x axis.
-    mount = Mount(float(arrays.get("mount_x", 0.0)), yaw=float(arrays["ang0"]) + fov / 2)
-    lidar = LidarParams(arrays["ranges"].shape[-1], limit, fov=fov, mount=mount)
-    ranges = np.where(arrays["ranges"] >= limit, np.float32(np.inf), arrays["ranges"].astype(np.float32))
-    times = arrays["t"] + float(arrays.get("off", 0.0))
+        known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
+        raise ValueError(f"{path}: unknown kind of log; {known} are known")
     try:
-        return Log(times, arrays["odo"], arrays["idx"].astype(np.int64), ranges, lidar)
+        return _make_log(arrays, max_range)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
+    """Make a log of what the readers return: the arrays of `load_log`; bags have more of the mount, and `minr`."""
+    ranges, step = arrays["ranges"].astype(np.float32), float(arrays["dang"])
+    limit = float(arrays["maxr"]) if max_range is None else min(float(arrays["maxr"]), max_range)
+    if not 0.0 < limit <= MAX_RANGE_LIMIT:
+        allowed = f"(0, {MAX_RANGE_LIMIT:g}]; max_range (--max-range) sets one"
+        raise ValueError(f"the range limit (maxr) is {limit:g} m, it must lie in {allowed}")
+    mount_x, mount_y, mount_z = (float(arrays.get(f"mount_{axis}", 0.0)) for axis in "xyz")
+    if not (math.isfinite(arrays["ang0"]) and 0.0 < step < math.inf and math.isfinite(mount_x)):
+        raise ValueError(f"beams start at {float(arrays['ang0'])} rad in steps of {step} rad, {mount_x} m ahead")
+    if step * (ranges.shape[1] - 1) > 2 * math.pi - 1e-6:
+        ranges = ranges[:, :-1]  # the last beam of a full turn repeats the first
+    num_beams = ranges.shape[1]
+    fov = step * (num_beams - 1)
+    # LidarParams centres the field of view on the sensor's x axis.
+    mount = Mount(mount_x, mount_y, mount_z, yaw=float(arrays["ang0"]) + fov / 2)
+    lidar = LidarParams(num_beams, limit, float(arrays.get("minr", 0.0)), fov, mount=mount)
+    is_return = ranges <= limit if "minr" in arrays and max_range is None else ranges < limit
+    ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
+    return Log(arrays["t"], arrays["odo"], arrays["idx"].astype(np.int64), ranges, lidar)

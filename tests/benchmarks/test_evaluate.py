@@ -13,6 +13,7 @@ from benchmarks.arena.measures import MEASURES
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace
+from envs.logs import load_log
 from evaluate import main
 
 ROOT = Path(__file__).parents[2]
@@ -114,6 +115,26 @@ def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
     message = " ".join("".join(capsys.readouterr()).replace("│", " ").split())
     assert all(text in message for text in says), message
     assert not list((tmp_path / "out").glob("episodes/*"))
+
+
+def test_episodes_are_recorded_as_bags_that_change_nothing(tmp_path):
+    options = ["--policies", "nearest", "--worlds", WORLD, *BRIEF, "--shard", "1/1"]  # which publishes nothing
+    assert main([*options, "--out", str(tmp_path / "a"), "--bags", str(tmp_path / "bags")]) == 0
+    assert main([*options, "--out", str(tmp_path / "b")]) == 0
+    rows = read_rows(tmp_path / "a")
+    assert sorted(map(str, map(deterministic, rows))) == sorted(map(str, map(deterministic, read_rows(tmp_path / "b"))))
+    bags = sorted((tmp_path / "bags").iterdir())
+    assert [bag.stem for bag in bags] == sorted(path.stem for path in (tmp_path / "a" / "episodes").iterdir())
+    for bag, row in zip(bags, sorted(rows, key=lambda row: row["seed"]), strict=True):
+        log = load_log(bag)
+        assert log.times[-1] == pytest.approx(float(row["duration"]))
+        assert len(log.ranges) == 1 + round(10.0 * float(row["duration"]))
+
+
+def test_bags_are_not_written_by_a_cluster(tmp_path, capsys):
+    options = ["--policies", "nearest", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path / "out")]
+    assert main([*options, "--bags", str(tmp_path / "bags"), "--ray", "auto"]) == 2
+    assert "bags are written where episodes run" in " ".join(capsys.readouterr().err.split())
 
 
 def test_traces_hold_the_maps_as_they_grew(tmp_path):

@@ -55,10 +55,84 @@ def test_bad_logs(tmp_path):
             load_log(path)
 
     complain("missing.log", None, r"missing\.log", FileNotFoundError)
-    complain("drive.bag", b"", "unknown kind of log")
+    complain("drive.txt", b"", "unknown kind of log")
     complain("empty.log", b"ODOM 0 0 0 0 0 0 1 h 1\n", "holds no FLASER or ROBOTLASER1")
     complain("cut.log", CARMEN.encode()[:-30], "line 6: bad FLASER line")
+    complain("end.log", CARMEN.encode()[:-6], "line 6: bad FLASER line: cut off, 12 of 13 fields")
     complain("word.log", CARMEN.replace("2.5", "two").encode(), "line 6: bad FLASER line.*two")
     complain("beams.log", CARMEN.replace("3 1.5 2.5", "2 2.5").encode(), "line 6: .*2 beams where earlier scans have 3")
-    np.savez(tmp_path / "part.npz", t=np.zeros(2), odo=np.zeros((2, 3)))
-    complain("part.npz", None, "lacks the arrays.*'ranges'")
+    complain("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5").encode(), "line 5: bad ODOM line: nan")
+    complain("time.log", CARMEN.replace("12.0 nohost", "inf nohost").encode(), "line 6: .*inf")
+    complain("beam.log", CARMEN.replace("2.5", "nan").encode(), "line 6: bad FLASER line: beam 1 is NaN")
+    complain(
+        "back.log", CARMEN.replace("12.0 nohost", "9.0 nohost").encode(), "back.log: the clock runs back from 10.5"
+    )
+    complain("below.log", CARMEN.replace("2.5", "-2.5").encode(), "beam 1 of scan 1 is -2.5 m")
+    complain("maxr.clf", ROBOTLASER.replace("20.0", "inf").encode(), r"maxr.clf: the range limit \(maxr\) is inf m")
+    complain("none.log", b"", "holds no FLASER or ROBOTLASER1")
+    complain("cut.log.gz", gzip.compress(CARMEN.encode())[:-20], "cut.log.gz: damaged or cut off")
+    complain("text.log.gz", CARMEN.encode(), "text.log.gz: damaged or cut off")
+    path = tmp_path / "topics.log"
+    path.write_text(CARMEN)
+    with pytest.raises(ValueError, match="topics can be chosen in bags only"):
+        load_log(path, scan_topic="/scan")
+
+
+ARRAYS = {
+    "t": np.arange(3.0),
+    "odo": np.zeros((3, 3)),
+    "idx": np.arange(3),
+    "ranges": np.ones((3, 4)),
+    "ang0": -1.0,
+    "dang": 0.5,
+    "maxr": 8.0,
+}
+
+
+def test_archive(tmp_path):
+    path = tmp_path / "drive.npz"
+    np.savez(path, **ARRAYS | {"ranges": np.full((3, 4), [1.0, np.nan, 8.0, 9.0]), "off": 5.0, "mount_x": 0.3})
+    log = load_log(path)
+    np.testing.assert_array_equal(log.ranges, [[1.0, np.nan, np.inf, np.inf]] * 3)
+    np.testing.assert_array_equal(log.times, [5.0, 6.0, 7.0])
+    np.testing.assert_allclose(log.lidar.angles + log.lidar.mount.yaw, [-1.0, -0.5, 0.0, 0.5])
+    assert log.lidar.mount.x == 0.3
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"ranges": None}, r"lacks the arrays \['ranges'\]"),
+        ({"ranges": np.array([np.ones(4), np.ones(3), np.ones(4)], dtype=object)}, "array ranges: .*allow_pickle"),
+        ({"ranges": np.ones(12)}, r"array ranges: numbers in 2 dimensions are needed, got float64 \(12,\)"),
+        ({"odo": np.zeros((3, 2))}, "array odo: rows of x, y, heading"),
+        ({"odo": np.array([[0, 0, 0], [0, np.nan, 0], [0, 0, 0]])}, r"must be finite, row 1 is 1.0 s, \[0.0, nan"),
+        ({"t": np.array([0.0, np.nan, 1.0])}, "must be finite, row 1 is nan s"),
+        ({"t": np.array([0.0, 50.0, 1.0])}, "the clock runs back from 50.000 to 1.000 s at scan 2"),
+        ({"t": np.arange(2.0)}, "numbers of times, poses and scans do not agree"),
+        ({"idx": np.array([0, 1, 7])}, "rows of odometry that do not exist"),
+        ({"ranges": np.ones((0, 4)), "idx": np.arange(0)}, "holds no scans"),
+        ({"maxr": np.inf}, r"range limit \(maxr\) is inf m"),
+        ({"maxr": 1e9}, r"range limit \(maxr\) is 1e\+09 m"),
+        ({"maxr": np.nan}, r"range limit \(maxr\) is nan m"),
+        ({"dang": 0.0}, "in steps of 0.0 rad"),
+    ],
+)
+def test_bad_archives_are_named(tmp_path, changes, complaint):
+    path = tmp_path / "drive.npz"
+    np.savez(path, **{name: array for name, array in (ARRAYS | changes).items() if array is not None})
+    with pytest.raises(ValueError, match=complaint) as caught:
+        load_log(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_archives_are_named(tmp_path):
+    path = tmp_path / "drive.npz"
+    np.savez_compressed(path, **ARRAYS)
+    content = path.read_bytes()
+    middle = content[:80] + bytes(len(content) - 400) + content[-320:]
+    for damaged in (b"", content[:100], content[:-1], middle, b"text"):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"drive\.npz"):
+            load_log(path)

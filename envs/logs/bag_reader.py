@@ -1,0 +1,88 @@
+"""Bags of ROS 1 and ROS 2, opened without ROS by the library rosbags."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+
+class BagError(ValueError):
+    """A bag cannot be read as a log; the message names the file and the culprit."""
+
+
+class BagReader:
+    """An open bag."""
+
+    def __init__(self, path: Path, reader: AnyReader) -> None:
+        self.path = path
+        self._reader = reader
+        self.types: dict[str, str] = {c.topic: c.msgtype for c in reader.connections}
+        self._counts: dict[str, int] = {}
+        for connection in reader.connections:
+            self._counts[connection.topic] = self._counts.get(connection.topic, 0) + connection.msgcount
+
+    def topics(self, kinds: Sequence[str]) -> list[str]:
+        """Return the topics that hold messages of one of some types."""
+        return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
+
+    def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
+        """Return the topic that is asked for, or else the only one of some types."""
+        found = self.topics(kinds)
+        listing = ", ".join(f"{t} ({kind}, {self._counts[t]} messages)" for t, kind in sorted(self.types.items()))
+        if wanted is not None:
+            for topic in (wanted, f"/{wanted}"):
+                if topic in found:
+                    return topic
+            raise self.error(f"{option} {wanted} holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
+        if not found:
+            raise self.error(f"holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
+        if len(found) > 1:
+            choice = f"choose one by {option} (--{option.replace('_', '-')})"
+            raise self.error(f"{len(found)} topics hold {kinds[0]}: {', '.join(found)}; {choice}")
+        return found[0]
+
+    def messages(self, topic: str) -> Iterator[Any]:
+        """Yield the messages of a topic.
+
+        Raises:
+            BagError: there are fewer than the bag's index says.
+        """
+        count = 0
+        for connection, _, raw in self._reader.messages([c for c in self._reader.connections if c.topic == topic]):
+            yield self._reader.deserialize(raw, connection.msgtype)
+            count += 1
+        if count < self._counts[topic]:
+            raise self.error(f"damaged: holds {count} of {self._counts[topic]} messages of {topic}")
+
+    def error(self, text: str) -> BagError:
+        """Return an error that names the file."""
+        return BagError(f"{self.path}: {text}")
+
+    def checked(self, where: str, function: Any, *arguments: Any) -> Any:
+        """Call a function; what it finds wrong is an error in the bag."""
+        try:
+            return function(*arguments)
+        except ValueError as error:
+            raise self.error(f"{where}: {error}") from error
+
+
+@contextlib.contextmanager
+def open_bag(path: Path) -> Iterator[BagReader]:
+    """Open a bag for reading.
+
+    Raises:
+        BagError: the reader fails, now or while messages are read: the bag is damaged, or none.
+        PermissionError: the file may not be read.
+    """
+    try:
+        # Storage in SQLite has no message definitions before ROS 2 Iron; the types that are read have never changed.
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            yield BagReader(path, reader)
+    except (BagError, PermissionError):
+        raise
+    except Exception as error:  # struct.error, apsw.Error, TypeError, ...: damaged bags raise many kinds
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise BagError(f"{path}: damaged or no bag: {said}") from error

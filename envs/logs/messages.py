@@ -1,0 +1,122 @@
+"""ROS 2 messages of what a robot reads, estimates and commands; frames by REP 105, ranges by REP 117."""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.robots import LidarParams, Mount
+from envs.simulation import Twist
+
+MAP, ODOM, BASE, BASE_LINK, LASER = "map", "odom", "base_footprint", "base_link", "laser"
+"""Frames. The base is on the ground, so that `base_link` coincides with `base_footprint`."""
+
+
+@functools.cache
+def typestore() -> Any:
+    """Return the message types of ROS 2; those that are written here are the same in Humble and later."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def clock(time: float) -> Any:
+    """Return a `rosgraph_msgs/Clock`; times are since the reset [s], here and below."""
+    return _make("rosgraph_msgs/msg/Clock", _stamp(time))
+
+
+def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float) -> Any:
+    """Return a `sensor_msgs/LaserScan`.
+
+    Args:
+        time: of the scan, whose beams are all measured at once.
+        ranges: shape (num_beams,), float32 [m], as `Reading.ranges`.
+        lidar: geometry of the scan.
+        period: time between two scans [s].
+    """
+    first, last = lidar.angles[[0, -1]].tolist()
+    limits = (lidar.range_min, lidar.range_max)
+    no_intensities = np.array([], dtype=np.float32)
+    beams = (first, last, lidar.angle_increment, 0.0, period, *limits)
+    return _make("sensor_msgs/msg/LaserScan", _header(time, LASER), *beams, ranges, no_intensities)
+
+
+def odometry(time: float, pose: Pose2D, twist: Twist) -> Any:
+    """Return a `nav_msgs/Odometry` of a pose in the frame of odometry; covariances are zero, unknown."""
+    unknown = np.zeros(36)
+    with_covariance = _make("geometry_msgs/msg/PoseWithCovariance", _pose(pose), unknown)
+    velocity = _make("geometry_msgs/msg/TwistWithCovariance", _twist(twist), unknown)
+    return _make("nav_msgs/msg/Odometry", _header(time, ODOM), BASE, with_covariance, velocity)
+
+
+def transforms(time: float, map_odom: Pose2D, odom_base: Pose2D) -> Any:
+    """Return the `tf2_msgs/TFMessage` of what moves: odometry's frame in the map, and the base in odometry's frame."""
+    edges = [
+        _transform(time, MAP, ODOM, Mount(map_odom.x, map_odom.y, yaw=map_odom.theta)),
+        _transform(time, ODOM, BASE, Mount(odom_base.x, odom_base.y, yaw=odom_base.theta)),
+    ]
+    return _make("tf2_msgs/msg/TFMessage", edges)
+
+
+def static_transforms(mount: Mount) -> Any:
+    """Return the `tf2_msgs/TFMessage` of what does not move: base link and lidar."""
+    edges = [_transform(0.0, BASE, BASE_LINK, Mount()), _transform(0.0, BASE_LINK, LASER, mount)]
+    return _make("tf2_msgs/msg/TFMessage", edges)
+
+
+def occupancy_grid(time: float, grid: OccupancyGrid) -> Any:
+    """Return a `nav_msgs/OccupancyGrid`."""
+    height, width = grid.data.shape
+    corner = _pose(Pose2D(*grid.origin, 0.0))
+    info = _make("nav_msgs/msg/MapMetaData", _stamp(time), grid.resolution, width, height, corner)
+    return _make("nav_msgs/msg/OccupancyGrid", _header(time, MAP), info, grid.data.ravel())
+
+
+def path(time: float, points: np.ndarray) -> Any:
+    """Return a `nav_msgs/Path` through points, shape (n, 2), map frame [m]; headings lead to the next point."""
+    steps = np.diff(points, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    poses = [
+        _make("geometry_msgs/msg/PoseStamped", _header(time, MAP), _pose(Pose2D(float(x), float(y), float(theta))))
+        for (x, y), theta in zip(points, [*headings, *headings[-1:]] or [0.0] * len(points))
+    ]
+    return _make("nav_msgs/msg/Path", _header(time, MAP), poses)
+
+
+def command(time: float, twist: Twist) -> Any:
+    """Return a `geometry_msgs/TwistStamped`, what Nav2 publishes on `cmd_vel`."""
+    return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
+
+
+def _make(kind: str, *fields: Any) -> Any:
+    return typestore().types[kind](*fields)
+
+
+def _stamp(time: float) -> Any:
+    seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+    return _make("builtin_interfaces/msg/Time", seconds, nanoseconds)
+
+
+def _header(time: float, frame: str) -> Any:
+    return _make("std_msgs/msg/Header", _stamp(time), frame)
+
+
+def _pose(pose: Pose2D) -> Any:
+    point = _make("geometry_msgs/msg/Point", pose.x, pose.y, 0.0)
+    return _make("geometry_msgs/msg/Pose", point, _quaternion(pose.theta))
+
+
+def _twist(twist: Twist) -> Any:
+    vectors = [_make("geometry_msgs/msg/Vector3", *values) for values in ((twist.v, 0.0, 0.0), (0.0, 0.0, twist.w))]
+    return _make("geometry_msgs/msg/Twist", *vectors)
+
+
+def _transform(time: float, parent: str, child: str, mount: Mount) -> Any:
+    translation = _make("geometry_msgs/msg/Vector3", mount.x, mount.y, mount.z)
+    transform = _make("geometry_msgs/msg/Transform", translation, _quaternion(mount.yaw))
+    return _make("geometry_msgs/msg/TransformStamped", _header(time, parent), child, transform)
+
+
+def _quaternion(yaw: float) -> Any:
+    return _make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))

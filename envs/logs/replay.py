@@ -1,0 +1,190 @@
+"""Run a SLAM on the log of a real robot: `python -m envs.logs.replay LOG --relations FILE --out DIR`."""
+
+import dataclasses
+import json
+import sys
+from dataclasses import asdict, dataclass, field, is_dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from envs.estimation import Estimator
+from envs.geometry import Pose2D
+from envs.slam import SLAM_NAMES, load_params, make_slam
+
+from .log import Log, load_log
+from .relations import RelationError, load_relations
+from .runs import Run, measure, replay, save_replay
+
+LABELS = {"error": "relation error", "error_unambiguous": "unambiguous"}
+"""How errors of a `Run` are called in what is printed."""
+ALL = "all"
+"""Stands for every registered SLAM that a log can be replayed with."""
+TRUTH = "truth"
+"""The one that it cannot."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Run a SLAM on the log of a real robot; print its relation error and the time per scan."""
+
+    log: Annotated[Path, tyro.conf.Positional]
+    """Arrays (.npz), CARMEN text (.log, .log.gz, .clf), a ROS 1 bag (.bag), the folder of a ROS 2 bag, or .mcap."""
+    slam: str = "tinyslam"
+    """Name of a SLAM (`odometry` maps at the poses of the wheel odometry), or `module:attribute` of your own, which is
+    called with the lidar's geometry and the resolution [m]; `all` compares all that have a name."""
+    preset: str = "intel"
+    """Preset of the SLAM's parameters, or a YAML file. A SLAM of your own gets its resolution alone."""
+    change: dict[str, str] = field(default_factory=dict)
+    """Parameters to change, as `KEY VALUE` pairs."""
+    relations: Path | None = None
+    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`. If `unambiguous_relations.npy` lies in the same folder, a
+    boolean mask, the error over those is printed as well."""
+    out: Path | None = None
+    """Folder for maps (PNG, and PGM with YAML), trajectories (TUM format), pose graphs (g2o) and `summary.json`."""
+    seeds: int = 1
+    """Number of runs."""
+    first_seed: int = 0
+    """Seed of the first run."""
+    max_range: float | None = None
+    """Readings from this on count as no return [m]; the log's own limit by default."""
+    time_offset: float = 0.0
+    """Added to the log's times, for relations with another clock [s]."""
+    scan_topic: str | None = None
+    """Topic of the scans in a bag; needed where several hold any."""
+    odom_topic: str | None = None
+    """Topic of the odometry in a bag: Odometry messages, or transforms from `odom` to the base such as `/tf`."""
+
+
+def main(options: Options) -> list[Run]:
+    """Run the command.
+
+    Raises:
+        ValueError: the SLAM cannot be replayed, or an input file or parameter is not valid.
+        FileNotFoundError: an input file is missing.
+    """
+    if options.seeds < 1:
+        raise ValueError(f"seeds must be at least 1, got {options.seeds}")
+    log = load_log(options.log, options.max_range, scan_topic=options.scan_topic, odom_topic=options.odom_topic)
+    log = dataclasses.replace(log, times=log.times + options.time_offset)
+    relations = _load_relations(options.relations)
+    names = [name for name in SLAM_NAMES if name != TRUTH] if options.slam == ALL else [options.slam]
+    runs: list[Run] = []
+    for name in names:
+        out = options.out / name if options.out and len(names) > 1 else options.out
+        runs += _run(name, options, log, relations, out)
+    if len(names) > 1:
+        # Outside of a terminal the default width would fold the columns.
+        Console(width=None if sys.stdout.isatty() else 150).print(comparison(runs))
+    return runs
+
+
+def comparison(runs: list[Run]) -> Table:
+    """Return a table with a row per SLAM: medians over its seeds."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    fields = [f for f in _ERROR_FIELDS if any(getattr(run, f) for run in runs)]
+    heads = [f"{_label(f)}, m / deg" for f in fields]
+    for k, head in enumerate(["SLAM", *heads, "ms per scan: mean", "99 %", "worst", "loop closures"]):
+        table.add_column(head, justify="right" if k else "left", no_wrap=k == 0)
+    for name in dict.fromkeys(run.slam for run in runs):
+        own = [run for run in runs if run.slam == name]
+        cells = ["{:.3f} / {:.2f}".format(*_median_error(own, f)) for f in fields]
+        for f in ("milliseconds", "milliseconds_p99", "milliseconds_max"):
+            cells.append(f"{np.median([getattr(run, f) for run in own]):.2f}")
+        counts = [run.loop_closures for run in own if run.loop_closures is not None]
+        table.add_row(name, *cells, f"{np.median(counts):.0f}" if counts else "")
+    return table
+
+
+_ERROR_FIELDS = ("error", "error_unambiguous", "final_error", "final_error_unambiguous")
+
+
+def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray], out: Path | None) -> list[Run]:
+    """Run one SLAM with all seeds; print and save what it gives."""
+    slam = _make_slam(name, options, log)
+    slam.reset(np.random.default_rng(options.first_seed))
+    for ranges in log.ranges[:2]:  # compile the kernels, which must not be timed
+        slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    runs = []
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        replayed = replay(log, slam, seed, progress=sys.stderr.isatty())
+        runs.append(run := measure(log, slam, name, seed, replayed, relations))
+        tqdm.write(_line(run))
+        if out is not None:
+            save_replay(out, log, slam, seed, replayed)
+    median = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
+    for f in _ERROR_FIELDS:
+        if getattr(runs[0], f):
+            median += "; {} {:.3f} m, {:.2f} deg".format(_label(f), *_median_error(runs, f))
+    tqdm.write(median)
+    if out is not None:
+        params = getattr(slam, "params", None)
+        content = {
+            "log": str(options.log),
+            "slam": name,
+            "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
+            "runs": [asdict(run) for run in runs],
+        }
+        (out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return runs
+
+
+def _line(run: Run) -> str:
+    """Say what one run gave."""
+    line = (
+        f"{run.slam}, seed {run.seed}: {run.milliseconds:.3f} ms per scan "
+        f"(99 % below {run.milliseconds_p99:.3f}, worst {run.milliseconds_max:.3f})"
+    )
+    for f in _ERROR_FIELDS:
+        error: RelationError | None = getattr(run, f)
+        line += f"; {_label(f)} {error}" if error else ""
+    return line + ("" if run.loop_closures is None else f"; {run.loop_closures} loop closures")
+
+
+def _label(error_field: str) -> str:
+    is_final = error_field.startswith("final_")
+    return f"{'final' if is_final else 'online'} {LABELS[error_field.removeprefix('final_')]}"
+
+
+def _median_error(runs: list[Run], error_field: str) -> tuple[float, float]:
+    """Return the medians of translation [m] and rotation [deg]."""
+    errors = [getattr(run, error_field) for run in runs]
+    return float(np.median([e.translation for e in errors])), float(np.median([e.rotation for e in errors]))
+
+
+def _make_slam(name: str, options: Options, log: Log) -> Estimator:
+    if name == TRUTH:
+        raise ValueError(
+            "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"
+        )
+    further = options.change.keys() - {"resolution"}
+    if name not in SLAM_NAMES and further:
+        raise ValueError(f"{name} has no parameters {', '.join(sorted(further))} that could be changed")
+    params = load_params(options.preset, options.change)
+    return make_slam(name, log.lidar, params.resolution, params)
+
+
+def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
+    """Return relations, as far as there are files, by the field of `Run` that holds the online error over them."""
+    if path is None:
+        return {}
+    relations = {"error": load_relations(path)}
+    mask = path.parent / "unambiguous_relations.npy"
+    if mask.is_file():
+        relations["error_unambiguous"] = relations["error"][np.load(mask)]
+    return relations
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(Options))
+    except (ValueError, OSError, MemoryError) as error:
+        sys.exit(f"error: {error}")

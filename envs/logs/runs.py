@@ -1,0 +1,148 @@
+"""Running an estimator along a log: poses online and in the end, times per scan, files."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from envs.estimation import Estimator
+from envs.worlds import save_map
+
+from .g2o import save_g2o
+from .log import Log
+from .pictures import picture
+from .relations import RelationError, relation_error
+from .trajectory import follow_odometry, save_trajectory
+
+
+class Replayed(NamedTuple):
+    """What an estimator made of a log with m scans."""
+
+    online: np.ndarray
+    """Shape (m, 3), float64: the pose estimated right after each scan, x, y, heading [m, m, rad]."""
+    final: np.ndarray
+    """Shape (m, 3), float64: the same poses as corrected by the end; `online` for estimators that correct nothing."""
+    seconds: np.ndarray
+    """Shape (m,), float64: time that each scan took [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Result of one run."""
+
+    slam: str
+    seed: int
+    milliseconds: float
+    """Mean time per scan [ms]."""
+    milliseconds_p99: float
+    """99th percentile of the time per scan [ms]."""
+    milliseconds_max: float
+    """Longest time that a scan took [ms]."""
+    loop_closures: int | None = None
+    """Number of loop closures; None for estimators that do not count any."""
+    error: RelationError | None = None
+    """Of the online trajectory, over all relations."""
+    error_unambiguous: RelationError | None = None
+    """Of the online trajectory, over relations whose time stamps are unambiguous."""
+    final_error: RelationError | None = None
+    """Of the final trajectory, over all relations."""
+    final_error_unambiguous: RelationError | None = None
+    """Of the final trajectory, over relations whose time stamps are unambiguous."""
+
+
+def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
+    """Reset an estimator with a seed, and run it along a log.
+
+    The final poses are those of `Belief.path` where the estimator sets it, at a redrawn map or in an optional method
+    `finish()`, which is called after the last scan. Scans after the last corrected one keep their online poses.
+
+    Raises:
+        ValueError: the estimator gave a corrected path that does not hold one pose per scan.
+    """
+    slam.reset(np.random.default_rng(seed))
+    online, seconds = np.empty((len(log.ranges), 3)), np.empty(len(log.ranges))
+    corrected = online[:0]
+    steps = zip(log.ranges, log.motions())
+    for k, (ranges, motion) in enumerate(tqdm(steps, f"seed {seed}", len(online), leave=False, disable=not progress)):
+        begin = time.perf_counter()
+        belief = slam.update(ranges, motion)
+        seconds[k] = time.perf_counter() - begin
+        online[k] = belief.pose
+        if belief.update.redrawn and belief.path is not None:
+            corrected = _checked_path(belief.path, k + 1)
+    if finish := getattr(slam, "finish", None):
+        finish()
+        if slam.belief.path is not None:
+            corrected = _checked_path(slam.belief.path, len(online))
+    return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds)
+
+
+def measure(
+    log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
+) -> Run:
+    """Judge a replay.
+
+    Args:
+        log: the log.
+        slam: the estimator, after the replay.
+        name: of the estimator.
+        seed: of the replay.
+        replayed: what it gave.
+        relations: as from `load_relations`, by the field of `Run` that holds the online error over them.
+
+    Raises:
+        ValueError: no relation lies within the log.
+    """
+    milliseconds = 1e3 * replayed.seconds
+    errors: dict[str, RelationError] = {}
+    for prefix, poses in (("", replayed.online), ("final_", replayed.final)):
+        trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
+        for field, some in relations.items():
+            errors[f"{prefix}{field}"] = relation_error(log.times, trajectory, some)
+    loop_closures = getattr(slam, "loop_closures", None)
+    return Run(
+        name,
+        seed,
+        float(milliseconds.mean()),
+        float(np.percentile(milliseconds, 99)),
+        float(milliseconds.max()),
+        None if loop_closures is None else int(loop_closures),
+        **errors,
+    )
+
+
+def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
+    """Write map, picture and trajectories of a replay, and the pose graph of an estimator that has one.
+
+    Args:
+        folder: gets `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
+            `trajectory_online_SEED.tum` if those differ, and `pose_graph_SEED.g2o`.
+        log: the log.
+        slam: the estimator, after the replay.
+        seed: of the replay.
+        replayed: what it gave.
+    """
+    grid = slam.belief.grid
+    picture(grid, replayed.final[:, :2]).save(folder / f"map_with_path_{seed}.png", optimize=True)
+    save_map(grid, folder / f"map_{seed}.pgm")
+    final = follow_odometry(log.odometry, log.scan_rows, replayed.final)
+    save_trajectory(folder / f"trajectory_{seed}.tum", log.times, final)
+    if not np.array_equal(replayed.online, replayed.final):
+        online = follow_odometry(log.odometry, log.scan_rows, replayed.online)
+        save_trajectory(folder / f"trajectory_online_{seed}.tum", log.times, online)
+    graph = getattr(slam, "pose_graph", None)
+    if graph is not None:
+        save_g2o(folder / f"pose_graph_{seed}.g2o", graph.nodes, graph.edges)
+
+
+def _checked_path(path: np.ndarray, num_scans: int) -> np.ndarray:
+    """Return a copy of a corrected path."""
+    if path.shape != (num_scans, 3):
+        raise ValueError(
+            f"the SLAM gave a corrected path of shape {path.shape} after {num_scans} scans; "
+            "Belief.path must hold one pose per scan"
+        )
+    return path.copy()

@@ -1,0 +1,104 @@
+"""Frames and transforms of ROS (tf2, REP 105)."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+MIN_UPRIGHT = 0.9
+"""Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
+
+
+class FrameTree:
+    """Frames by the transforms between them; of several for the same frame the first one counts."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, np.ndarray]] = {}
+
+    def add(self, transforms: Iterable[Any]) -> None:
+        """Add `geometry_msgs/TransformStamped` messages.
+
+        Raises:
+            ValueError: a transform is not finite, or its rotation is zero.
+        """
+        for transform in transforms:
+            child, parent = frame_name(transform.child_frame_id), frame_name(transform.header.frame_id)
+            if child not in self._parents:
+                self._parents[child] = parent, matrix(transform.transform)
+
+    def find(self, base: str, frame: str) -> np.ndarray | None:
+        """Return the pose of a frame in the base's frame, shape (4, 4); None if they are not connected."""
+        base_root, base_pose = self._climb(base)
+        root, pose = self._climb(frame)
+        return np.linalg.inv(base_pose) @ pose if root == base_root else None
+
+    def _climb(self, frame: str) -> tuple[str, np.ndarray]:
+        """Return the root above a frame, and the frame's pose in it."""
+        pose = np.eye(4)
+        for _ in self._parents:  # transforms in a circle must not keep it climbing
+            if frame not in self._parents:
+                break
+            frame, motion = self._parents[frame]
+            pose = motion @ pose
+        return frame, pose
+
+
+def frame_name(name: str) -> str:
+    """Return a frame's name without the leading slash of ROS 1."""
+    return name.lstrip("/")
+
+
+def matrix(transform: Any) -> np.ndarray:
+    """Return a `geometry_msgs/Transform` as a homogeneous matrix, shape (4, 4).
+
+    Raises:
+        ValueError: it is not finite, or its rotation is zero.
+    """
+    q, t = transform.rotation, transform.translation
+    x, y, z, w = _unit(q)
+    result = np.eye(4)
+    result[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    result[:3, 3] = t.x, t.y, t.z
+    if not np.isfinite(result).all():
+        raise ValueError(f"translation ({t.x}, {t.y}, {t.z}) m is not finite")
+    return result
+
+
+def heading(quaternion: Any) -> float:
+    """Return the heading of a `geometry_msgs/Quaternion`, rotation about z after those about y and x [rad].
+
+    Raises:
+        ValueError: it is not finite, or zero.
+    """
+    x, y, z, w = _unit(quaternion)
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def planar_beams(pose: np.ndarray, first: float, step: float) -> tuple[float, float]:
+    """Return the angle of the first beam in the base frame, and from one beam to the next, for a mounted lidar [rad].
+
+    Args:
+        pose: of the lidar in the base frame, shape (4, 4); it may hang upside down.
+        first: angle of the first beam in the lidar's frame [rad].
+        step: angle from one beam to the next in the lidar's frame [rad].
+
+    Raises:
+        ValueError: the lidar is tilted.
+    """
+    if abs(pose[2, 2]) < MIN_UPRIGHT:
+        tilt = np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0)))
+        raise ValueError(f"the lidar is tilted by {tilt:.0f} degrees, its scans are no planes of the map")
+    sign = 1.0 if pose[2, 2] > 0.0 else -1.0
+    return float(np.arctan2(pose[1, 0], pose[0, 0])) + sign * first, sign * step
+
+
+def _unit(quaternion: Any) -> np.ndarray:
+    values = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
+    norm = np.linalg.norm(values)
+    if not 0.0 < norm < np.inf:
+        raise ValueError(f"quaternion {values.tolist()} is no rotation")
+    return values / norm

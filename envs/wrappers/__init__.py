@@ -1,0 +1,5 @@
+"""Wrappers of environments."""
+
+from .record_bag import BagRecorder, RecordBag
+
+__all__ = ["BagRecorder", "RecordBag"]

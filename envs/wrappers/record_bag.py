@@ -1,0 +1,180 @@
+"""Recording episodes as ROS 2 bags."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs.core import LidarEnv
+from envs.estimation import ORIGIN
+from envs.estimation.motion import make_motion_source
+from envs.logs import messages
+from envs.logs.bag_writer import BagWriter
+from envs.simulation import Twist
+
+MAP_PERIOD = 1.0
+"""Least time between two maps in a bag [s]."""
+_NO_PATH = np.empty((0, 2))
+
+
+class BagRecorder:
+    """Records one episode of an environment with one robot into a bag, from its reset on.
+
+    Each control period, also within a decision, it writes `/clock`, `/scan`, `/odom` and `/tf`, and before them what
+    drove the robot, `/cmd_vel` and `/plan`; once a second and at the end `/map`; once `/tf_static`. Times are since the
+    reset. It records what the robot reads, estimates and does, and no ground truth: `/odom` is its own odometry, also
+    where the estimator uses true poses. Frames are `map`, `odom`, `base_footprint`, `base_link` and `laser`.
+
+    As a context manager it finishes the bag at the end, and removes it after an exception.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
+        """Start to record; the next reset must follow.
+
+        Args:
+            env: the environment, wrapped or not.
+            path: of the bag, `NAME.mcap`, which is there when it is complete.
+
+        Raises:
+            ValueError: the environment has no robot with a lidar, or several, or is being recorded; or the path has
+                another suffix.
+            OSError: the bag cannot be written.
+        """
+        inner = getattr(env.unwrapped, "explore", env.unwrapped)
+        if not isinstance(inner, LidarEnv):
+            raise ValueError(f"only environments of this package can be recorded, got {type(inner).__name__}")
+        if len(inner.robots) > 1:
+            raise ValueError(f"a bag holds one robot, the environment has {len(inner.robots)}")
+        if inner.on_period is not None:
+            raise ValueError("the environment is being recorded already")
+        self._env = inner
+        self._robot = inner.robots[0]
+        self._motion = make_motion_source(inner.robot, inner.control_period)
+        self._is_open, self._is_started = True, False
+        self._odometry, self._time, self._map_time = ORIGIN, 0.0, 0.0
+        self._writer = BagWriter(Path(path))
+        inner.on_period = self._record
+
+    def close(self) -> None:
+        """Write the last map and finish the bag; where nothing was recorded there is none. Does nothing twice.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        if not (self._is_open and self._is_started):
+            self.discard()
+            return
+        self._stop()
+        if self._map_time < self._time:
+            self._write_map()
+        self._writer.close()
+
+    def discard(self) -> None:
+        """Stop to record and remove the bag. Does nothing after `close`."""
+        if self._is_open:
+            self._stop()
+            self._writer.discard()
+
+    def __enter__(self) -> "BagRecorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+        else:
+            self.discard()
+
+    def _stop(self) -> None:
+        self._is_open, self._env.on_period = False, None
+
+    def _record(self, commands: Sequence[Twist] | None) -> None:
+        """Record a reset, or a control period with its commands."""
+        reading, write = self._robot.reading, self._writer.write
+        if commands is None:
+            if self._is_started:
+                raise RuntimeError("a bag holds one episode: close the recorder before the next reset")
+            self._is_started, self._odometry, twist = True, ORIGIN, Twist(0.0, 0.0)
+            self._motion.reset(reading)
+            write("/tf_static", reading.time, messages.static_transforms(self._robot.params.lidar.mount))
+        else:
+            plan = self._env.plan
+            write("/cmd_vel", self._time, messages.command(self._time, commands[0]))
+            write("/plan", self._time, messages.path(self._time, _NO_PATH if plan is None else plan))
+            motion = self._motion.update(reading)
+            self._odometry = self._odometry.compose(motion)
+            twist = Twist(motion.x / self._env.control_period, motion.theta / self._env.control_period)
+        self._time = time = reading.time
+        map_odom = self._robot.belief.pose.compose(self._odometry.inverse())
+        scan = messages.laser_scan(time, reading.ranges, self._robot.params.lidar, self._env.control_period)
+        write("/clock", time, messages.clock(time))
+        write("/scan", time, scan)
+        write("/odom", time, messages.odometry(time, self._odometry, twist))
+        write("/tf", time, messages.transforms(time, map_odom, self._odometry))
+        if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:
+            self._write_map()
+
+    def _write_map(self) -> None:
+        self._map_time = self._time
+        known = self._robot.belief.grid.known_part()
+        self._writer.write("/map", self._time, messages.occupancy_grid(self._time, known))
+
+
+class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
+    """Records every episode into a bag of its own, `episode_<n>.mcap`, counted from 0; see `BagRecorder`.
+
+    A bag is there once its episode has ended, the next one begins, or the environment is closed.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
+        """Wrap an environment.
+
+        Args:
+            env: an environment of this package with one robot.
+            path: folder for the bags; those of the same names are replaced.
+
+        Raises:
+            OSError: the folder cannot be made.
+        """
+        gymnasium.utils.RecordConstructorArgs.__init__(self, path=path)
+        super().__init__(env)
+        self._folder = Path(path)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._count = 0
+        self._recorder: BagRecorder | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Finish the bag of the last episode, and start an episode with a bag of its own."""
+        self._finish()
+        recorder = BagRecorder(self.env, self._folder / f"episode_{self._count}.mcap")
+        try:
+            result = self.env.reset(seed=seed, options=options)
+        except BaseException:
+            recorder.discard()
+            raise
+        self._recorder = recorder
+        self._count += 1
+        return result
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step; the end of the episode finishes its bag."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if terminated or truncated:
+            self._finish()
+        return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Finish the bag and close the environment."""
+        try:
+            self._finish()
+        finally:
+            super().close()
+
+    def _finish(self) -> None:
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close()

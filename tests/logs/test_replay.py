@@ -1,0 +1,193 @@
+import json
+import math
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from envs.estimation import MapUpdate
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.logs.g2o import load_g2o
+from envs.logs.pictures import picture
+from envs.logs.replay import Options, main
+from envs.slam import SLAM_NAMES, Belief
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+
+LOG = """\
+ODOM 0 0 0 0 0 0 10.0 nohost 10.0
+FLASER 3 1.0 2.0 90.0 0.2 0 0 0 0 0 10.5 nohost 10.5
+ODOM 1 0 0.5 0 0 0 11.0 nohost 11.0
+FLASER 3 1.5 2.5 3.5 1.0 1.2 1.57 1 1 1.57 12.0 nohost 12.0
+"""
+
+
+class TurningSlam:
+    """A SLAM of the user's own: each scan turns the robot by a right angle on the spot."""
+
+    def __init__(self, lidar, resolution):
+        self.belief = None
+        self.grid = OccupancyGrid(np.zeros((8, 8), dtype=np.int8), resolution, (0.0, 0.0))
+
+    def reset(self, rng):
+        self.theta = 0.0
+
+    def update(self, ranges, motion):
+        self.theta += math.pi / 2
+        self.belief = Belief(Pose2D(5.0, 0.0, self.theta), self.grid)
+        return self.belief
+
+
+class ClosingSlam(TurningSlam):
+    """Closes a loop at the second scan, and corrects everything again at the end."""
+
+    def __init__(self, lidar, resolution, has_finish=True):
+        super().__init__(lidar, resolution)
+        self.loop_closures = 0
+        if has_finish:
+            self.finish = self._finish
+
+    @property
+    def pose_graph(self):
+        edge = (0, 1, np.array([1.0, 0.0, 0.5]), np.diag([1.0, 2.0, 3.0]))
+        return types.SimpleNamespace(nodes=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]]), edges=[edge])
+
+    def update(self, ranges, motion):
+        belief = super().update(ranges, motion)
+        if round(self.theta / (math.pi / 2)) == 2:
+            self.loop_closures = 1
+            belief.update = MapUpdate(np.empty((0, 2), dtype=np.int32), None, redrawn=True)
+            belief.path = np.array([[7.0, 0.0, 0.0], [8.0, 0.0, 0.0]])
+        return belief
+
+    def _finish(self):
+        self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "drive.log"
+    path.write_text(LOG)
+    return path
+
+
+def test_replay_writes_maps_trajectories_and_a_summary(log, tmp_path):
+    relations = tmp_path / "relations"
+    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    np.save(tmp_path / "unambiguous_relations.npy", np.array([True]))
+    out = tmp_path / "out"
+    runs = main(
+        Options(log, slam="odometry", change={"resolution": "0.1"}, relations=relations, out=out, seeds=2, first_seed=3)
+    )
+    assert [run.seed for run in runs] == [3, 4]
+    assert runs[0].error.translation == pytest.approx(0.0, abs=1e-9)
+    assert runs[0].error_unambiguous.count == 1
+    for seed in (3, 4):
+        trajectory = np.loadtxt(out / f"trajectory_{seed}.tum")
+        np.testing.assert_allclose(trajectory[-1], [12, 1, 1, 0, 0, 0, math.sin(0.785), math.cos(0.785)], atol=1e-5)
+        assert {f"map_{seed}.pgm", f"map_{seed}.yaml", f"map_with_path_{seed}.png"} <= {p.name for p in out.iterdir()}
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["params"]["resolution"] == 0.1
+    assert summary["runs"][1]["error"]["count"] == 1
+
+
+def test_replay_runs_the_slam_that_it_names(log, tmp_path, monkeypatch):
+    module = types.ModuleType("my_slams")
+    module.Turning = TurningSlam
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    main(Options(log, slam="my_slams:Turning", change={"resolution": "0.25"}, out=tmp_path))
+    trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
+    np.testing.assert_allclose(trajectory[:, 1][[1, 3]], 5.0)
+    assert abs(trajectory[3, 6]) == pytest.approx(1.0)  # half a turn
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["slam"], summary["params"]) == ("my_slams:Turning", None)
+    with pytest.raises(ValueError, match="has no parameters hole_width"):
+        main(Options(log, slam="my_slams:Turning", change={"hole_width": "0.25"}))
+
+
+@pytest.mark.parametrize("has_finish", [False, True])
+def test_replay_takes_the_corrected_path_and_the_pose_graph(log, tmp_path, monkeypatch, has_finish):
+    module = types.ModuleType("my_slams")
+    module.closing = lambda lidar, resolution: ClosingSlam(lidar, resolution, has_finish)
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    relations = tmp_path / "relations"
+    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    (run,) = main(Options(log, slam="my_slams:closing", relations=relations, out=tmp_path))
+    assert run.loop_closures == 1
+    assert run.error.translation == pytest.approx(math.sqrt(2.0))  # the robot turns on the spot
+    assert run.final_error.translation == pytest.approx(0.0 if has_finish else 1.0)
+    assert 0.0 < run.milliseconds <= run.milliseconds_p99 <= run.milliseconds_max
+    final, online = (np.loadtxt(tmp_path / f"trajectory_{name}0.tum") for name in ("", "online_"))
+    np.testing.assert_allclose(final[[1, 3], 1], [0.0, 1.0] if has_finish else [7.0, 8.0])
+    np.testing.assert_allclose(online[[1, 3], 1], 5.0)
+    graph = load_g2o(tmp_path / "pose_graph_0.g2o")
+    np.testing.assert_array_equal(graph.nodes, [[0, 0, 0], [1, 0, 0.5]])
+    np.testing.assert_array_equal(graph.edges[0].information, np.diag([1.0, 2.0, 3.0]))
+
+
+def test_a_corrected_path_has_a_pose_per_scan(log, monkeypatch):
+    module = types.ModuleType("my_slams")
+    module.Closing = ClosingSlam
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    monkeypatch.setattr(ClosingSlam, "_finish", lambda self: setattr(self.belief, "path", np.zeros((5, 3))))
+    with pytest.raises(ValueError, match=r"corrected path of shape \(5, 3\) after 2 scans"):
+        main(Options(log, slam="my_slams:Closing"))
+
+
+def test_all_slams_are_compared(log, tmp_path, capsys):
+    relations = tmp_path / "relations"
+    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    runs = main(Options(log, slam="all", relations=relations, out=tmp_path, seeds=2))
+    names = [name for name in SLAM_NAMES if name != "truth"]
+    assert [run.slam for run in runs] == [name for name in names for _ in range(2)]
+    table = capsys.readouterr().out.splitlines()[-len(names) - 3 :]
+    assert "final relation error" in table[0]
+    assert "loop closures" in table[0]
+    assert [line.split()[0] for line in table[2:-1]] == names
+    assert all((tmp_path / name / "trajectory_1.tum").is_file() for name in names)
+
+
+def test_the_former_name_of_the_command_still_works(log):
+    command = [sys.executable, "-m", "envs.slam.replay", str(log), "--slam", "odometry"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "ms per scan" in done.stdout
+
+
+def test_errors_are_one_line(tmp_path):
+    command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / "none.bag")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, f"error: no log at {tmp_path / 'none.bag'}\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"), [("gmapping2", "unknown SLAM 'gmapping2'.*tinyslam"), ("truth", "true poses")]
+)
+def test_replay_measures_nothing_under_another_name(log, name, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        main(Options(log, slam=name))
+
+
+def test_picture_shows_low_y_at_the_bottom():
+    data = np.full((30, 40), -1, dtype=np.int8)
+    data[12, 20], data[17, 25] = 0, 100
+    image = picture(OccupancyGrid(data, 0.1, (0.0, 0.0)), margin=2)
+    assert isinstance(image, Image.Image)
+    assert image.size == (10, 10)
+    assert image.getpixel((2, 7)) == (255, 255, 255)
+    assert image.getpixel((7, 2)) == (0, 0, 0)
+    assert image.getpixel((0, 0)) == (190, 190, 190)
+
+
+@needs_data
+def test_intel_tinyslam():
+    (run,) = main(Options(DATA / "scans_2725.npz", relations=DATA / "intel.relations", first_seed=200))
+    assert run.error.translation < 0.15
+    assert run.error.rotation < 3.0
+    assert run.milliseconds < 5.0  # about 0.3 where nothing else runs

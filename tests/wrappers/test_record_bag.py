@@ -1,0 +1,219 @@
+"""Episodes as ROS 2 bags."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+import envs  # noqa: F401  (registers the environments)
+from envs.estimation.motion import make_motion_source
+from envs.geometry import Pose2D
+from envs.logs import load_log
+from envs.logs.replay import Options, main
+from envs.wrappers import BagRecorder, RecordBag
+
+QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.5}
+FIELDS = {
+    "/clock": ("rosgraph_msgs/msg/Clock", "clock"),
+    "/scan": (
+        "sensor_msgs/msg/LaserScan",
+        "header angle_min angle_max angle_increment time_increment scan_time range_min range_max ranges intensities",
+    ),
+    "/odom": ("nav_msgs/msg/Odometry", "header child_frame_id pose twist"),
+    "/tf": ("tf2_msgs/msg/TFMessage", "transforms"),
+    "/tf_static": ("tf2_msgs/msg/TFMessage", "transforms"),
+    "/map": ("nav_msgs/msg/OccupancyGrid", "header info data"),
+    "/plan": ("nav_msgs/msg/Path", "header poses"),
+    "/cmd_vel": ("geometry_msgs/msg/TwistStamped", "header twist"),
+}
+"""Type of each topic, and the fields of its messages as ROS 2 defines them."""
+
+
+def make(id="lidarnaut/Explore-v0", **arguments):
+    return gymnasium.make(id, **QUICK | arguments)
+
+
+def drive(env, seed=0):
+    """Drive a whole episode in curves, and return the readings."""
+    env.reset(seed=seed)
+    readings, done = [env.unwrapped.reading], False
+    while not done:
+        env.unwrapped.plan = np.array([[0.0, 0.0], [1.0, len(readings)]])
+        *_, terminated, truncated, _ = env.step(np.array([0.8, 0.3], dtype=np.float32))
+        readings.append(env.unwrapped.reading)
+        done = terminated or truncated
+    return readings
+
+
+def read(path):
+    """Return the messages of a bag by topic."""
+    messages = {}
+    with AnyReader([path]) as reader:
+        for connection, time, raw in reader.messages():
+            messages.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
+    return messages
+
+
+def pose(transform):
+    move, turn = transform.translation, transform.rotation
+    assert (turn.x, turn.y) == (0.0, 0.0)
+    return Pose2D(move.x, move.y, 2 * math.atan2(turn.z, turn.w))
+
+
+@pytest.mark.parametrize("slam", ["tinyslam", "truth"])
+def test_a_bag_gives_the_readings_back(tmp_path, slam):
+    with RecordBag(make(slam=slam), tmp_path) as env:
+        readings = drive(env)
+        source, poses = make_motion_source(env.unwrapped.robot, env.unwrapped.control_period), [Pose2D(0.0, 0.0, 0.0)]
+        lidar = env.unwrapped.robot.lidar
+    log = load_log(tmp_path / "episode_0.mcap")
+    np.testing.assert_array_equal(log.ranges, [reading.ranges for reading in readings])
+    np.testing.assert_allclose(log.times, [reading.time for reading in readings], atol=1e-9)
+    np.testing.assert_array_equal(log.scan_rows, np.arange(len(readings)))
+    source.reset(readings[0])
+    for reading in readings[1:]:
+        poses.append(poses[-1].compose(source.update(reading)))
+    np.testing.assert_allclose(log.odometry, poses, atol=1e-9)
+    np.testing.assert_allclose(log.lidar.directions, lidar.directions, atol=1e-5)
+    assert (log.lidar.mount.x, log.lidar.mount.z) == (lidar.mount.x, lidar.mount.z)
+    assert log.lidar.range_max == pytest.approx(lidar.range_max)
+
+
+def test_a_bag_is_replayed_to_a_map(tmp_path):
+    with RecordBag(make(), tmp_path) as env:
+        drive(env)
+        final = env.unwrapped.belief
+    main(Options(tmp_path / "episode_0.mcap", out=tmp_path, preset="default"))
+    trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
+    np.testing.assert_allclose(trajectory[-1, 1:3], final.pose[:2], atol=0.02)
+    assert (tmp_path / "map_0.yaml").is_file()
+
+
+def test_frames_maps_plans_and_commands(tmp_path):
+    with RecordBag(make(), tmp_path) as env:
+        readings = drive(env)
+        belief, robot = env.unwrapped.belief, env.unwrapped.robot
+        steps = len(readings) - 1
+    messages = read(tmp_path / "episode_0.mcap")
+    counts = {topic: len(found) for topic, found in messages.items()}
+    each = dict.fromkeys(("/clock", "/scan", "/odom", "/tf"), steps + 1)
+    assert counts == each | {"/tf_static": 1, "/map": 4, "/plan": steps, "/cmd_vel": steps}
+    assert [time for time, _ in messages["/map"]] == [0, 10**9, 2 * 10**9, 25 * 10**8]
+    assert [clock.clock.sec * 10**9 + clock.clock.nanosec for _, clock in messages["/clock"]] == [
+        time for time, _ in messages["/scan"]
+    ]
+
+    map_odom, odom_base = messages["/tf"][-1][1].transforms
+    assert (map_odom.header.frame_id, map_odom.child_frame_id) == ("map", "odom")
+    assert (odom_base.header.frame_id, odom_base.child_frame_id) == ("odom", "base_footprint")
+    np.testing.assert_allclose(pose(map_odom.transform).compose(pose(odom_base.transform)), belief.pose, atol=1e-9)
+    odometry = messages["/odom"][-1][1]
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_footprint")
+    assert odometry.pose.pose.position.x == odom_base.transform.translation.x
+    assert odometry.twist.twist.linear.x == pytest.approx(0.8 * robot.max_v, rel=0.1)
+    link, laser = messages["/tf_static"][0][1].transforms
+    assert (link.header.frame_id, link.child_frame_id) == ("base_footprint", "base_link")
+    assert (laser.header.frame_id, laser.child_frame_id) == ("base_link", "laser")
+    assert laser.transform.translation.z == robot.lidar.mount.z
+    assert messages["/scan"][0][1].header.frame_id == "laser"
+
+    grid, known = messages["/map"][-1][1], belief.grid.known_part()
+    assert grid.header.frame_id == "map"
+    np.testing.assert_array_equal(grid.data.reshape(grid.info.height, grid.info.width), known.data)
+    assert (grid.info.origin.position.x, grid.info.origin.position.y) == known.origin
+    assert grid.info.resolution == pytest.approx(known.resolution)
+    time, command = messages["/cmd_vel"][0]
+    assert time == 0
+    assert (command.twist.linear.x, command.twist.angular.z) == pytest.approx((0.8 * robot.max_v, 0.3 * robot.max_w))
+    plan = messages["/plan"][2][1]
+    assert plan.header.frame_id == "map"
+    assert [(p.pose.position.x, p.pose.position.y) for p in plan.poses] == [(0.0, 0.0), (1.0, 3.0)]
+
+
+def test_messages_are_those_of_ros_2(tmp_path):
+    with RecordBag(make(), tmp_path) as env:
+        drive(env)
+    with AnyReader([tmp_path / "episode_0.mcap"]) as reader:
+        found = {c.topic: (c.msgtype, c.msgdef.data) for c in reader.connections}
+    assert found.keys() == FIELDS.keys()
+    stores = [get_typestore(store) for store in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.LATEST)]
+    for topic, (kind, fields) in FIELDS.items():
+        assert found[topic][0] == kind
+        own = found[topic][1].split("=" * 80)[0]
+        lines = [line.split("#")[0].split() for line in own.splitlines()]
+        assert [line[1] for line in lines if len(line) == 2] == fields.split()
+        assert len({store.hash_rihs01(kind) for store in stores}) == 1
+
+
+def test_maps_and_static_transforms_are_latched(tmp_path):
+    with RecordBag(make(), tmp_path) as env:
+        drive(env)
+    with AnyReader([tmp_path / "episode_0.mcap"]) as reader:
+        latched = {c.topic for c in reader.connections for q in c.ext.offered_qos_profiles if q.durability.value == 1}
+    assert latched == {"/map", "/tf_static"}
+
+
+def test_each_episode_has_a_bag_which_is_whole_or_absent(tmp_path):
+    env = RecordBag(make(), tmp_path)
+    drive(env, seed=0)
+    env.reset(seed=1)
+    env.step(np.zeros(2, dtype=np.float32))
+    assert [path.name for path in tmp_path.glob("*.mcap")] == ["episode_0.mcap"]
+    env.reset(seed=2)  # ends the second episode early
+    assert len(read(tmp_path / "episode_1.mcap")["/scan"]) == 2
+    with pytest.raises(ValueError, match="action must be finite"):
+        env.step(np.full(2, np.nan, dtype=np.float32))
+    env.close()
+    env.close()
+    assert len(read(tmp_path / "episode_2.mcap")["/scan"]) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"episode_{k}.mcap" for k in range(3)]
+
+
+def test_a_recorder_leaves_nothing_after_an_exception(tmp_path):
+    env = make()
+
+    def interrupted():
+        with BagRecorder(env, tmp_path / "drive.mcap"):
+            env.reset(seed=0)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    with BagRecorder(env, tmp_path / "drive.mcap"):  # without a reset there is nothing to write
+        pass
+    assert list(tmp_path.iterdir()) == []
+    with BagRecorder(env, tmp_path / "drive.mcap") as recorder:
+        env.reset(seed=0)
+        with pytest.raises(RuntimeError, match="a bag holds one episode"):
+            env.reset(seed=1)
+        recorder.close()
+        env.reset(seed=1)
+    assert len(read(tmp_path / "drive.mcap")["/scan"]) == 1
+    env.close()
+
+
+def test_control_periods_within_decisions_are_recorded(tmp_path):
+    with RecordBag(make("lidarnaut/ExploreFrontiers-v0", time_limit=8.0), tmp_path) as env:
+        env.reset(seed=0)
+        steps, done = 0, False
+        while not done:
+            *_, terminated, truncated, info = env.step(0)
+            steps, done = steps + info["decision_steps"], terminated or truncated
+    messages = read(tmp_path / "episode_0.mcap")
+    assert len(messages["/scan"]) == steps + 1
+    assert max(len(plan.poses) for _, plan in messages["/plan"]) > 1
+
+
+def test_what_cannot_be_recorded_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="only environments of this package"):
+        RecordBag(gymnasium.make("CartPole-v1"), tmp_path).reset()
+    with pytest.raises(ValueError, match="a bag holds one robot, the environment has 2"):
+        BagRecorder(make("lidarnaut/ExploreTeam-v0", num_robots=2), tmp_path / "team.mcap")
+    env = make()
+    with pytest.raises(ValueError, match=r"bags are written as \.mcap"):
+        BagRecorder(env, tmp_path / "drive.bag")
+    with BagRecorder(env, tmp_path / "drive.mcap"), pytest.raises(ValueError, match="being recorded already"):
+        BagRecorder(env, tmp_path / "other.mcap")
