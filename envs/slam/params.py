@@ -61,6 +61,9 @@ class TinySlamParams:
     more often, a scan is matched to the noise of the one before rather than to the environment."""
     min_travel_angle: float = 0.0
     """... or once it has turned by this much since [rad]."""
+    match_every_scan: bool = True
+    """Whether every scan is matched; else only those that are integrated are, and between them the pose follows
+    odometry."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
     """Whether motion is applied along the estimated heading, or added as odometry's own frame sees it, as the originals
     do, which is wrong as soon as the two frames are turned against each other."""

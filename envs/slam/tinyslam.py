@@ -22,7 +22,7 @@ class TinySlam(KnownPoses):
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
         """Build a SLAM for one lidar. Observers are notified of the matcher's work, which then runs in Python."""
         self.observers = tuple(observers)
-        self._search = search_params(params)
+        self._params_of_search = search_params(params)
         self._noise = np.empty((params.max_tries, 3))
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
@@ -32,9 +32,9 @@ class TinySlam(KnownPoses):
         self._odometry = pose
         return super().reset(rng, pose, map)
 
-    def _locate(self, ranges: np.ndarray, motion: Pose2D) -> tuple[Pose2D, float]:
-        params, predicted = self.params, self._predict(motion)
-        pose = predicted if self.last_integrated_pose is None else self._match(ranges, predicted)
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        params = self.params
+        pose = predicted if self.last_key_pose is None else self._search_pose(ranges, predicted)
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _predict(self, motion: Pose2D) -> Pose2D:
@@ -48,16 +48,16 @@ class TinySlam(KnownPoses):
             wrap_angle(pose.theta + motion.theta),
         )
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
+    def _search_pose(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
         grid_map, points = self.map, self._points
         self.rng.standard_normal(out=self._noise)
         if self.observers:
             count = project_hits(ranges, grid_map.geometry, points)
-            found = match_observed(self.observers, grid_map, points, count, predicted, self._search, self._noise)
+            found = match_observed(self.observers, grid_map, points, count, predicted, self._params_of_search, self._noise)
             x, y = grid_map.to_metres(found.x, found.y)
             theta, improved = wrap_angle(found.theta), found.accepted > 0
         else:
             over = (grid_map.geometry, grid_map.words, grid_map.corner)
-            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), self._search, self._noise, points)
+            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), self._params_of_search, self._noise, points)
         return Pose2D(x, y, theta) if improved else predicted

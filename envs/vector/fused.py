@@ -51,7 +51,7 @@ def is_fusible(env: Any) -> bool:
     return (
         type(robot) is Robot
         and type(robot.odometry) in (WheelMotion, GyroMotion)
-        and (type(slam) is KnownPoses or (type(slam) is TinySlam and not slam.observers))
+        and (type(slam) is KnownPoses or (type(slam) is TinySlam and slam.params.match_every_scan and not slam.observers))
         and slam.params.odometry == "robot_frame"
         and type(env.task.weights) is RewardWeights
         and all(type(part) in (Scan, Motion, MapCrop) for part in env.parts.values())
@@ -186,7 +186,7 @@ class FusedShard(Shard):
             slam, ranges, pose = robot.estimator, rows.ranges[i, 0], Pose2D(*rows.pose[i].tolist())
             quality = slam.params.raw_quality if flags & RAW else slam.params.quality
             update = slam.map.integrate(ranges, pose, quality)
-            slam.last_integrated_pose, rows.integrated[i] = pose, pose
+            slam.last_key_pose, rows.integrated[i] = pose, pose
             robot.pyramid.update(update)
             true_pose = Pose2D(*rows.states[i, 0, : THETA + 1].tolist())
             coverage = env.task.coverage
@@ -322,7 +322,7 @@ class FusedShard(Shard):
         robot, truth, simulator = env.robots[0], env.truths[0], env.simulator
         reading, slam = robot.reading, robot.estimator
         rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
-        rows.integrated[i] = slam.last_integrated_pose
+        rows.integrated[i] = slam.last_key_pose
         rows.ticks[i], rows.twist[i], self._actions[i] = reading.ticks, robot.twist, robot.action
         rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
         rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions

@@ -16,7 +16,7 @@ from envs.observations.scan import scale_scan
 from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA, X, Y
-from envs.slam.grid_map import has_moved
+from envs.slam.key_scans import has_moved
 from envs.slam.matcher import SearchParams, match_scan
 from envs.slam.scans import ScanGeometry
 
