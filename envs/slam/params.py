@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict
 
 from envs.files import parse_record, read_mapping, resolve
+from envs.robots import OdometryNoise
 
 PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets").glob("*.yaml"))}
 """Files of the presets by name."""
@@ -61,6 +62,8 @@ class TinySlamParams:
     more often, a scan is matched to the noise of the one before rather than to the environment."""
     min_travel_angle: float = 0.0
     """... or once it has turned by this much since [rad]."""
+    odometry_noise: OdometryNoise = OdometryNoise()
+    """Standard deviations of odometry's motion from one matched scan to the next."""
     match_every_scan: bool = True
     """Whether every scan is matched; else only those that are integrated are, and between them the pose follows
     odometry."""

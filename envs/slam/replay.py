@@ -17,7 +17,7 @@ from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.logs import Log, RelationError, follow_odometry, load_log, load_relations, relation_error, save_trajectory
 from envs.worlds import save_map
 
-from . import SLAM_NAMES, load_params, make_slam
+from . import SLAMS, load_params, make_slam
 
 LABELS = {"error": "relation error", "error_unambiguous": "unambiguous"}
 """How errors of a `Run` are called in what is printed."""
@@ -153,9 +153,11 @@ def _make_slam(options: Options, log: Log) -> Estimator:
             "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"
         )
     further = options.change.keys() - {"resolution"}
-    if options.slam not in SLAM_NAMES and further:
-        raise ValueError(f"{options.slam} has no parameters {', '.join(sorted(further))} that could be changed")
-    params = load_params(options.preset, options.change)
+    if options.slam not in SLAMS:
+        if further:
+            raise ValueError(f"{options.slam} has no parameters {', '.join(sorted(further))} that could be changed")
+        return make_slam(options.slam, log.lidar, load_params(options.preset, options.change).resolution)
+    params = SLAMS[options.slam].load(options.preset, options.change)
     return make_slam(options.slam, log.lidar, params.resolution, params)
 
 

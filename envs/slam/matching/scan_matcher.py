@@ -1,0 +1,150 @@
+"""One scan matched to a log-odds map: a search where odometry may be far off, Gauss-Newton, and the covariance."""
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from envs.geometry import wrap_angle
+from envs.geometry.pose import distance
+
+from ..hector_params import HectorParams
+from ..scans import project_hits
+from .correlative import SearchWindow, search_window
+from .covariance import correct_covariance, predict_covariance
+from .gauss_newton import Prior, refine
+
+WINDOW = 3.0
+"""Half width of the search window in standard deviations of the predicted pose."""
+NEVER = 1e9
+"""Motion at which a search would begin that never does."""
+FREE = 1e6
+"""Standard deviation of a pose that nothing predicts [m] or [rad]."""
+
+
+class MatcherParams(NamedTuple):
+    """What the matcher reads of `HectorParams`."""
+
+    uses_odometry: bool
+    position_std: float
+    position_per_metre: float
+    heading_std: float
+    heading_per_radian: float
+    heading_per_metre: float
+    residual_variance: float
+    iterations: int
+    coarse_iterations: int
+    search_distance: float
+    search_angle: float
+    retry_below: float
+    retry_distance: float
+    retry_angle: float
+    retry_gain: float
+    min_known_hits: int
+    min_known_score: float
+
+    @classmethod
+    def of(cls, params: HectorParams) -> "MatcherParams":
+        """Return what a matcher with these params reads."""
+        noise = params.odometry_noise
+        return cls(
+            params.uses_odometry,
+            *map(float, (noise.position_std, noise.position_per_metre)),
+            *map(float, (noise.heading_std, noise.heading_per_radian, noise.heading_per_metre)),
+            float(params.residual_variance),
+            params.iterations,
+            params.coarse_iterations,
+            NEVER if params.search_distance is None else float(params.search_distance),
+            NEVER if params.search_angle is None else float(params.search_angle),
+            *map(float, (params.retry_below, params.retry_distance, params.retry_angle, params.retry_gain)),
+            params.min_known_hits,
+            float(params.min_known_score),
+        )
+
+
+class Match(NamedTuple):
+    """Where a scan fits the map."""
+
+    x: float
+    """Position, map frame [m]."""
+    y: float
+    """Position, map frame [m]."""
+    theta: float
+    """Heading, map frame, in [-pi, pi) [rad]."""
+    score: float
+    """Mean occupancy under the hits, from 0 to 1; 0 without hits."""
+    num_known: int
+    """Hits that fall in known cells."""
+    known_score: float
+    """Mean occupancy of those cells, from 0 to 1; 0 without any."""
+    fits: bool
+    """Whether the pose is to be believed; see `min_known_score` of `HectorParams`."""
+
+
+@njit(cache=True, error_model="numpy")
+def _known(occupancy, points, num_points, x, y, theta):
+    """Return how many hits fall in known cells, and the mean occupancy of these from 0 to 1."""
+    height, width = occupancy.shape
+    c, s = math.cos(theta), math.sin(theta)
+    count = total = 0
+    for k in range(num_points):
+        p_x, p_y = float(points[0, k]), float(points[1, k])
+        u, v = c * p_x - s * p_y + x, s * p_x + c * p_y + y
+        if u >= 0.0 and v >= 0.0 and u < width and v < height:
+            value = occupancy[int(v), int(u)]
+            if value >= 0:
+                count += 1
+                total += value
+    return count, 0.01 * total / max(count, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
+    """Find the pose at which a scan fits a map.
+
+    Args:
+        ranges: shape (num_beams,), float32 [m], as in `project_hits`.
+        geometry: `ScanGeometry`.
+        levels: see `refine`.
+        corner: column and row of the finest map's first cell, counted from the map frame's origin.
+        last: pose (x, y, theta) of the last matched scan, map frame [m, m, rad].
+        predicted: pose by odometry since then, map frame [m, m, rad]; not used without odometry.
+        params: `MatcherParams`.
+        covariance: shape (3, 3), float64 [m, rad]: that of the last pose; written: that of the match, or, of a scan that
+            does not fit, that of the predicted pose.
+        points: shape (2, num_beams), float32: room to work in.
+
+    Returns:
+        `Match`.
+    """
+    resolution = geometry.resolution
+    dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
+    travelled = distance(dx, dy)
+    position_std = params.position_std + params.position_per_metre * travelled
+    heading_std = params.heading_std + params.heading_per_radian * abs(turn) + params.heading_per_metre * travelled
+    if not params.uses_odometry:
+        predicted, position_std, heading_std = last, FREE, FREE
+    count = project_hits(ranges, geometry, points)
+    start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
+    cells_std = position_std / resolution
+    weight = params.residual_variance / (cells_std * cells_std)
+    prior = Prior(start[0], start[1], start[2], weight, params.residual_variance / (heading_std * heading_std))
+    coarse = min(1, len(levels) - 1)
+    scale, pose = 0.5**coarse, start
+    if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
+        window = SearchWindow(WINDOW * cells_std, WINDOW * heading_std, cells_std, heading_std)
+        pose = search_window(levels[coarse], scale, points, count, start, window)
+    x, y, theta, fit = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
+    if count > 0 and fit.total < params.retry_below * count:
+        window = SearchWindow(params.retry_distance / resolution, params.retry_angle, cells_std, heading_std)
+        pose = search_window(levels[coarse], scale, points, count, start, window)
+        found = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
+        if found[3].total > fit.total + params.retry_gain * count:
+            x, y, theta, fit = found
+    num_known, known_score = _known(levels[0], points, count, x, y, theta)
+    fits = num_known < params.min_known_hits or known_score >= params.min_known_score
+    predict_covariance(covariance, dx, dy, position_std, heading_std)
+    if fits:
+        correct_covariance(covariance, fit, count, params.residual_variance, resolution)
+    x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
+    return Match(x, y, wrap_angle(theta), fit.total / max(count, 1), num_known, known_score, fits)
