@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from envs.geometry.lookup import load
+
 MAX_HITS = 90
 """Hits of a scan that are looked up, evenly chosen."""
 TURN_STEP = 0.02
@@ -25,6 +27,29 @@ class SearchWindow(NamedTuple):
     """Standard deviation of the predicted position [cells]."""
     heading_std: float
     """Standard deviation of the predicted heading [rad]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _total_inside(flat, indices, shift):
+    """Return what `_total` does, of cells by their indices, none of which the shift carries out of the map."""
+    total = 0
+    for k in range(indices.shape[0]):
+        value = int(load(flat, np.uint64(indices[k] + shift)))
+        total += value if value >= 0 else 50
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _total(flat, height, width, cells, up, right):
+    """Return the sum of the occupancies of shifted cells, shape (2, n): rows, columns; one half outside of the map."""
+    total = 0
+    for k in range(cells.shape[1]):
+        row, col = cells[0, k] + up, cells[1, k] + right
+        value = -1
+        if row >= 0 and col >= 0 and row < height and col < width:
+            value = int(load(flat, np.uint64(row * width + col)))
+        total += value if value >= 0 else 50
+    return total
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,26 +73,28 @@ def search_window(occupancy, scale, points, num_points, pose, window):
     flat = occupancy.ravel()
     stride = (num_points + MAX_HITS - 1) // MAX_HITS
     count = (num_points + stride - 1) // stride
-    rows, cols = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     reach, num_turns = math.ceil(window.distance * scale), math.ceil(window.angle / TURN_STEP)
     per_cell = PENALTY / (window.position_std * scale) ** 2
     per_turn = PENALTY * (TURN_STEP / window.heading_std) ** 2
+    cells, indices = np.empty((2, count), dtype=np.int64), np.empty(count, dtype=np.int64)
     best, best_pose = -np.inf, pose
     for turn in range(-num_turns, num_turns + 1):
         theta = pose[2] + turn * TURN_STEP
         c, s = math.cos(theta), math.sin(theta)
+        lowest, highest = min(height, width), -1
         for k in range(count):
             p_x, p_y = float(points[0, k * stride]), float(points[1, k * stride])
-            cols[k] = math.floor((c * p_x - s * p_y + pose[0]) * scale)
-            rows[k] = math.floor((s * p_x + c * p_y + pose[1]) * scale)
+            col = math.floor((c * p_x - s * p_y + pose[0]) * scale)
+            row = math.floor((s * p_x + c * p_y + pose[1]) * scale)
+            cells[0, k], cells[1, k], indices[k] = row, col, row * width + col
+            lowest, highest = min(lowest, row, col), max(highest, row - height, col - width)
+        is_inside = lowest >= reach and highest + reach < 0
         for up in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
-                total = 0
-                for k in range(count):
-                    row, col = rows[k] + up, cols[k] + right
-                    is_inside = (row >= 0) & (col >= 0) & (row < height) & (col < width)
-                    value = int(flat[np.uint64(row * width + col if is_inside else 0)]) if is_inside else -1
-                    total += value if value >= 0 else 50
+                if is_inside:
+                    total = _total_inside(flat, indices, up * width + right)
+                else:
+                    total = _total(flat, height, width, cells, up, right)
                 penalty = per_cell * (up * up + right * right) + per_turn * turn * turn
                 score = 0.01 * total / count - penalty
                 if score > best:

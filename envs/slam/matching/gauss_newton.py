@@ -20,7 +20,9 @@ from envs.geometry.lookup import load
 MAX_TURN = 0.2
 """Longest step of the heading [rad]."""
 SMALL_STEP = 1e-3
-"""A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on a map."""
+"""A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on the finest map."""
+COARSE_STEP = 0.05
+"""The same on the others, whose result is but a start [cells of the map]."""
 
 
 class Prior(NamedTuple):
@@ -150,11 +152,12 @@ def refine(levels, points, num_points, pose, prior, iterations, coarse_iteration
     fit = Fit(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for level in range(len(levels) - 1, -1, -1):
         scale, is_small = 0.5**level, False
+        limit = COARSE_STEP / scale if level else SMALL_STEP
         for _ in range(coarse_iterations if level else iterations):
             fit = evaluate(levels[level], scale, points, num_points, x, y, theta)
             dx, dy, turn = solve(fit, prior, x, y, theta)
             x, y, theta = x + dx, y + dy, theta + min(max(turn, -MAX_TURN), MAX_TURN)
-            is_small = max(abs(dx), abs(dy), abs(turn) * reach) < SMALL_STEP / scale
+            is_small = max(abs(dx), abs(dy), abs(turn) * reach) < limit
             if is_small:
                 break
         if level == 0 and not is_small:

@@ -14,7 +14,7 @@ from .correlative import SearchWindow, search_window
 from .covariance import correct_covariance, predict_covariance
 from .gauss_newton import Prior, refine
 
-WINDOW = 3.0
+WINDOW = 2.0
 """Half width of the search window in standard deviations of the predicted pose."""
 NEVER = 1e9
 """Motion at which a search would begin that never does."""
