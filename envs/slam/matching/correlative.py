@@ -8,9 +8,9 @@ from numba import njit
 
 from envs.geometry.lookup import load
 
-MAX_HITS = 90
+MAX_HITS = 60
 """Hits of a scan that are looked up, evenly chosen."""
-TURN_STEP = 0.02
+TURN_STEP = 0.03
 """From one heading to the next [rad]."""
 PENALTY = 0.01
 """Taken off the score for each squared standard deviation from the predicted pose."""

@@ -19,7 +19,7 @@ from envs.geometry.lookup import load
 
 MAX_TURN = 0.2
 """Longest step of the heading [rad]."""
-SMALL_STEP = 1e-3
+SMALL_STEP = 1e-2
 """A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on the finest map."""
 COARSE_STEP = 0.05
 """The same on the others, whose result is but a start [cells of the map]."""
@@ -77,7 +77,7 @@ def evaluate(occupancy, scale, points, num_points, x, y, theta):
         r_x, r_y = c * p_x - s * p_y, s * p_x + c * p_y
         u, v = (r_x + x) * scale - 0.5, (r_y + y) * scale - 0.5
         if not (u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1):
-            total += 0.5
+            total += 50.0
             continue
         col, row = int(u), int(v)
         u, v = u - col, v - row
@@ -87,12 +87,12 @@ def evaluate(occupancy, scale, points, num_points, x, y, theta):
         m_10, m_11 = int(load(flat, above)), int(load(flat, above + np.uint64(1)))
         m_00, m_01 = m_00 if m_00 >= 0 else 50, m_01 if m_01 >= 0 else 50
         m_10, m_11 = m_10 if m_10 >= 0 else 50, m_11 if m_11 >= 0 else 50
-        low, high = m_00 + u * (m_01 - m_00), m_10 + u * (m_11 - m_10)
-        m = 0.01 * (low + v * (high - low))
-        g_x = 0.01 * scale * ((1.0 - v) * (m_01 - m_00) + v * (m_11 - m_10))
-        g_y = 0.01 * scale * (high - low)
+        d_0, d_1 = float(m_01 - m_00), float(m_11 - m_10)
+        low, high = m_00 + u * d_0, m_10 + u * d_1
+        g_x, g_y = d_0 + v * (d_1 - d_0), high - low
         g_t = r_x * g_y - r_y * g_x
-        residual = 1.0 - m
+        m = low + v * g_y
+        residual = 100.0 - m
         h_xx += g_x * g_x
         h_xy += g_x * g_y
         h_xt += g_x * g_t
@@ -103,7 +103,9 @@ def evaluate(occupancy, scale, points, num_points, x, y, theta):
         b_y += g_y * residual
         b_t += g_t * residual
         total += m
-    return Fit(h_xx, h_xy, h_xt, h_yy, h_yt, h_tt, b_x, b_y, b_t, total)
+    # From percent and this map's cells to probabilities and the finest map's cells.
+    h, b = (0.01 * scale) ** 2, 1e-4 * scale
+    return Fit(h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt, b * b_x, b * b_y, b * b_t, 0.01 * total)
 
 
 @njit(cache=True, error_model="numpy")
