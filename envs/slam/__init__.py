@@ -17,7 +17,6 @@ from .params import PRESET_NAMES, TinySlamParams, load_params
 from .tinyslam import TinySlam
 
 
-
 class Kind(NamedTuple):
     """How a SLAM is built."""
 

@@ -26,7 +26,7 @@ class HectorParams:
     scan before (Kohlbrecher et al., 2011)."""
     odometry_noise: OdometryNoise = OdometryNoise()
     """Standard deviations of odometry's motion from one matched scan to the next."""
-    residual_variance: float = 1.0
+    residual_variance: float = 0.5
     """Variance of a hit's residual, 1 minus the occupancy where it falls. It weighs the prior by odometry against the
     scan: the hits of a scan err together, and so this exceeds what a single one shows."""
     num_levels: int = 2

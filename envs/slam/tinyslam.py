@@ -54,10 +54,14 @@ class TinySlam(KnownPoses):
         self.rng.standard_normal(out=self._noise)
         if self.observers:
             count = project_hits(ranges, grid_map.geometry, points)
-            found = match_observed(self.observers, grid_map, points, count, predicted, self._params_of_search, self._noise)
+            found = match_observed(
+                self.observers, grid_map, points, count, predicted, self._params_of_search, self._noise
+            )
             x, y = grid_map.to_metres(found.x, found.y)
             theta, improved = wrap_angle(found.theta), found.accepted > 0
         else:
             over = (grid_map.geometry, grid_map.words, grid_map.corner)
-            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), self._params_of_search, self._noise, points)
+            x, y, theta, improved = match_scan(
+                ranges, *over, tuple(predicted), self._params_of_search, self._noise, points
+            )
         return Pose2D(x, y, theta) if improved else predicted

@@ -51,7 +51,9 @@ def is_fusible(env: Any) -> bool:
     return (
         type(robot) is Robot
         and type(robot.odometry) in (WheelMotion, GyroMotion)
-        and (type(slam) is KnownPoses or (type(slam) is TinySlam and slam.params.match_every_scan and not slam.observers))
+        and (
+            type(slam) is KnownPoses or (type(slam) is TinySlam and slam.params.match_every_scan and not slam.observers)
+        )
         and slam.params.odometry == "robot_frame"
         and type(env.task.weights) is RewardWeights
         and all(type(part) in (Scan, Motion, MapCrop) for part in env.parts.values())

@@ -26,15 +26,17 @@ COARSE_STEP = 0.05
 
 
 class Prior(NamedTuple):
-    """Where the pose is expected, and how firmly: W = diag(position_weight, position_weight, heading_weight)."""
+    """Where the pose is expected, x, y [cells] and heading [rad], and how firmly: the entries of W."""
 
     x: float
     y: float
     theta: float
-    position_weight: float
-    """[1/cells^2]"""
-    heading_weight: float
-    """[1/rad^2]"""
+    w_xx: float
+    w_xy: float
+    w_xt: float
+    w_yy: float
+    w_yt: float
+    w_tt: float
 
 
 class Fit(NamedTuple):
@@ -111,13 +113,12 @@ def evaluate(occupancy, scale, points, num_points, x, y, theta):
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
     """Return the Gauss-Newton step (dx, dy, turn) at a pose, zeros if the scan and the prior do not determine it."""
-    a = fit.h_xx + prior.position_weight
-    d = fit.h_yy + prior.position_weight
-    f = fit.h_tt + prior.heading_weight
-    b, c, e = fit.h_xy, fit.h_xt, fit.h_yt
-    r_x = fit.b_x + prior.position_weight * (prior.x - x)
-    r_y = fit.b_y + prior.position_weight * (prior.y - y)
-    r_t = fit.b_t + prior.heading_weight * (prior.theta - theta)
+    a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
+    d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
+    dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
+    r_x = fit.b_x + prior.w_xx * dx + prior.w_xy * dy + prior.w_xt * turn
+    r_y = fit.b_y + prior.w_xy * dx + prior.w_yy * dy + prior.w_yt * turn
+    r_t = fit.b_t + prior.w_xt * dx + prior.w_yt * dy + prior.w_tt * turn
     # Cramer's rule; the matrix is symmetric.
     m_xx, m_xy, m_xt = d * f - e * e, c * e - b * f, b * e - c * d
     m_yy, m_yt, m_tt = a * f - c * c, b * c - a * e, a * d - b * b

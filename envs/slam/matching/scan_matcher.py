@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from envs.geometry import wrap_angle
@@ -11,7 +12,7 @@ from envs.geometry.pose import distance
 from ..hector_params import HectorParams
 from ..scans import project_hits
 from .correlative import SearchWindow, search_window
-from .covariance import correct_covariance, predict_covariance
+from .covariance import correct_covariance, invert, predict_covariance
 from .gauss_newton import Prior, refine
 
 WINDOW = 2.0
@@ -99,6 +100,29 @@ def _known(occupancy, points, num_points, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
+def motion_stds(noise, travelled, turn):
+    """Return the standard deviations of position [m] and heading [rad] after a motion; see `OdometryNoise`.
+
+    Args:
+        noise: has the fields of `OdometryNoise`.
+        travelled: distance [m].
+        turn: change of heading [rad].
+    """
+    heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
+    return noise.position_std + noise.position_per_metre * travelled, heading_std
+
+
+@njit(cache=True, error_model="numpy")
+def make_prior(pose, covariance, residual_variance, resolution):
+    """Return the prior of a predicted pose, x, y [cells] and heading, with its covariance [m, rad]: W = k P^-1."""
+    w = np.empty((3, 3))
+    invert(covariance, w)
+    k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
+    w_xx, w_xy, w_yy = square * w[0, 0], square * w[0, 1], square * w[1, 1]
+    return Prior(pose[0], pose[1], pose[2], w_xx, w_xy, mixed * w[0, 2], w_yy, mixed * w[1, 2], k * w[2, 2])
+
+
+@njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
     """Find the pose at which a scan fits a map.
 
@@ -120,30 +144,27 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
     travelled = distance(dx, dy)
-    position_std = params.position_std + params.position_per_metre * travelled
-    heading_std = params.heading_std + params.heading_per_radian * abs(turn) + params.heading_per_metre * travelled
+    position_std, heading_std = motion_stds(params, travelled, turn)
     if not params.uses_odometry:
         predicted, position_std, heading_std = last, FREE, FREE
     count = project_hits(ranges, geometry, points)
     start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
-    cells_std = position_std / resolution
-    weight = params.residual_variance / (cells_std * cells_std)
-    prior = Prior(start[0], start[1], start[2], weight, params.residual_variance / (heading_std * heading_std))
+    predict_covariance(covariance, dx, dy, position_std, heading_std)
+    prior = make_prior(start, covariance, params.residual_variance, resolution)
+    steps = (prior, params.iterations, params.coarse_iterations)
     coarse = min(1, len(levels) - 1)
-    scale, pose = 0.5**coarse, start
+    over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
+    stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
-        window = SearchWindow(WINDOW * cells_std, WINDOW * heading_std, cells_std, heading_std)
-        pose = search_window(levels[coarse], scale, points, count, start, window)
-    x, y, theta, fit = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
+        pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds))
+    x, y, theta, fit = refine(levels, points, count, pose, *steps)
     if count > 0 and fit.total < params.retry_below * count:
-        window = SearchWindow(params.retry_distance / resolution, params.retry_angle, cells_std, heading_std)
-        pose = search_window(levels[coarse], scale, points, count, start, window)
-        found = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
+        window = SearchWindow(params.retry_distance / resolution, params.retry_angle, *stds)
+        found = refine(levels, points, count, search_window(*over, window), *steps)
         if found[3].total > fit.total + params.retry_gain * count:
             x, y, theta, fit = found
     num_known, known_score = _known(levels[0], points, count, x, y, theta)
     fits = num_known < params.min_known_hits or known_score >= params.min_known_score
-    predict_covariance(covariance, dx, dy, position_std, heading_std)
     if fits:
         correct_covariance(covariance, fit, count, params.residual_variance, resolution)
     x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
