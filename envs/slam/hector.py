@@ -20,9 +20,9 @@ class Hector(KeyScanSlam):
     Unlike the original it takes odometry for a prior, weighted by its noise; `uses_odometry=False` goes without, as the
     original does. There is no loop closure. Nothing is drawn at random.
 
-    `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature of
-    the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has become
-    too uncertain; scans that do not match are not integrated.
+    `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature
+    of the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has
+    become too uncertain; scans that do not match are not integrated.
     """
 
     params: HectorParams

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,13 @@ class HectorParams:
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     uses_odometry: bool = True
-    """Whether odometry predicts the pose, and holds the match as a prior does; else the search starts at the pose of the
-    scan before (Kohlbrecher et al., 2011)."""
-    odometry_noise: OdometryNoise = OdometryNoise()
+    """Whether odometry predicts the pose, and is the prior of the match; else the search starts at the pose of the scan
+    before (Kohlbrecher et al., 2011)."""
+    odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     """Standard deviations of odometry's motion from one matched scan to the next."""
     residual_variance: float = 0.5
-    """Variance of a hit's residual, 1 minus the occupancy where it falls. It weighs the prior by odometry against the
-    scan: the hits of a scan err together, and so this exceeds what a single one shows."""
+    """Variance of a hit's residual, 1 minus the occupancy where it falls, which weighs the prior against the scan. The
+    hits of a scan err together, and so this exceeds what a single one shows."""
     num_levels: int = 2
     """Maps that the matcher works on, from the coarsest to the finest; each has cells twice as wide as the next."""
     iterations: int = 6
@@ -41,8 +41,8 @@ class HectorParams:
     search_angle: float | None = None
     """... or turn since then [rad]; None for never."""
     retry_below: float = 0.0
-    """Score (mean occupancy under the hits, from 0 to 1) below which a second correlative search looks farther around; 0
-    for never."""
+    """Score (mean occupancy under the hits, from 0 to 1) below which a second correlative search looks farther around;
+    0 for never."""
     retry_distance: float = 0.8
     """Half width of the second search [m]."""
     retry_angle: float = 0.35
@@ -81,21 +81,21 @@ class HectorParams:
     """Side of a cell of the finest map [m]."""
 
     def __post_init__(self) -> None:
-        def require(condition: bool, field: str, what: str) -> None:
+        def require(condition: bool, name: str, what: str) -> None:
             if not condition:
-                raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
+                raise ValueError(f"{name} {what}, got {getattr(self, name)!r}")
 
-        for field in ("search_distance", "search_angle"):
-            require((getattr(self, field) or 0.0) >= 0, field, "must not be negative")
-        for field in ("min_travel_distance", "min_travel_angle", "retry_distance", "retry_angle", "retry_gain"):
-            require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
-        for field in ("map_width", "map_height", "resolution", "residual_variance", "max_position_std"):
-            require(0 < getattr(self, field) < math.inf, field, "must be positive")
-        for field in ("num_levels", "iterations", "coarse_iterations", "lost_scans", "min_known_hits"):
-            require(getattr(self, field) >= 1, field, "must be at least 1")
+        for name in ("search_distance", "search_angle"):
+            require((getattr(self, name) or 0.0) >= 0, name, "must not be negative")
+        for name in ("min_travel_distance", "min_travel_angle", "retry_distance", "retry_angle", "retry_gain"):
+            require(0 <= getattr(self, name) < math.inf, name, "must not be negative")
+        for name in ("map_width", "map_height", "resolution", "residual_variance", "max_position_std"):
+            require(0 < getattr(self, name) < math.inf, name, "must be positive")
+        for name in ("num_levels", "iterations", "coarse_iterations", "lost_scans", "min_known_hits"):
+            require(getattr(self, name) >= 1, name, "must be at least 1")
         require(self.num_levels <= 6, "num_levels", "must be at most 6")
-        for field in ("retry_below", "min_known_score"):
-            require(0 <= getattr(self, field) <= 1, field, "must lie in [0, 1]")
+        for name in ("retry_below", "min_known_score"):
+            require(0 <= getattr(self, name) <= 1, name, "must lie in [0, 1]")
         require(0.5 < self.occupied_prob < 1, "occupied_prob", "must lie above 0.5 and below 1")
         require(0 < self.empty_prob < 0.5, "empty_prob", "must lie above 0 and below 0.5")
         require(0 < self.max_log_odds <= 63, "max_log_odds", "must lie above 0 and not above 63")

@@ -1,9 +1,9 @@
 """Integrating scans into log-odds maps.
 
-A cell is one 32-bit word: its log odds in the upper 16 bits, signed, 9 of them fractional, and in the lower 16 the number
-of the scan that last observed it. The number makes sure that each scan observes a cell once, however many beams cross
-it; 0 means that none has. Beside it lies the occupancy in percent that follows from the log odds, which is what the
-matcher reads.
+A cell is one 32-bit word: its log odds in the upper 16 bits, signed, 9 of them fractional, and in the lower 16 the
+number of the scan that last observed it. The number makes sure that each scan observes a cell once, however many beams
+cross it; 0 means that none has. Beside it lies the occupancy in percent that follows from the log odds, which is what
+the matcher reads.
 """
 
 import math
@@ -73,8 +73,8 @@ def _observe(word, change, bound, stamp):
 def integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp, new_cells):
     """Integrate a scan into a map that has room for it.
 
-    Hits come first; cells that the beams of the same scan pass afterwards are left as the hits made them (Kohlbrecher et
-    al., 2011; the original undoes what the beams before have done to a cell that is then hit).
+    Hits come first; cells that the beams of the same scan pass afterwards are left as the hits made them. (The program
+    of Kohlbrecher et al., 2011, undoes instead what beams before have done to a cell that is then hit.)
 
     Args:
         words: shape (height, width), int32, the map, written.

@@ -13,8 +13,8 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
     """Return a Hessian's entries xx, xy, xt, yy, yt with less information on the position.
 
     A map's noise has gradients too, and along a corridor they would claim a position that no wall supports. `noise` is
-    taken off both eigenvalues of the block of the position, as far as they reach; its rows are scaled alike, so that the
-    matrix stays positive semidefinite.
+    taken off both eigenvalues of the block of the position, as far as they reach; the other entries are scaled alike, so
+    that the matrix stays positive semidefinite.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)
@@ -58,8 +58,8 @@ def invert(p, out):
 def predict_covariance(p, dx, dy, position_std, heading_std):
     """Turn the covariance of a pose into that after a motion (dx, dy) [m], map frame, in place.
 
-    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), where F moves the position across the motion as the
-    heading turns; `p` has shape (3, 3), float64 [m, rad].
+    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), where F moves the position across the motion as
+    the heading turns; `p` has shape (3, 3), float64 [m, rad].
     """
     variance = p[2, 2]
     x, y = p[0, 2], p[1, 2]

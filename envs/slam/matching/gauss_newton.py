@@ -4,9 +4,9 @@ Sought is the pose that minimises
 
     sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-where q is a hit in the map and M the occupancy there, from 0 to 1, interpolated between cell centres. The original has no
-prior; with it the result is the most probable pose given scan and odometry. Positions and lengths are in cells of the
-finest map throughout.
+where q is a hit in the map and M the occupancy there, from 0 to 1, interpolated between cell centres. The original has
+no prior; with it the result is the most probable pose given scan and odometry. Positions and lengths are in cells of
+the finest map throughout.
 """
 
 import math

@@ -10,6 +10,7 @@ from envs.geometry import wrap_angle
 from envs.geometry.pose import distance
 
 from ..hector_params import HectorParams
+from ..motion_noise import NoiseRecord, motion_stds
 from ..scans import project_hits
 from .correlative import SearchWindow, search_window
 from .covariance import correct_covariance, invert, predict_covariance
@@ -27,11 +28,7 @@ class MatcherParams(NamedTuple):
     """What the matcher reads of `HectorParams`."""
 
     uses_odometry: bool
-    position_std: float
-    position_per_metre: float
-    heading_std: float
-    heading_per_radian: float
-    heading_per_metre: float
+    noise: NoiseRecord
     residual_variance: float
     iterations: int
     coarse_iterations: int
@@ -47,19 +44,20 @@ class MatcherParams(NamedTuple):
     @classmethod
     def of(cls, params: HectorParams) -> "MatcherParams":
         """Return what a matcher with these params reads."""
-        noise = params.odometry_noise
         return cls(
-            params.uses_odometry,
-            *map(float, (noise.position_std, noise.position_per_metre)),
-            *map(float, (noise.heading_std, noise.heading_per_radian, noise.heading_per_metre)),
-            float(params.residual_variance),
-            params.iterations,
-            params.coarse_iterations,
-            NEVER if params.search_distance is None else float(params.search_distance),
-            NEVER if params.search_angle is None else float(params.search_angle),
-            *map(float, (params.retry_below, params.retry_distance, params.retry_angle, params.retry_gain)),
-            params.min_known_hits,
-            float(params.min_known_score),
+            uses_odometry=params.uses_odometry,
+            noise=NoiseRecord.of(params.odometry_noise),
+            residual_variance=float(params.residual_variance),
+            iterations=params.iterations,
+            coarse_iterations=params.coarse_iterations,
+            search_distance=NEVER if params.search_distance is None else float(params.search_distance),
+            search_angle=NEVER if params.search_angle is None else float(params.search_angle),
+            retry_below=float(params.retry_below),
+            retry_distance=float(params.retry_distance),
+            retry_angle=float(params.retry_angle),
+            retry_gain=float(params.retry_gain),
+            min_known_hits=params.min_known_hits,
+            min_known_score=float(params.min_known_score),
         )
 
 
@@ -100,19 +98,6 @@ def _known(occupancy, points, num_points, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def motion_stds(noise, travelled, turn):
-    """Return the standard deviations of position [m] and heading [rad] after a motion; see `OdometryNoise`.
-
-    Args:
-        noise: has the fields of `OdometryNoise`.
-        travelled: distance [m].
-        turn: change of heading [rad].
-    """
-    heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
-    return noise.position_std + noise.position_per_metre * travelled, heading_std
-
-
-@njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
     """Return the prior of a predicted pose, x, y [cells] and heading, with its covariance [m, rad]: W = k P^-1."""
     w = np.empty((3, 3))
@@ -134,8 +119,8 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
         last: pose (x, y, theta) of the last matched scan, map frame [m, m, rad].
         predicted: pose by odometry since then, map frame [m, m, rad]; not used without odometry.
         params: `MatcherParams`.
-        covariance: shape (3, 3), float64 [m, rad]: that of the last pose; written: that of the match, or, of a scan that
-            does not fit, that of the predicted pose.
+        covariance: shape (3, 3), float64 [m, rad]: that of the last pose; written: that of the match, or, of a scan
+            that does not fit, that of the predicted pose.
         points: shape (2, num_beams), float32: room to work in.
 
     Returns:
@@ -144,7 +129,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
     travelled = distance(dx, dy)
-    position_std, heading_std = motion_stds(params, travelled, turn)
+    position_std, heading_std = motion_stds(params.noise, travelled, turn)
     if not params.uses_odometry:
         predicted, position_std, heading_std = last, FREE, FREE
     count = project_hits(ranges, geometry, points)
