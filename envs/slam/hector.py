@@ -57,9 +57,13 @@ class Hector(KeyScanSlam):
         poses = (tuple(last), tuple(predicted))
         match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
         self.match = match
-        self._mismatches = 0 if match.fits else self._mismatches + 1
+        if match.is_judged:
+            self._mismatches = 0 if match.fits else self._mismatches + 1
         belief.is_lost = self._mismatches >= params.lost_scans or self._position_std() > params.max_position_std
-        return (Pose2D(match.x, match.y, match.theta), 1.0) if match.fits else (predicted, None)
+        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
+        if not match.fits or (self._mismatches >= params.lost_scans and not match.is_judged):
+            return predicted, None
+        return Pose2D(match.x, match.y, match.theta), 1.0
 
     def _position_std(self) -> float:
         """Return the standard deviation of the position along its worst direction [m]."""

@@ -40,15 +40,15 @@ class HectorParams:
     never."""
     search_angle: float | None = None
     """... or turn since then [rad]; None for never."""
-    retry_below: float = 0.0
-    """Score (mean occupancy under the hits, from 0 to 1) below which a second correlative search looks farther around;
-    0 for never."""
+    retry_below: float = 0.5
+    """Mean occupancy of the known cells under the hits, from 0 to 1, below which a second correlative search looks
+    farther around; 0 for never."""
     retry_distance: float = 0.8
     """Half width of the second search [m]."""
     retry_angle: float = 0.35
     """Half width of the second search in heading [rad]."""
     retry_gain: float = 0.05
-    """Rise of the score with which the result of the second search is taken."""
+    """What the second search must add to the occupancies of the known cells under the hits, for each hit."""
     min_known_score: float = 0.25
     """A scan whose hits on known cells fall on less occupied ones in the mean, from 0 to 1, does not match: it is not
     integrated, and the pose follows odometry."""

@@ -27,28 +27,31 @@ class SearchWindow(NamedTuple):
     """Standard deviation of the predicted position [cells]."""
     heading_std: float
     """Standard deviation of the predicted heading [rad]."""
+    unknown: int
+    """Occupancy that unknown cells are taken to have [percent]."""
 
 
 @njit(cache=True, error_model="numpy")
-def _total_inside(flat, indices, shift):
+def _total_inside(flat, indices, shift, unknown):
     """Return what `_total` does, of cells by their indices, none of which the shift carries out of the map."""
     total = 0
     for k in range(indices.shape[0]):
         value = int(load(flat, np.uint64(indices[k] + shift)))
-        total += value if value >= 0 else 50
+        total += value if value >= 0 else unknown
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _total(flat, height, width, cells, up, right):
-    """Return the sum of the occupancies of shifted cells, shape (2, n): rows, columns; one half outside of the map."""
+def _total(occupancy, cells, up, right, unknown):
+    """Return the sum of the occupancies of shifted cells, shape (2, n): rows, columns."""
+    height, width = occupancy.shape
     total = 0
     for k in range(cells.shape[1]):
         row, col = cells[0, k] + up, cells[1, k] + right
         value = -1
         if row >= 0 and col >= 0 and row < height and col < width:
-            value = int(load(flat, np.uint64(row * width + col)))
-        total += value if value >= 0 else 50
+            value = int(occupancy[row, col])
+        total += value if value >= 0 else unknown
     return total
 
 
@@ -59,7 +62,7 @@ def search_window(occupancy, scale, points, num_points, pose, window):
     The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`.
 
     Args:
-        occupancy: shape (height, width), int8, percent; -1 unknown, which counts as one half.
+        occupancy: shape (height, width), int8, percent; -1 unknown.
         scale: side of a cell of the finest map in cells of this one.
         points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
         num_points: number of hits, at least 1.
@@ -92,9 +95,9 @@ def search_window(occupancy, scale, points, num_points, pose, window):
         for up in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
                 if is_inside:
-                    total = _total_inside(flat, indices, up * width + right)
+                    total = _total_inside(flat, indices, up * width + right, window.unknown)
                 else:
-                    total = _total(flat, height, width, cells, up, right)
+                    total = _total(occupancy, cells, up, right, window.unknown)
                 penalty = per_cell * (up * up + right * right) + per_turn * turn * turn
                 score = 0.01 * total / count - penalty
                 if score > best:

@@ -13,8 +13,8 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
     """Return a Hessian's entries xx, xy, xt, yy, yt with less information on the position.
 
     A map's noise has gradients too, and along a corridor they would claim a position that no wall supports. `noise` is
-    taken off both eigenvalues of the block of the position, as far as they reach; the other entries are scaled alike, so
-    that the matrix stays positive semidefinite.
+    taken off both eigenvalues of the block of the position, as far as they reach; the other entries are scaled alike,
+    so that the matrix stays positive semidefinite.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)

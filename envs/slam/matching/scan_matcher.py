@@ -76,8 +76,10 @@ class Match(NamedTuple):
     """Hits that fall in known cells."""
     known_score: float
     """Mean occupancy of those cells, from 0 to 1; 0 without any."""
+    is_judged: bool
+    """Whether enough hits fall in known cells to tell whether the scan fits; see `min_known_hits` of `HectorParams`."""
     fits: bool
-    """Whether the pose is to be believed; see `min_known_score` of `HectorParams`."""
+    """Whether nothing speaks against the pose; see `min_known_score` of `HectorParams`."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -141,16 +143,20 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
     stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
-        pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds))
+        pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
     x, y, theta, fit = refine(levels, points, count, pose, *steps)
-    if count > 0 and fit.total < params.retry_below * count:
-        window = SearchWindow(params.retry_distance / resolution, params.retry_angle, *stds)
-        found = refine(levels, points, count, search_window(*over, window), *steps)
-        if found[3].total > fit.total + params.retry_gain * count:
-            x, y, theta, fit = found
     num_known, known_score = _known(levels[0], points, count, x, y, theta)
-    fits = num_known < params.min_known_hits or known_score >= params.min_known_score
+    if num_known >= params.min_known_hits and known_score < params.retry_below:
+        # Unknown cells count nothing here: they would draw a search as wide as this one.
+        wide = SearchWindow(params.retry_distance / resolution, params.retry_angle, stds[0], stds[1], 0)
+        found = refine(levels, points, count, search_window(*over, wide), *steps)
+        there = _known(levels[0], points, count, found[0], found[1], found[2])
+        if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
+            x, y, theta, fit = found
+            num_known, known_score = there
+    is_judged = num_known >= params.min_known_hits
+    fits = not is_judged or known_score >= params.min_known_score
     if fits:
         correct_covariance(covariance, fit, count, params.residual_variance, resolution)
     x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
-    return Match(x, y, wrap_angle(theta), fit.total / max(count, 1), num_known, known_score, fits)
+    return Match(x, y, wrap_angle(theta), fit.total / max(count, 1), num_known, known_score, is_judged, fits)
