@@ -40,7 +40,7 @@ class HectorParams:
     never."""
     search_angle: float | None = None
     """... or turn since then [rad]; None for never."""
-    retry_below: float = 0.5
+    retry_below: float = 0.4
     """Mean occupancy of the known cells under the hits, from 0 to 1, below which a second correlative search looks
     farther around; 0 for never."""
     retry_distance: float = 0.8

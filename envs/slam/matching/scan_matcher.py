@@ -138,22 +138,26 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
     predict_covariance(covariance, dx, dy, position_std, heading_std)
     prior = make_prior(start, covariance, params.residual_variance, resolution)
-    steps = (prior, params.iterations, params.coarse_iterations)
     coarse = min(1, len(levels) - 1)
     over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
     stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
         pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
-    x, y, theta, fit = refine(levels, points, count, pose, *steps)
+    x, y, theta, fit = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = _known(levels[0], points, count, x, y, theta)
     if num_known >= params.min_known_hits and known_score < params.retry_below:
-        # Unknown cells count nothing here: they would draw a search as wide as this one.
-        wide = SearchWindow(params.retry_distance / resolution, params.retry_angle, stds[0], stds[1], 0)
-        found = refine(levels, points, count, search_window(*over, wide), *steps)
+        # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
+        # nothing: they would draw a search as wide as this one.
+        far, around = params.retry_distance / resolution, params.retry_angle
+        pose = search_window(*over, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
+        wide = np.diag(np.array([params.retry_distance, params.retry_distance, around]) ** 2)
+        prior = make_prior(start, wide, params.residual_variance, resolution)
+        found = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
         there = _known(levels[0], points, count, found[0], found[1], found[2])
         if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
             x, y, theta, fit = found
             num_known, known_score = there
+            covariance[:] = wide
     is_judged = num_known >= params.min_known_hits
     fits = not is_judged or known_score >= params.min_known_score
     if fits:
