@@ -97,6 +97,7 @@ def main(
     robot: str = "turtlebot3_burger",
     physics: Literal["bullet", "kinematic"] = "bullet",
     slam: str = "tinyslam",
+    preset: str = "default",
     seeds: int = 5,
     minutes: float = 5.0,
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
@@ -108,6 +109,7 @@ def main(
         robot: library robot, or path of a robot file.
         physics: simulator.
         slam: name of a SLAM, or `module:attribute` of your own.
+        preset: of the SLAM's parameters.
         seeds: number of drives.
         minutes: length of each drive [min].
         json_path: also write the results to this file.
@@ -115,9 +117,9 @@ def main(
     if slam == "truth":
         raise SystemExit("error: slam 'truth' has no errors; choose one that estimates poses")
     setup = make_setup(load_world(world), load_robot(robot), physics)
-    estimator = make_slam(slam, setup.robot.lidar, RESOLUTION)
+    estimator = make_slam(slam, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
     results = []
-    print(f"{setup.robot.name} in {setup.world.name}, {physics} physics, {slam}, {minutes:g} min per drive")
+    print(f"{setup.robot.name} in {setup.world.name}, {physics} physics, {slam} {preset}, {minutes:g} min per drive")
     print("seed   path  |     position RMSE [m]      | heading RMSE [deg] |    map IoU")
     print("        [m]  |   slam (aligned) odometry  |   slam  odometry   |      (aligned)")
     for seed in range(seeds):

@@ -87,7 +87,10 @@ class Robot:
         if self.peers:
             peers = [peer.predicted_pose for peer in self.peers]
             ranges = self._peer_filter(ranges, self.predicted_pose, peers)
-        belief = self.estimator.update(ranges, self.motion)
+        self.follow(self.estimator.update(ranges, self.motion))
+
+    def follow(self, belief: Belief) -> None:
+        """Bring trail and pyramid up to date with the belief after a scan."""
         self.predicted_pose = belief.pose
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(belief.path[:, :2])

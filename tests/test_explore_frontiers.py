@@ -2,6 +2,7 @@ import itertools
 import json
 import pickle
 import warnings
+from dataclasses import asdict
 from functools import partial
 
 import gymnasium
@@ -14,8 +15,9 @@ import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import KnownPoses, TinySlam, load_params
+from envs.slam import Hector, KnownPoses, TinySlam, load_hector_params, load_params
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -57,18 +59,32 @@ class OwnTinySlam(TinySlam):
 class OwnKnownPoses(KnownPoses):
     """The same of mapping with known poses."""
 
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
 
-def make_own(kind, lidar, resolution):
-    return kind(lidar, load_params("default", {"resolution": resolution}))
+
+class OwnHector(Hector):
+    """The same of Hector."""
+
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
 
 
-@pytest.mark.parametrize("own", [OwnTinySlam, OwnKnownPoses])
+LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
+LOADERS[OwnHector] = ("hector", load_hector_params)
+
+
+def make_own(kind, noise, lidar, resolution):
+    return kind(lidar, LOADERS[kind][1]("default", {"resolution": resolution, "odometry_noise": noise}))
+
+
+@pytest.mark.parametrize("own", LOADERS)
 @pytest.mark.parametrize("robot", ["turtlebot3_burger", "raspimouse"])
 def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
-    slam = "tinyslam" if own is OwnTinySlam else "odometry"
     arguments = {**QUICK, "robot": robot, "time_limit": 40.0, "reward": {"collision": -1.0}}
-    by_kernel = rollout(ExploreFrontiersEnv(slam=slam, **arguments), 3, 12)
-    step_by_step = rollout(ExploreFrontiersEnv(slam=partial(make_own, own), **arguments), 3, 12)
+    noise = asdict(load_robot(robot).odometry.noise)
+    by_kernel = rollout(ExploreFrontiersEnv(slam=LOADERS[own][0], **arguments), 3, 12)
+    step_by_step = rollout(ExploreFrontiersEnv(slam=partial(make_own, own, noise), **arguments), 3, 12)
     for a, b in zip(by_kernel, step_by_step, strict=True):
         assert same(a[0], b[0])
         info, other = dict(a[-1]), dict(b[-1])
@@ -170,7 +186,7 @@ def test_bad_arguments_are_named(arguments, culprit):
 
 
 def test_rewards_are_those_of_the_control_steps(monkeypatch):
-    env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam), reward={"collision": -1.0})
+    env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam, {}), reward={"collision": -1.0})
     observation, info = env.reset(seed=5)
     assert set(info) == INFO_KEYS
     taken = []

@@ -118,9 +118,7 @@ class FusedDrive:
         env, robots = self._env, self._robots
         robots.load(0)
         circles = np.array(env.simulator.circles)
-        self._shapes = Shapes(
-            (np.array(env.world.segments),), (circles,), (circles,), (env.robots[0].estimator.map.words,)
-        )
+        self._shapes = Shapes((np.array(env.world.segments),), (circles,), (circles,), (robots.words(0),))
 
     def advance(self, check_from: float) -> tuple[int, int, int, int]:
         """Drive for one or more control periods, and bring all objects up to date.
@@ -152,19 +150,19 @@ class FusedDrive:
         robots.actions[0] = v / robot.params.max_v, w / robot.params.max_w
         robots.sync(0)
         navigator.note_motion(robot.reading, robot.twist)
-        flags = int(rows.flags[0])
-        if flags & INTEGRATE:
-            robot.belief.update = robots.integrate(0, flags)
-            words = robot.estimator.map.words
-            if words is not self._shapes.words[0]:
-                robots.load_map(0)
-                self._shapes = self._shapes._replace(words=(words,))
         num_estimated, num_true, num_contacts = passed.counts.tolist()
         for x, y in passed.estimated[:num_estimated].tolist():
             robot.trail.append(Pose2D(x, y, 0.0))
             robot.pyramid.mark(x, y)
         for x, y in passed.true[:num_true].tolist():
             truth.trail.append(Pose2D(x, y, 0.0))
+        flags = int(rows.flags[0])
+        if flags & INTEGRATE:
+            robots.integrate(0, flags)
+            words = robots.words(0)
+            if words is not self._shapes.words[0]:
+                rows.corner[0] = robot.estimator.map.corner
+                self._shapes = self._shapes._replace(words=(words,))
         env.task.update(env.simulator.states, env.robots, env.control_period)
         return count, num_contacts, progress, bool(flags & INTEGRATE)
 

@@ -14,13 +14,13 @@ from envs.geometry.pose import between, compose, distance
 from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA, X, Y
-from envs.slam.grid_map import has_moved
+from envs.slam.key_scans import has_moved
 from envs.slam.matcher import SearchParams, match_scan
 from envs.slam.scans import ScanGeometry
 
 INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
-"""What is left to do for a sub-environment: integrate its scan; one whose pose the matcher did not improve; remember
-its estimated position; remember its true position."""
+"""What is left to do for an environment: integrate its scan, after matching it unless the kernel has; a scan whose pose
+the matcher did not improve; remember its estimated position; remember its true position."""
 
 
 class Rows(NamedTuple):
@@ -69,6 +69,7 @@ class Setup(NamedTuple):
     uses_gyro: bool
     uses_truth: bool
     matches: bool
+    """Whether the kernel matches every scan, as TinySLAM; else poses follow odometry up to the next key scan."""
     min_travel_distance: float
     min_travel_angle: float
 
@@ -131,10 +132,11 @@ def step_rows(rows, shapes, setup, points):
         if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
             flags |= INTEGRATE if improved else INTEGRATE | RAW
         state, start = rows.states[i, 0], rows.map_pose[i]
-        if _is_apart(rows.trail[i], x, y):
-            flags |= REMEMBER
         if _is_apart(rows.true_trail[i], state[X], state[Y]):
             flags |= REMEMBER_TRUE
+        # Where the SLAM has yet to match the scan, the pose is not final.
+        if _is_apart(rows.trail[i], x, y) and (setup.matches or not flags & INTEGRATE):
+            flags |= REMEMBER
         world = compose(start[0], start[1], start[2], x, y, theta)
         dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
         rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)

@@ -9,18 +9,43 @@ from typing import Any
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE
+from envs.core import pose_error
+from envs.estimation import NO_UPDATE, MapUpdate
 from envs.estimation.motion import GyroMotion, WheelMotion
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.robot import Robot
 from envs.simulation import KinematicSimulator, Reading, Twist
 from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
-from envs.slam import KnownPoses, TinySlam
+from envs.simulation.state import THETA
+from envs.slam import KnownPoses, TinySlam, TinySlamParams
+from envs.slam.key_scans import KeyScanSlam
 from envs.slam.matcher import search_params
+from envs.slam.scans import ScanGeometry
 from envs.tasks.rewards import RewardWeights
 
 from .kernels import RAW, Rows, Setup
+
+NO_WORDS = np.empty((1, 1), dtype=np.int32)
+"""In place of a map where the kernel matches no scans."""
+
+
+def _matches_every_scan(slam: Any) -> bool:
+    """Tell whether a SLAM is the TinySLAM whose matcher the kernels call."""
+    if type(slam) is not TinySlam or slam.observers:
+        return False
+    params = slam.params
+    return bool(params.match_every_scan and params.prior_weight == 0.0 and params.odometry == "robot_frame")
+
+
+def _matches_key_scans(slam: Any) -> bool:
+    """Tell whether a SLAM's poses follow odometry between key scans; see `KeyScanSlam`."""
+    if not isinstance(slam, KeyScanSlam) or type(slam).update is not KeyScanSlam.update:
+        return False
+    if slam.params.match_every_scan and type(slam) is not KnownPoses:
+        return False
+    is_composed = type(slam)._predict is KeyScanSlam._predict
+    return is_composed or (type(slam) is TinySlam and slam.params.odometry == "robot_frame")
 
 
 def is_fusible(env: Any) -> bool:
@@ -28,12 +53,10 @@ def is_fusible(env: Any) -> bool:
     if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator or env.on_period:
         return False
     robot = env.robots[0]
-    slam = robot.estimator
     return (
         type(robot) is Robot
         and type(robot.odometry) in (WheelMotion, GyroMotion)
-        and (type(slam) is KnownPoses or (type(slam) is TinySlam and not slam.observers))
-        and slam.params.odometry == "robot_frame"
+        and (_matches_every_scan(robot.estimator) or _matches_key_scans(robot.estimator))
         and type(env.task.weights) is RewardWeights
     )
 
@@ -45,15 +68,14 @@ class FusedRobots:
         """Make room for the environments' robots."""
         env, num_envs = envs[0], len(envs)
         robot, simulator = env.robots[0], env.simulator
-        slam = robot.estimator
-        params, lidar, odometry = slam.params, env.robot.lidar, env.robot.odometry
-        matches = isinstance(slam, TinySlam)
+        params, lidar, odometry = robot.estimator.params, env.robot.lidar, env.robot.odometry
+        matches = _matches_every_scan(robot.estimator)
         self.envs = envs
         self.setup = Setup(
             robot=simulator.sensors.numbers,
             period=env.control_period,
-            geometry=slam.map.geometry,
-            search=search_params(params),
+            geometry=ScanGeometry.of(lidar, robot.belief.grid.resolution),
+            search=search_params(params if matches else TinySlamParams()),
             metres_per_tick=odometry.metres_per_tick,
             track=float(odometry.track),
             uses_gyro=isinstance(robot.odometry, GyroMotion),
@@ -88,15 +110,23 @@ class FusedRobots:
         self.steps = zeros(dtype=np.int64)
         """Shape (num_envs,), int64: control periods since the resets."""
 
-    def integrate(self, i: int, flags: int) -> Any:
-        """Integrate the scan of a robot into its map as the matcher's flags ask; return the `MapUpdate`."""
-        rows, robot = self.rows, self.envs[i].robots[0]
-        slam, pose = robot.estimator, Pose2D(*rows.pose[i].tolist())
-        quality = slam.params.raw_quality if flags & RAW else slam.params.quality
-        update = slam.map.integrate(rows.ranges[i, 0], pose, quality)
-        slam.last_integrated_pose, rows.integrated[i] = pose, pose
-        robot.pyramid.update(update)
-        return update
+    def integrate(self, i: int, flags: int) -> MapUpdate:
+        """Integrate the scan of a robot, after matching it unless the kernel has; return how the map changed."""
+        rows, env = self.rows, self.envs[i]
+        robot, pose = env.robots[0], Pose2D(*rows.pose[i].tolist())
+        slam, belief, ranges = robot.estimator, robot.belief, rows.ranges[i, 0]
+        if self.setup.matches:
+            quality = slam.params.raw_quality if flags & RAW else slam.params.quality
+            belief.update = slam.map.integrate(ranges, pose, quality)
+            slam.last_key_pose = pose
+            robot.pyramid.update(belief.update)
+        else:
+            belief = slam.process_key_scan(ranges, pose)
+            robot.follow(belief)
+            rows.pose[i], rows.trail[i] = belief.pose, robot.trail.last
+            rows.error[i] = pose_error(*env.map_pose, *belief.pose, *rows.states[i, 0, : THETA + 1].tolist())
+        rows.integrated[i] = slam.last_key_pose
+        return belief.update
 
     def sync(self, i: int) -> None:
         """Bring the objects of an environment up to date."""
@@ -128,13 +158,14 @@ class FusedRobots:
         sensors.draws, sensors.others = rows.draws[i], rows.others[i]
         reading = robot.reading
         rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
-        rows.integrated[i] = robot.estimator.last_integrated_pose
+        rows.integrated[i] = robot.estimator.last_key_pose
         rows.ticks[i], rows.twist[i], self.actions[i] = reading.ticks, robot.twist, robot.action
         rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
         rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions
         self.steps[i] = simulator.steps
-        self.load_map(i)
+        if self.setup.matches:
+            rows.corner[i] = robot.estimator.map.corner
 
-    def load_map(self, i: int) -> None:
-        """Take note of where the map of an environment lies, which changes when it grows."""
-        self.rows.corner[i] = self.envs[i].robots[0].estimator.map.corner
+    def words(self, i: int) -> np.ndarray:
+        """Return the cells that the kernel matches scans with, shape (height, width), int32."""
+        return self.envs[i].robots[0].estimator.map.words if self.setup.matches else NO_WORDS

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
-from envs.slam import SLAM_NAMES, load_params, make_slam
+from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
 from .log import Log, load_log
 from .relations import RelationError, load_relations
@@ -166,9 +166,11 @@ def _make_slam(name: str, options: Options, log: Log) -> Estimator:
             "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"
         )
     further = options.change.keys() - {"resolution"}
-    if name not in SLAM_NAMES and further:
-        raise ValueError(f"{name} has no parameters {', '.join(sorted(further))} that could be changed")
-    params = load_params(options.preset, options.change)
+    if name not in SLAMS:
+        if further:
+            raise ValueError(f"{name} has no parameters {', '.join(sorted(further))} that could be changed")
+        return make_slam(name, log.lidar, load_params(options.preset, options.change).resolution)
+    params = SLAMS[name].load(options.preset, options.change)
     return make_slam(name, log.lidar, params.resolution, params)
 
 

@@ -4,7 +4,17 @@ from pathlib import Path
 
 from envs.files import read_record, resolve
 
-from .params import BodyParams, Caster, DriveParams, ImuParams, LidarParams, Mount, OdometryParams, RobotParams
+from .params import (
+    BodyParams,
+    Caster,
+    DriveParams,
+    ImuParams,
+    LidarParams,
+    Mount,
+    OdometryNoise,
+    OdometryParams,
+    RobotParams,
+)
 
 _LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
 
@@ -37,6 +47,7 @@ __all__ = [
     "ImuParams",
     "LidarParams",
     "Mount",
+    "OdometryNoise",
     "OdometryParams",
     "RobotParams",
     "load_robot",

@@ -125,6 +125,31 @@ class DriveParams(_Params):
 
 
 @dataclass(frozen=True, slots=True)
+class OdometryNoise(_Params):
+    """How far odometry may be off after a motion, as SLAMs weigh it against a scan.
+
+    Standard deviations that grow with the distance d and the turn of the motion, after Thrun, Burgard and Fox,
+    Probabilistic Robotics (2005), section 5.4: position_std + position_per_metre d along either axis, and
+    heading_std + heading_per_radian |turn| + heading_per_metre d.
+    """
+
+    position_std: float = 0.003
+    """Of the position, whatever the motion [m]."""
+    position_per_metre: float = 0.02
+    """Of the position, per distance [m/m]."""
+    heading_std: float = 0.003
+    """Of the heading, whatever the motion [rad]."""
+    heading_per_radian: float = 0.03
+    """Of the heading, per turn [rad/rad]."""
+    heading_per_metre: float = 0.03
+    """Of the heading, per distance [rad/m]."""
+
+    def __post_init__(self) -> None:
+        self._require_positive("position_std", "heading_std")
+        self._require_not_negative("position_per_metre", "heading_per_radian", "heading_per_metre")
+
+
+@dataclass(frozen=True, slots=True)
 class OdometryParams(_Params):
     """What the robot's own controller takes its wheels for. Where it errs, odometry is biased."""
 
@@ -138,6 +163,8 @@ class OdometryParams(_Params):
     """Takes turns from the gyroscope, not from the wheels."""
     open_loop: bool = False
     """Counts the commanded steps instead of measured ones (stepper motors without encoders)."""
+    noise: OdometryNoise = OdometryNoise()
+    """What SLAMs take its errors for."""
 
     def __post_init__(self) -> None:
         self._require_positive("wheel_radius", "track", "ticks_per_rev")

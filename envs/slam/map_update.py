@@ -55,7 +55,7 @@ def _observation(cell, prob, quality, ramp):
 
 
 @njit(cache=True, error_model="numpy")
-def _walk(d_row, d_col, width):
+def walk(d_row, d_col, width):
     """Return how to walk over so many rows and columns, in a straight line through a flattened map.
 
     Returns:
@@ -118,7 +118,7 @@ def integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells):
             continue
         row_1, col_1 = math.floor(end_y), math.floor(end_x)
         beam = _Beam(x, y, end_x, end_y, row_1, col_1, ends[k, 2] > 0.0)
-        length, slope, step, side_step = _walk(row_1 - row_0, col_1 - col_0, width)
+        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
         hole = model.hole if model.hole * model.hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
         # Cells before this one are just passed, and all say the same.
         first_special = 0 if model.by_area else max(length - math.ceil(hole), 0) if beam.hit else length + 1

@@ -24,6 +24,10 @@ class SearchParams(NamedTuple):
     max_tries: int
     unvisited: int
     """Word of a cell never observed."""
+    position_penalty: float = 0.0
+    """Taken off the score for a candidate's squared distance from the predicted pose, fixed-point [1/cells^2]."""
+    heading_penalty: float = 0.0
+    """Taken off the score for its squared turn from there, fixed-point [1/rad^2]."""
 
 
 class Search(NamedTuple):
@@ -86,6 +90,13 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 
 @njit(cache=True, error_model="numpy")
+def penalty(params, pose, x, y, theta):
+    """Return what a candidate loses by its distance from the predicted pose, (x, y, theta) in cells, fixed-point."""
+    dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
+    return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
+
+
+@njit(cache=True, error_model="numpy")
 def draw_candidate(search, params, noise):
     """Return the next candidate of a search as (x, y, theta), drawn around the best pose so far; see `match`."""
     dx, dy, turn = noise[search.tried, 0], noise[search.tried, 1], noise[search.tried, 2]
@@ -129,6 +140,7 @@ def match(words, points, num_points, pose, params, noise):
     while search.failed < params.max_failed and search.tried < params.max_tries:
         x, y, theta = draw_candidate(search, params, noise)
         total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
+        total -= penalty(params, pose, x, y, theta)
         search = judge_candidate(search, params, x, y, theta, total)
     return search
 

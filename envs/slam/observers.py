@@ -9,11 +9,14 @@ from envs.geometry import Pose2D, wrap_angle
 
 from .cells import ONE
 from .grid_map import GridMap
-from .matcher import Search, SearchParams, draw_candidate, judge_candidate, score
+from .matcher import Search, SearchParams, draw_candidate, judge_candidate, penalty, score
 
 
 class MatcherObserver(Protocol):
-    """Is notified of every pose that the matcher tests. Costs are hits minus the sum of their cells' occupancies."""
+    """Is notified of every pose that the matcher tests. Costs are hits minus the sum of their cells' occupancies.
+
+    With a prior, plus what it takes off.
+    """
 
     def on_matching_start(self, pose: Pose2D) -> None:
         """A search begins at the predicted pose."""
@@ -43,6 +46,8 @@ def match_observed(
 ) -> Search:
     """Do what `match` does, by the same steps, and tell observers of each; `predicted` is in metres."""
     indices = np.empty(points.shape[1], dtype=np.uint32)
+    x, y = grid_map.to_cells(predicted.x, predicted.y)
+    start = (x, y, predicted.theta)
 
     def tell(event: str, *said: Pose2D | float) -> None:
         for observer in observers:
@@ -50,11 +55,11 @@ def match_observed(
 
     def test(x: float, y: float, theta: float, pose: Pose2D) -> int:
         total = score(grid_map.words, params.unvisited, points, num_points, x, y, theta, indices)
+        total -= penalty(params, start, x, y, theta)
         tell("on_scan_test", pose, num_points - total / ONE)
         return total
 
     tell("on_matching_start", predicted)
-    x, y = grid_map.to_cells(predicted.x, predicted.y)
     best, search = predicted, Search(x, y, predicted.theta, test(x, y, predicted.theta, predicted))
     while search.failed < params.max_failed and search.tried < params.max_tries:
         x, y, theta = draw_candidate(search, params, noise)

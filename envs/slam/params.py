@@ -3,13 +3,14 @@
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict
 
 from envs.files import parse_record, read_mapping, resolve
+from envs.robots import OdometryNoise
 
 PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets").glob("*.yaml"))}
 """Files of the presets by name."""
@@ -61,6 +62,14 @@ class TinySlamParams:
     more often, a scan is matched to the noise of the one before rather than to the environment."""
     min_travel_angle: float = 0.0
     """... or once it has turned by this much since [rad]."""
+    prior_weight: float = 0.0
+    """What a squared standard deviation from the predicted pose adds to the cost of a candidate, which is the number of
+    hits less the sum of their cells' occupancies; 0 for a search that odometry does not hold (the original)."""
+    odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
+    """Standard deviations of odometry's motion from one matched scan to the next."""
+    match_every_scan: bool = True
+    """Whether every scan is matched; else only those that are integrated are, and between them the pose follows
+    odometry."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
     """Whether motion is applied along the estimated heading, or added as odometry's own frame sees it, as the originals
     do, which is wrong as soon as the two frames are turned against each other."""
@@ -72,19 +81,21 @@ class TinySlamParams:
     """Side of a cell [m]."""
 
     def __post_init__(self) -> None:
-        for field in ("sigma_xy", "sigma_theta", "hole_width", "min_travel_distance", "min_travel_angle"):
-            self._require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
-        for field in ("map_width", "map_height", "resolution"):
-            self._require(0 < getattr(self, field) < math.inf, field, "must be positive")
-        for field in ("occupied_prob", "empty_prob", "quality", "raw_quality"):
-            self._require(0 <= getattr(self, field) <= 1, field, "must lie in [0, 1]")
+        for name in ("sigma_xy", "sigma_theta", "hole_width", "prior_weight"):
+            self._require(0 <= getattr(self, name) < math.inf, name, "must not be negative")
+        for name in ("min_travel_distance", "min_travel_angle"):
+            self._require(0 <= getattr(self, name) < math.inf, name, "must not be negative")
+        for name in ("map_width", "map_height", "resolution"):
+            self._require(0 < getattr(self, name) < math.inf, name, "must be positive")
+        for name in ("occupied_prob", "empty_prob", "quality", "raw_quality"):
+            self._require(0 <= getattr(self, name) <= 1, name, "must lie in [0, 1]")
         self._require(-1 <= self.unvisited <= 1, "unvisited", "must lie in [-1, 1]")
-        for field in ("max_failed", "max_tries"):
-            self._require(getattr(self, field) >= 1, field, "must be at least 1")
+        for name in ("max_failed", "max_tries"):
+            self._require(getattr(self, name) >= 1, name, "must be at least 1")
 
-    def _require(self, condition: bool, field: str, what: str) -> None:
+    def _require(self, condition: bool, name: str, what: str) -> None:
         if not condition:
-            raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
+            raise ValueError(f"{name} {what}, got {getattr(self, name)!r}")
 
 
 def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] | None = None) -> TinySlamParams:

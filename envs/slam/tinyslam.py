@@ -6,11 +6,14 @@ import numpy as np
 
 from envs.estimation import ORIGIN, Belief
 from envs.geometry import Pose2D, wrap_angle
+from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
+from .cells import ONE
 from .grid_map import GridMap
 from .known_poses import KnownPoses
-from .matcher import match_scan, search_params
+from .matcher import SearchParams, match_scan, search_params
+from .motion_noise import NoiseRecord, motion_stds
 from .observers import MatcherObserver, match_observed
 from .params import TinySlamParams
 from .scans import project_hits
@@ -32,9 +35,9 @@ class TinySlam(KnownPoses):
         self._odometry = pose
         return super().reset(rng, pose, map)
 
-    def _locate(self, ranges: np.ndarray, motion: Pose2D) -> tuple[Pose2D, float]:
-        params, predicted = self.params, self._predict(motion)
-        pose = predicted if self.last_integrated_pose is None else self._match(ranges, predicted)
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        params = self.params
+        pose = predicted if self.last_key_pose is None else self._search_pose(ranges, predicted)
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _predict(self, motion: Pose2D) -> Pose2D:
@@ -48,16 +51,28 @@ class TinySlam(KnownPoses):
             wrap_angle(pose.theta + motion.theta),
         )
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
+    def _search_pose(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
-        grid_map, points = self.map, self._points
+        grid_map, points, search = self.map, self._points, self._weighted_search(predicted)
         self.rng.standard_normal(out=self._noise)
         if self.observers:
             count = project_hits(ranges, grid_map.geometry, points)
-            found = match_observed(self.observers, grid_map, points, count, predicted, self._search, self._noise)
+            found = match_observed(self.observers, grid_map, points, count, predicted, search, self._noise)
             x, y = grid_map.to_metres(found.x, found.y)
             theta, improved = wrap_angle(found.theta), found.accepted > 0
         else:
             over = (grid_map.geometry, grid_map.words, grid_map.corner)
-            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), self._search, self._noise, points)
+            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), search, self._noise, points)
         return Pose2D(x, y, theta) if improved else predicted
+
+    def _weighted_search(self, predicted: Pose2D) -> SearchParams:
+        """Return the params of the search, with the penalties that follow from the motion since the last match."""
+        params, last = self.params, self._last_matched_pose()
+        if params.prior_weight == 0.0 or last is None:
+            return self._search
+        travelled = distance(predicted.x - last.x, predicted.y - last.y)
+        stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
+        weight = params.prior_weight * ONE
+        return self._search._replace(
+            position_penalty=weight * (params.resolution / stds[0]) ** 2, heading_penalty=weight / stds[1] ** 2
+        )

@@ -107,7 +107,7 @@ def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None
 def _make_slam(name: str, robot: RobotParams, resolution: float) -> Estimator:
     if name == "tinyslam" and robot.imu.has_compass:
         return TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
-    return make_slam(name, robot.lidar, resolution)
+    return make_slam(name, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
 
 
 class _Mapper:

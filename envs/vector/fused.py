@@ -50,7 +50,7 @@ class FusedShard(Shard):
         self._crops = {name: part for name, part in env.parts.items() if isinstance(part, MapCrop)}
         self._sizes = {name: zeros(2, dtype=np.int64) for name in self._crops}
         self._shapes: Shapes
-        self._words: list[Any] = [None] * len(envs)
+        self._data: list[Any] = [None] * len(envs)
         self._levels: dict[str, Any] = {}
 
     def reset(self, seeds: Any, mask: Any, options: Any) -> tuple[np.ndarray, Extras]:
@@ -123,7 +123,7 @@ class FusedShard(Shard):
             coverage = env.task.coverage
             self._gained[i] = coverage.update(update, self._setup.geometry.resolution, ranges, true_pose)
             self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
-            if robot.estimator.map.words is not self._words[i]:
+            if update.redrawn or robot.belief.grid.data is not self._data[i]:
                 self._load_map(i)
         if flags & REMEMBER:
             x, y, theta = rows.pose[i].tolist()
@@ -220,7 +220,7 @@ class FusedShard(Shard):
             numba.typed.List([np.array(env.world.segments) for env in envs]),
             numba.typed.List(circles),
             numba.typed.List(circles),
-            numba.typed.List([env.robots[0].estimator.map.words for env in envs]),
+            numba.typed.List([self._robots.words(i) for i in range(len(envs))]),
         )
         for name, part in self._crops.items():
             levels = [env.robots[0].pyramid.level(part.resolution).words for env in envs]
@@ -242,11 +242,12 @@ class FusedShard(Shard):
         """Take map, crops and coverage of a sub-environment from its objects."""
         env = self.envs[i]
         robot, coverage = env.robots[0], env.task.coverage
-        grid_map = robot.estimator.map
-        self._robots.load_map(i)
-        self._origins[i] = grid_map.grid.origin
+        grid = robot.belief.grid
+        if self._setup.matches:
+            self._robot_rows.corner[i] = robot.estimator.map.corner
+        self._origins[i], self._data[i] = grid.origin, grid.data
         self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
-        self._shapes.words[i] = self._words[i] = grid_map.words
+        self._shapes.words[i] = self._robots.words(i)
         for name, part in self._crops.items():
             level = robot.pyramid.level(part.resolution)
             self._levels[name][i] = level.words

@@ -9,7 +9,8 @@ from envs.robots import LidarParams, Mount
 from envs.slam import TinySlamParams
 from envs.slam.area import area_below, share_behind_hit, share_cut_off
 from envs.slam.cells import GAIN_ONE, MAX_COUNT, ONE, integrate, probabilities
-from envs.slam.grid_map import MAX_CELLS, GridMap
+from envs.slam.grid_map import GridMap
+from envs.slam.mapping.growing_map import MAX_CELLS
 
 from .reference import ReferenceMap, share
 

@@ -63,6 +63,20 @@ def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures()
     assert final_x(0, 0, 0, 0, 0, 0, 1) == 2.5  # six failures end the search
 
 
+def test_the_prior_holds_the_search_by_the_squared_distance_from_the_start():
+    # Each cell to the right gains 32; distances of 1 and 2 lose 20 and 80.
+    words = np.tile(np.arange(40, dtype=np.int32) << 17, (3, 1))
+    point, noise = np.zeros((2, 1), dtype=np.float32), np.zeros((20, 3))
+    noise[:2, 0] = 1.0
+    free = SearchParams(1.0, 1.0, 6, 20, 0)
+    for params, x, total in ((free, 4.5, 4 * 32), (free._replace(position_penalty=20.0), 3.5, 3 * 32 - 20)):
+        found = match(words, point, 1, (2.5, 1.5, 0.0), params, noise)
+        assert (found.x, found.total) == (x, total)
+    noise[:2] = 0.0, 0.0, 0.1
+    turning = match(words, point + 1, 1, (2.5, 1.5, 0.0), free._replace(heading_penalty=1e9), noise)
+    assert turning.accepted == 0
+
+
 def test_outside_the_map_nothing_was_ever_observed():
     _, words, values, unvisited, points = random_case(9)
     wide = np.full((200, 210), unvisited, dtype=np.int32)

@@ -5,35 +5,10 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.geometry.raycast import cast_rays
-from envs.robots import LidarParams, Mount
+from envs.robots import OdometryNoise
 from envs.slam import PRESET_NAMES, SLAM_NAMES, TinySlam, load_params, make_slam
 
-LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
-STAY = Pose2D(0.0, 0.0, 0.0)
-# A room of 6 m x 5 m with a box in it, around the start.
-ROOM = [(-3, -2, 3, -2), (3, -2, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -2)]
-BOX = [(1, 0.5, 1.6, 0.7), (1.6, 0.7, 1.3, 1.4), (1.3, 1.4, 1, 0.5)]
-
-
-def scan(pose, rng=None, noise=0.01):
-    out = np.empty(LIDAR.num_beams, dtype=np.float32)
-    sensor = pose.compose(Pose2D(LIDAR.mount.x, LIDAR.mount.y, LIDAR.mount.yaw))
-    walls, no_circles = np.array(ROOM + BOX, dtype=float), np.empty((0, 3))
-    cast_rays(*sensor, LIDAR.beams, walls, no_circles, out)
-    return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
-
-
-def drive(slam, motions, odometry, seed=0):
-    """Return the true and the estimated pose after the motions, of which odometry measures others."""
-    rng = np.random.default_rng(seed)
-    slam.reset(np.random.default_rng(seed + 1))
-    pose = STAY
-    slam.update(scan(pose, rng), STAY)
-    for motion, measured in zip(motions, odometry):
-        pose = pose.compose(motion)
-        slam.update(scan(pose, rng), measured)
-    return pose, slam.belief.pose
+from .rooms import LIDAR, STAY, drive, scan
 
 
 def distance(a, b):
@@ -48,6 +23,27 @@ def test_odometry_that_errs_is_corrected():
     assert abs(by_wheels.theta - truth.theta) > 0.5
     assert distance(truth, estimated) < 0.06
     assert abs(estimated.theta - truth.theta) < 0.03
+
+
+def test_weighted_odometry_is_corrected_at_key_scans_alone():
+    motions = [Pose2D(0.02, 0.0, 0.015)] * 400
+    odometry = [Pose2D(0.0206, 0.0002, 0.0165)] * 400
+    noise = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
+    slam = make_slam("tinyslam", LIDAR, preset="weighted", odometry_noise=noise)
+    truth, estimated = drive(slam, motions, odometry)
+    assert distance(truth, estimated) < 0.06
+    assert abs(estimated.theta - truth.theta) < 0.03
+    before = slam.belief.pose
+    slam.update(scan(truth), Pose2D(0.01, 0.0, 0.0))
+    assert slam.belief.pose == before.compose(Pose2D(0.01, 0.0, 0.0))
+
+
+def test_firm_odometry_is_not_corrected():
+    firm = OdometryNoise(1e-5, 0.0, 1e-5, 0.0, 0.0)
+    slam = make_slam("tinyslam", LIDAR, preset="weighted", odometry_noise=firm)
+    slam.update(scan(STAY), STAY)
+    slam.update(scan(Pose2D(0.25, 0.02, 0.0)), Pose2D(0.22, 0.0, 0.0))
+    np.testing.assert_allclose(slam.belief.pose, (0.22, 0.0, 0.0), atol=1e-3)
 
 
 def test_a_robot_that_stands_still_does_not_drift():
@@ -190,8 +186,8 @@ def test_bad_input(name):
 
 
 def test_bad_params(tmp_path):
-    with pytest.raises(ValueError, match=r"unknown SLAM 'hector'.*tinyslam, odometry, truth"):
-        make_slam("hector", LIDAR)
+    with pytest.raises(ValueError, match=r"unknown SLAM 'hectare'.*tinyslam, hector, odometry, truth"):
+        make_slam("hectare", LIDAR)
     with pytest.raises(ValueError, match="resolution must be positive, got -1"):
         make_slam("tinyslam", LIDAR, resolution=-1)
     with pytest.raises(ValueError, match=r"unknown preset 'upstraem'.*upstream"):

@@ -1,0 +1,71 @@
+"""Hector SLAM: match each scan to a log-odds map by Gauss-Newton steps, then integrate it."""
+
+import math
+
+import numpy as np
+
+from envs.estimation import ORIGIN, Belief, MapUpdate
+from envs.geometry import Pose2D
+from envs.robots import LidarParams
+
+from .hector_params import HectorParams
+from .key_scans import KeyScanSlam
+from .mapping.log_odds_map import LogOddsMap
+from .matching.scan_matcher import Match, MatcherParams, match_to_levels
+
+
+class Hector(KeyScanSlam):
+    """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
+
+    Unlike the original it takes odometry for a prior, weighted by its noise; `uses_odometry=False` goes without, as the
+    original does. There is no loop closure. Nothing is drawn at random.
+
+    `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature
+    of the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has
+    become too uncertain; scans that do not match are not integrated.
+    """
+
+    params: HectorParams
+    map: LogOddsMap
+
+    def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
+        """Build a SLAM for one lidar."""
+        self._matcher = MatcherParams.of(params)
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
+        super().__init__(lidar, params)
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
+        """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
+        self.match: Match | None = None
+        """The last match; None before the first."""
+        self._mismatches = 0
+        return super().reset(rng, pose, map)
+
+    def _make_map(self) -> LogOddsMap:
+        return LogOddsMap(self.params, self._lidar)
+
+    def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
+        return self.map.integrate(ranges, pose)
+
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        last, params, belief = self._last_matched_pose(), self.params, self.belief
+        if last is None:
+            return predicted, 1.0
+        # A fresh array: who holds the belief of before keeps its covariance.
+        belief.covariance = belief.covariance.copy()
+        over = (self.map.geometry, self.map.levels, self.map.corner)
+        poses = (tuple(last), tuple(predicted))
+        match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
+        self.match = match
+        if match.is_judged:
+            self._mismatches = 0 if match.fits else self._mismatches + 1
+        belief.is_lost = self._mismatches >= params.lost_scans or self._position_std() > params.max_position_std
+        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
+        if not match.fits or (self._mismatches >= params.lost_scans and not match.is_judged):
+            return predicted, None
+        return Pose2D(match.x, match.y, match.theta), 1.0
+
+    def _position_std(self) -> float:
+        """Return the standard deviation of the position along its worst direction [m]."""
+        (xx, xy, _), (_, yy, _), _ = self.belief.covariance.tolist()
+        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

@@ -1,0 +1,116 @@
+"""What all SLAMs here share: which scans are matched and integrated, and which are passed over."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from envs.geometry.pose import distance
+from envs.robots import LidarParams
+
+from .scans import check_scan
+
+
+@njit(cache=True, error_model="numpy")
+def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
+    """Tell whether two poses are `min_distance` [m] or `min_angle` [rad] or more apart."""
+    return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
+
+
+class KeyScanSlam(ABC):
+    """Matches and integrates key scans; between them the pose follows odometry.
+
+    A scan is a key scan if the pose predicted by odometry is `params.min_travel_distance` or `params.min_travel_angle`
+    away from that of the last key scan. With `params.match_every_scan`, every scan is matched, and those whose matched
+    poses lie that far apart are integrated.
+
+    What `process_key_scan` does follows from its arguments and from what the last key scan left. A simulation may
+    therefore compose the motions by itself, and call it at the key scans alone.
+    """
+
+    shares_maps = True
+    """Whether several robots may integrate their scans into one map."""
+
+    def __init__(self, lidar: LidarParams, params: Any) -> None:
+        """Build a SLAM for one lidar.
+
+        Args:
+            lidar: geometry of the scans.
+            params: a record that has, among others, `min_travel_distance` [m], `min_travel_angle` [rad] and
+                `match_every_scan`.
+        """
+        self.params = params
+        self._lidar = lidar
+        self.reset(np.random.default_rng(0))
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
+        """Start at a known pose, map frame, with an unknown map or one that other robots integrate into as well."""
+        self.rng = rng
+        self.map = self._make_map() if map is None else map
+        self.last_key_pose: Pose2D | None = None
+        """Pose of the last key scan; None before the first."""
+        grid: OccupancyGrid = self.map.grid
+        self.belief = Belief(pose, grid)
+        return self.belief
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
+        """Process one scan.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
+            motion: pose of the base now, as the motion source sees it from the base at the previous scan.
+
+        Raises:
+            ValueError: if the scan has another number of beams, or the motion is not finite.
+        """
+        ranges = check_scan(ranges, motion, self._lidar)
+        predicted = self._predict(motion)
+        if self.params.match_every_scan or self.is_key_pose(predicted):
+            return self.process_key_scan(ranges, predicted)
+        self.belief.pose, self.belief.update = predicted, NO_UPDATE
+        return self.belief
+
+    def is_key_pose(self, pose: Pose2D) -> bool:
+        """Tell whether a pose is far enough from that of the last key scan for another one."""
+        last, params = self.last_key_pose, self.params
+        return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
+
+    def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
+        """Match a scan, and integrate it.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m], as for `update`, not checked.
+            predicted: pose of the base by odometry since the last key scan, or since the last scan if every scan is
+                matched; map frame.
+        """
+        belief = self.belief
+        pose, quality = self._match(ranges, predicted)
+        belief.pose, belief.update = pose, NO_UPDATE
+        if not self.params.match_every_scan or self.is_key_pose(pose):
+            if quality is not None:
+                belief.update = self._integrate(ranges, pose, quality)
+            self.last_key_pose = pose
+        return belief
+
+    def _predict(self, motion: Pose2D) -> Pose2D:
+        """Return the pose after a motion."""
+        return self.belief.pose.compose(motion)
+
+    def _last_matched_pose(self) -> Pose2D | None:
+        """Return the pose of the last scan that was matched, while the next one is; None before the first."""
+        return self.belief.pose if self.params.match_every_scan and self.last_key_pose else self.last_key_pose
+
+    def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
+        update: MapUpdate = self.map.integrate(ranges, pose, quality)
+        return update
+
+    @abstractmethod
+    def _make_map(self) -> Any:
+        """Return an unknown map, with `grid` and `integrate`."""
+
+    @abstractmethod
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        """Return the pose at which a scan fits, and its weight in the map from 0 to 1; None not to integrate it."""

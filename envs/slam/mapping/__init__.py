@@ -1,0 +1,1 @@
+"""Occupancy grid maps that scans are integrated into."""

@@ -1,0 +1,1 @@
+"""Scan matchers that work on log-odds maps."""

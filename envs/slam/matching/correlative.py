@@ -1,0 +1,105 @@
+"""Correlative scan matching: trying all poses of a window (Olson, Real-time correlative scan matching, 2009)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry.lookup import load
+
+MAX_HITS = 60
+"""Hits of a scan that are looked up, evenly chosen."""
+TURN_STEP = 0.03
+"""From one heading to the next [rad]."""
+PENALTY = 0.01
+"""Taken off the score for each squared standard deviation from the predicted pose."""
+
+
+class SearchWindow(NamedTuple):
+    """Poses that are tried, around the predicted one. Lengths in cells of the finest map."""
+
+    distance: float
+    """Farthest along each axis [cells]."""
+    angle: float
+    """Farthest turn [rad]."""
+    position_std: float
+    """Standard deviation of the predicted position [cells]."""
+    heading_std: float
+    """Standard deviation of the predicted heading [rad]."""
+    unknown: int
+    """Occupancy that unknown cells are taken to have [percent]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _total_inside(flat, indices, shift, unknown):
+    """Return what `_total` does, of cells by their indices, none of which the shift carries out of the map."""
+    total = 0
+    for k in range(indices.shape[0]):
+        value = int(load(flat, np.uint64(indices[k] + shift)))
+        total += value if value >= 0 else unknown
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _total(occupancy, cells, up, right, unknown):
+    """Return the sum of the occupancies of shifted cells, shape (2, n): rows, columns."""
+    height, width = occupancy.shape
+    total = 0
+    for k in range(cells.shape[1]):
+        row, col = cells[0, k] + up, cells[1, k] + right
+        value = -1
+        if row >= 0 and col >= 0 and row < height and col < width:
+            value = int(occupancy[row, col])
+        total += value if value >= 0 else unknown
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def search_window(occupancy, scale, points, num_points, pose, window):
+    """Return the best of the poses around a predicted one, whole cells and steps of `TURN_STEP` apart.
+
+    The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`.
+
+    Args:
+        occupancy: shape (height, width), int8, percent; -1 unknown.
+        scale: side of a cell of the finest map in cells of this one.
+        points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
+        num_points: number of hits, at least 1.
+        pose: predicted x, y from the map's corner [cells of the finest map] and heading [rad].
+        window: `SearchWindow`.
+
+    Returns:
+        The pose (x, y, theta), in the units of `pose`.
+    """
+    height, width = occupancy.shape
+    flat = occupancy.ravel()
+    stride = (num_points + MAX_HITS - 1) // MAX_HITS
+    count = (num_points + stride - 1) // stride
+    reach, num_turns = math.ceil(window.distance * scale), math.ceil(window.angle / TURN_STEP)
+    per_cell = PENALTY / (window.position_std * scale) ** 2
+    per_turn = PENALTY * (TURN_STEP / window.heading_std) ** 2
+    cells, indices = np.empty((2, count), dtype=np.int64), np.empty(count, dtype=np.int64)
+    best, best_pose = -np.inf, pose
+    for turn in range(-num_turns, num_turns + 1):
+        theta = pose[2] + turn * TURN_STEP
+        c, s = math.cos(theta), math.sin(theta)
+        lowest, highest = min(height, width), -1
+        for k in range(count):
+            p_x, p_y = float(points[0, k * stride]), float(points[1, k * stride])
+            col = math.floor((c * p_x - s * p_y + pose[0]) * scale)
+            row = math.floor((s * p_x + c * p_y + pose[1]) * scale)
+            cells[0, k], cells[1, k], indices[k] = row, col, row * width + col
+            lowest, highest = min(lowest, row, col), max(highest, row - height, col - width)
+        is_inside = lowest >= reach and highest + reach < 0
+        for up in range(-reach, reach + 1):
+            for right in range(-reach, reach + 1):
+                if is_inside:
+                    total = _total_inside(flat, indices, up * width + right, window.unknown)
+                else:
+                    total = _total(occupancy, cells, up, right, window.unknown)
+                penalty = per_cell * (up * up + right * right) + per_turn * turn * turn
+                score = 0.01 * total / count - penalty
+                if score > best:
+                    best, best_pose = score, (pose[0] + right / scale, pose[1] + up / scale, theta)
+    return best_pose

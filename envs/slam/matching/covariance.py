@@ -1,0 +1,95 @@
+"""Covariances of poses that odometry predicts and scans correct."""
+
+import math
+
+from numba import njit
+
+NOISE_PER_HIT = 0.02
+"""What noise of the map alone adds to each eigenvalue of the Hessian's translation, for a hit [1/cells^2]."""
+
+
+@njit(cache=True, error_model="numpy")
+def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
+    """Return a Hessian's entries xx, xy, xt, yy, yt with less information on the position.
+
+    A map's noise has gradients too, and along a corridor they would claim a position that no wall supports. `noise` is
+    taken off both eigenvalues of the block of the position, as far as they reach; the other entries are scaled alike,
+    so that the matrix stays positive semidefinite.
+    """
+    mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
+    spread = math.sqrt(half * half + h_xy * h_xy)
+    large, small = mean + spread, max(mean - spread, 0.0)
+    if not large > noise:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    keep_large = math.sqrt((large - noise) / large)
+    keep_small = math.sqrt(max(small - noise, 0.0) / small) if small > 0.0 else 0.0
+    # Direction of the large eigenvalue.
+    angle = 0.5 * math.atan2(h_xy, half)
+    c, s = math.cos(angle), math.sin(angle)
+    s_xx = c * c * keep_large + s * s * keep_small
+    s_yy = s * s * keep_large + c * c * keep_small
+    s_xy = c * s * (keep_large - keep_small)
+    a, b, d = s_xx * h_xx + s_xy * h_xy, s_xx * h_xy + s_xy * h_yy, s_xy * h_xy + s_yy * h_yy
+    e = s_xy * h_xx + s_yy * h_xy
+    return (
+        a * s_xx + b * s_xy,
+        a * s_xy + b * s_yy,
+        s_xx * h_xt + s_xy * h_yt,
+        e * s_xy + d * s_yy,
+        s_xy * h_xt + s_yy * h_yt,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def invert(p, out):
+    """Write the inverse of a symmetric, positive definite matrix to `out`; both of shape (3, 3), float64."""
+    m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
+    m_xt = p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1]
+    determinant = p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * m_xt
+    out[0, 0] = m_xx / determinant
+    out[0, 1] = out[1, 0] = m_xy / determinant
+    out[0, 2] = out[2, 0] = m_xt / determinant
+    out[1, 1] = (p[0, 0] * p[2, 2] - p[0, 2] * p[0, 2]) / determinant
+    out[1, 2] = out[2, 1] = (p[0, 1] * p[0, 2] - p[0, 0] * p[1, 2]) / determinant
+    out[2, 2] = (p[0, 0] * p[1, 1] - p[0, 1] * p[0, 1]) / determinant
+
+
+@njit(cache=True, error_model="numpy")
+def predict_covariance(p, dx, dy, position_std, heading_std):
+    """Turn the covariance of a pose into that after a motion (dx, dy) [m], map frame, in place.
+
+    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), where F moves the position across the motion as
+    the heading turns; `p` has shape (3, 3), float64 [m, rad].
+    """
+    variance = p[2, 2]
+    x, y = p[0, 2], p[1, 2]
+    p[0, 0] += position_std * position_std - 2.0 * dy * x + dy * dy * variance
+    p[0, 1] += dx * x - dy * y - dx * dy * variance
+    p[1, 1] += position_std * position_std + 2.0 * dx * y + dx * dx * variance
+    p[0, 2], p[1, 2] = x - dy * variance, y + dx * variance
+    p[2, 2] += heading_std * heading_std
+    p[1, 0], p[2, 0], p[2, 1] = p[0, 1], p[0, 2], p[1, 2]
+
+
+@njit(cache=True, error_model="numpy")
+def correct_covariance(p, fit, num_points, residual_variance, resolution):
+    """Turn the covariance of a predicted pose into that after a match, in place: P <- (P^-1 + H / k)^-1.
+
+    Args:
+        p: shape (3, 3), float64 [m, rad], positive definite.
+        fit: `Fit` at the match.
+        num_points: number of hits.
+        residual_variance: k, see `HectorParams`.
+        resolution: side of a cell of the finest map [m].
+    """
+    xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
+    information = p.copy()
+    invert(p, information)
+    per_cell = 1.0 / (resolution * residual_variance)
+    information[0, 0] += xx * per_cell / resolution
+    information[0, 1] += xy * per_cell / resolution
+    information[1, 1] += yy * per_cell / resolution
+    information[0, 2] += xt * per_cell
+    information[1, 2] += yt * per_cell
+    information[2, 2] += fit.h_tt / residual_variance
+    invert(information, p)

@@ -1,0 +1,168 @@
+"""Matching a scan to an occupancy map by Gauss-Newton steps, with a prior (Kohlbrecher et al., 2011, section IV.B).
+
+Sought is the pose that minimises
+
+    sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
+
+where q is a hit in the map and M the occupancy there, from 0 to 1, interpolated between cell centres. The original has
+no prior; with it the result is the most probable pose given scan and odometry. Positions and lengths are in cells of
+the finest map throughout.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry.lookup import load
+
+MAX_TURN = 0.2
+"""Longest step of the heading [rad]."""
+SMALL_STEP = 1e-2
+"""A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on the finest map."""
+COARSE_STEP = 0.05
+"""The same on the others, whose result is but a start [cells of the map]."""
+
+
+class Prior(NamedTuple):
+    """Where the pose is expected, x, y [cells] and heading [rad], and how firmly: the entries of W."""
+
+    x: float
+    y: float
+    theta: float
+    w_xx: float
+    w_xy: float
+    w_xt: float
+    w_yy: float
+    w_yt: float
+    w_tt: float
+
+
+class Fit(NamedTuple):
+    """What the hits of a scan say at a pose: sums over the hits."""
+
+    h_xx: float
+    """The Hessian sum g g^T, where g is the gradient of M by the pose, and so on."""
+    h_xy: float
+    h_xt: float
+    h_yy: float
+    h_yt: float
+    h_tt: float
+    b_x: float
+    """The right-hand side sum g (1 - M), and so on."""
+    b_y: float
+    b_t: float
+    total: float
+    """Sum of M."""
+
+
+@njit(cache=True, error_model="numpy")
+def evaluate(occupancy, scale, points, num_points, x, y, theta):
+    """Return the `Fit` of a scan at a pose.
+
+    Args:
+        occupancy: shape (height, width), int8, percent; -1 unknown, which counts as one half.
+        scale: side of a cell of the finest map in cells of this one.
+        points: shape (2, >= num_points), float32, hits in the base frame [cells].
+        num_points: number of hits.
+        x: position from the map's corner [cells].
+        y: position from the map's corner [cells].
+        theta: heading [rad].
+    """
+    height, width = occupancy.shape
+    flat = occupancy.ravel()
+    c, s = math.cos(theta), math.sin(theta)
+    h_xx = h_xy = h_xt = h_yy = h_yt = h_tt = b_x = b_y = b_t = total = 0.0
+    for k in range(num_points):
+        p_x, p_y = float(points[0, k]), float(points[1, k])
+        r_x, r_y = c * p_x - s * p_y, s * p_x + c * p_y
+        u, v = (r_x + x) * scale - 0.5, (r_y + y) * scale - 0.5
+        if not (u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1):
+            total += 50.0
+            continue
+        col, row = int(u), int(v)
+        u, v = u - col, v - row
+        corner = np.uint64(row * width + col)
+        above = corner + np.uint64(width)
+        m_00, m_01 = int(load(flat, corner)), int(load(flat, corner + np.uint64(1)))
+        m_10, m_11 = int(load(flat, above)), int(load(flat, above + np.uint64(1)))
+        m_00, m_01 = m_00 if m_00 >= 0 else 50, m_01 if m_01 >= 0 else 50
+        m_10, m_11 = m_10 if m_10 >= 0 else 50, m_11 if m_11 >= 0 else 50
+        d_0, d_1 = float(m_01 - m_00), float(m_11 - m_10)
+        low, high = m_00 + u * d_0, m_10 + u * d_1
+        g_x, g_y = d_0 + v * (d_1 - d_0), high - low
+        g_t = r_x * g_y - r_y * g_x
+        m = low + v * g_y
+        residual = 100.0 - m
+        h_xx += g_x * g_x
+        h_xy += g_x * g_y
+        h_xt += g_x * g_t
+        h_yy += g_y * g_y
+        h_yt += g_y * g_t
+        h_tt += g_t * g_t
+        b_x += g_x * residual
+        b_y += g_y * residual
+        b_t += g_t * residual
+        total += m
+    # From percent and this map's cells to probabilities and the finest map's cells.
+    h, b = (0.01 * scale) ** 2, 1e-4 * scale
+    return Fit(h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt, b * b_x, b * b_y, b * b_t, 0.01 * total)
+
+
+@njit(cache=True, error_model="numpy")
+def solve(fit, prior, x, y, theta):
+    """Return the Gauss-Newton step (dx, dy, turn) at a pose, zeros if the scan and the prior do not determine it."""
+    a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
+    d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
+    dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
+    r_x = fit.b_x + prior.w_xx * dx + prior.w_xy * dy + prior.w_xt * turn
+    r_y = fit.b_y + prior.w_xy * dx + prior.w_yy * dy + prior.w_yt * turn
+    r_t = fit.b_t + prior.w_xt * dx + prior.w_yt * dy + prior.w_tt * turn
+    # Cramer's rule; the matrix is symmetric.
+    m_xx, m_xy, m_xt = d * f - e * e, c * e - b * f, b * e - c * d
+    m_yy, m_yt, m_tt = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * m_xx + b * m_xy + c * m_xt
+    if not determinant > 1e-9 * a * d * f:
+        return 0.0, 0.0, 0.0
+    return (
+        (m_xx * r_x + m_xy * r_y + m_xt * r_t) / determinant,
+        (m_xy * r_x + m_yy * r_y + m_yt * r_t) / determinant,
+        (m_xt * r_x + m_yt * r_y + m_tt * r_t) / determinant,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def refine(levels, points, num_points, pose, prior, iterations, coarse_iterations):
+    """Step to the best pose, on one map after the other from the coarsest to the finest.
+
+    Args:
+        levels: occupancies, see `evaluate`, the finest first; each has cells twice as wide as the one before.
+        points: shape (2, >= num_points), float32, hits in the base frame [cells].
+        num_points: number of hits.
+        pose: x, y from the map's corner [cells] and heading [rad] to start from.
+        prior: `Prior`; its heading within half a turn of that of the start, and not wrapped.
+        iterations: greatest number of steps on the finest map.
+        coarse_iterations: greatest number of steps on each of the others.
+
+    Returns:
+        The pose (x, y, theta) and its `Fit` on the finest map.
+    """
+    x, y, theta = pose
+    reach = 1.0
+    for k in range(num_points):
+        reach = max(reach, abs(points[0, k]) + abs(points[1, k]))
+    fit = Fit(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for level in range(len(levels) - 1, -1, -1):
+        scale, is_small = 0.5**level, False
+        limit = COARSE_STEP / scale if level else SMALL_STEP
+        for _ in range(coarse_iterations if level else iterations):
+            fit = evaluate(levels[level], scale, points, num_points, x, y, theta)
+            dx, dy, turn = solve(fit, prior, x, y, theta)
+            x, y, theta = x + dx, y + dy, theta + min(max(turn, -MAX_TURN), MAX_TURN)
+            is_small = max(abs(dx), abs(dy), abs(turn) * reach) < limit
+            if is_small:
+                break
+        if level == 0 and not is_small:
+            fit = evaluate(levels[level], scale, points, num_points, x, y, theta)
+    return x, y, theta, fit

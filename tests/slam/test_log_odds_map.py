@@ -1,0 +1,112 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams, Mount
+from envs.slam import HectorParams
+from envs.slam.mapping.log_odds_kernels import MAX_STAMP, log_odds
+from envs.slam.mapping.log_odds_map import LogOddsMap
+
+from .reference import line
+
+SMALL = HectorParams(resolution=1.0, map_width=5.0, map_height=5.0, num_levels=1)
+ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
+HIT, PASSED = math.log(0.9 / 0.1), math.log(0.4 / 0.6)
+
+
+def beam(r):
+    return np.array([r], dtype=np.float32)
+
+
+def test_one_beam_by_hand():
+    grid_map = LogOddsMap(SMALL, ONE_BEAM)
+    update = grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
+    expected = np.full((5, 5), UNKNOWN)
+    expected[2, 2:5] = 40, 40, 90
+    np.testing.assert_array_equal(grid_map.grid.data, expected)
+    assert sorted(map(tuple, update.new_cells.tolist())) == [(2, 2), (2, 3), (2, 4)]
+    grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
+    np.testing.assert_allclose(log_odds(grid_map.words[0])[2, 2:5], [2 * PASSED, 2 * PASSED, 2 * HIT], atol=5e-3)
+
+
+def test_a_scan_observes_a_cell_once_and_hits_override():
+    # Both beams along x: one ends in cell (2, 3), the other passes it.
+    lidar = LidarParams(num_beams=2, range_max=3.0, fov=1e-6)
+    for ranges in ([1.0, 2.0], [2.0, 1.0]):
+        grid_map = LogOddsMap(SMALL, lidar)
+        grid_map.integrate(np.array(ranges, dtype=np.float32), Pose2D(0.5, 0.5, 0.0))
+        np.testing.assert_allclose(log_odds(grid_map.words[0])[2, 2:5], [PASSED, HIT, HIT], atol=2e-3)
+
+
+def test_log_odds_are_bounded():
+    grid_map = LogOddsMap(dataclasses.replace(SMALL, max_log_odds=3.0), ONE_BEAM)
+    for _ in range(20):
+        grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
+    np.testing.assert_array_equal(log_odds(grid_map.words[0])[2, 2:5], [-3.0, -3.0, 3.0])
+
+
+@pytest.mark.parametrize("skip_exceeding", [False, True])
+def test_every_level_matches_the_slow_reference(skip_exceeding):
+    params = HectorParams(
+        resolution=0.1, map_width=1.0, map_height=3.0, num_levels=3, skip_exceeding=skip_exceeding, max_log_odds=5.0
+    )
+    lidar = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
+    rng = np.random.default_rng(5)
+    grid_map = LogOddsMap(params, lidar)
+    levels, known = [{}, {}, {}], set()
+    for _ in range(6):
+        ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
+        ranges[:4] = np.nan, np.inf, 0.06, 1.0
+        pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
+        update = grid_map.integrate(ranges, pose)
+        for k, cells in enumerate(levels):
+            observe(cells, ranges, pose, lidar, params.resolution * 2**k, skip_exceeding, 5.0)
+        rows, cols = (update.new_cells + grid_map.corner[::-1]).T
+        new = set(zip(rows.tolist(), cols.tolist()))
+        assert not new & known
+        known |= new
+        assert known == set(levels[0])
+    assert grid_map.grid.data.shape > (30, 12)  # it had to grow
+    assert grid_map.levels[0] is grid_map.grid.data
+    for k, cells in enumerate(levels):
+        corner = np.array(grid_map.corner[::-1]) // 2**k
+        values = np.full(grid_map.words[k].shape, np.nan)
+        for (row, col), value in cells.items():
+            values[row - corner[0], col - corner[1]] = value
+        np.testing.assert_array_equal(grid_map.levels[k] == UNKNOWN, np.isnan(values))
+        is_known = ~np.isnan(values)
+        np.testing.assert_allclose(log_odds(grid_map.words[k])[is_known], values[is_known], atol=0.02)
+        percent = 100.0 / (1.0 + np.exp(-values[is_known]))
+        assert np.abs(grid_map.levels[k][is_known] - percent).max() < 1.0
+
+
+def observe(cells, ranges, pose, lidar, side, skip_exceeding, bound):
+    """Add a scan to log odds by (row, column): once for each cell, hits first."""
+    base = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
+    hits, passed = set(), set()
+    for r, angle in zip(ranges.tolist(), lidar.angles):
+        if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
+            continue
+        reach = min(r, lidar.range_max)
+        end = base.x + reach * math.cos(base.theta + angle), base.y + reach * math.sin(base.theta + angle)
+        first, last = ((math.floor(y / side), math.floor(x / side)) for x, y in ((base.x, base.y), end))
+        passed |= set(line(first, last))
+        if r < lidar.range_max:
+            hits.add(last)
+    for cell in hits | passed:
+        change = HIT if cell in hits else PASSED
+        cells[cell] = min(max(cells.get(cell, 0.0) + change, -bound), bound)
+
+
+def test_numbers_of_scans_start_again():
+    counted, plain = LogOddsMap(SMALL, ONE_BEAM), LogOddsMap(SMALL, ONE_BEAM)
+    counted._stamp = MAX_STAMP - 2
+    for k in range(6):
+        for grid_map in (counted, plain):
+            grid_map.integrate(beam(1.0 + k % 2), Pose2D(0.5, 0.5, 0.0))
+    np.testing.assert_array_equal(log_odds(counted.words[0]), log_odds(plain.words[0]))
+    np.testing.assert_array_equal(counted.grid.data, plain.grid.data)
+    assert counted._stamp < 10
