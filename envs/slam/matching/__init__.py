@@ -1,0 +1,1 @@
+"""Matching of scans with maps."""
