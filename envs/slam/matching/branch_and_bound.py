@@ -112,7 +112,16 @@ def angle_step(points, resolution):
 
 
 @njit(cache=True, error_model="numpy")
-def build_pyramid(field, geometry, num_levels, reach, above):
+def _join_rows(low, high, half, out):
+    """Write the maxima of four cells, `half` apart, of two rows to a row of the next level."""
+    for j in range(out.shape[0]):
+        left = low[j] if low[j] > high[j] else high[j]
+        right = low[j + half] if low[j + half] > high[j + half] else high[j + half]
+        out[j] = left if left > right else right
+
+
+@njit(cache=True, error_model="numpy")
+def build_pyramid(field, geometry, num_levels, reach, threshold):
     """Return the `Pyramid` of a field.
 
     Args:
@@ -120,7 +129,7 @@ def build_pyramid(field, geometry, num_levels, reach, above):
         geometry: `FieldGeometry`.
         num_levels: number of levels; the last one holds maxima over 2^(num_levels - 1) cells.
         reach: largest half width of a window that will be searched [m].
-        above: cells up to this value count as 0: those that are free or unknown [percent].
+        threshold: cells up to this value count as 0: those that are free or unknown [percent].
     """
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / geometry.resolution)
@@ -132,13 +141,14 @@ def build_pyramid(field, geometry, num_levels, reach, above):
     for i in range(field.shape[0]):
         source, target = field[i], levels[0, i + rows]
         for j in range(field.shape[1]):
-            target[j + cols] = source[j] if source[j] > above else np.uint8(0)
+            target[j + cols] = source[j] if source[j] > threshold else np.uint8(0)
     for level in range(1, num_levels):
         half = 1 << (level - 1)
-        for i in range(height - half):
-            low, high, target = levels[level - 1, i], levels[level - 1, i + half], levels[level, i]
-            for j in range(width - half):
-                target[j] = max(max(low[j], low[j + half]), max(high[j], high[j + half]))
+        finer, coarser = levels[level - 1].ravel(), levels[level].ravel()
+        for i in range(rows + 1 - 2 * half, rows + field.shape[0]):
+            first, last = i * width + cols + 1 - 2 * half, i * width + cols + field.shape[1]
+            low, high = finer[first : last + half], finer[first + half * width : last + half * width + half]
+            _join_rows(low, high, half, coarser[first:last])
     x, y = geometry.x - cols * geometry.resolution, geometry.y - rows * geometry.resolution
     return Pyramid(levels, x, y, geometry.resolution, cells)
 
