@@ -120,7 +120,7 @@ def hit_shares(field, geometry, points, pose):
         value = field[row, col] if 0 <= row < height and 0 <= col < width else np.uint8(UNKNOWN_PERCENT)
         if greatest > UNKNOWN_PERCENT:
             occupied += 1
-            total += value if value > UNKNOWN_PERCENT else 0
+            total += int(value) if value > UNKNOWN_PERCENT else 0
         elif value < UNKNOWN_PERCENT:
             free += 1
     n = max(points.shape[0], 1)

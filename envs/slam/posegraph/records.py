@@ -56,6 +56,15 @@ class GrowingArray:
         self._count += 1
         return self._count - 1
 
+    def extend(self, rows: np.ndarray) -> None:
+        """Append several rows."""
+        needed = self._count + len(rows)
+        if needed > len(self._rows):
+            more = max(len(self._rows), needed - len(self._rows))
+            self._rows = np.concatenate([self._rows, np.zeros((more, *self._rows.shape[1:]), self._rows.dtype)])
+        self._rows[self._count : needed] = rows
+        self._count = needed
+
     @property
     def rows(self) -> np.ndarray:
         """View of the rows, valid until the next one is appended."""

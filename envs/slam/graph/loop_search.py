@@ -1,0 +1,90 @@
+"""Searching loop closures of a node with finished submaps."""
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, build_pyramid, search
+from envs.slam.matching.score_surface import match_covariance
+from envs.slam.matching.submap_field import UNKNOWN_PERCENT
+from envs.slam.posegraph import PoseGraph
+from envs.slam.posegraph.distances import path_lengths
+
+from .local_slam import Matcher
+from .loop_closure import Loop, hit_shares, is_accepted, search_window
+from .nodes import NodeStore
+from .params import GraphSlamParams
+
+NUM_LEVELS = 5
+"""Levels of the pyramid: the top one holds maxima over 16 cells."""
+POINT_CELL, POINT_RANGE, MAX_POINTS = 0.1, 12.0, 1200
+"""One point per cell of this side [m], up to this range [m], and no more than so many, are matched."""
+SEARCH_SHARE = 0.8
+"""Share of the least score from which on the search finds poses, before they are refined."""
+NEWEST = 2
+"""Finished submaps that are not searched: the robot has not left them for long."""
+
+
+class LoopSearch:
+    """Searches loop closures, one node at a time."""
+
+    def __init__(self, params: GraphSlamParams, matcher: Matcher, nodes: NodeStore, graph: PoseGraph) -> None:
+        """Search in the submaps of `nodes`, at poses of `graph`."""
+        self._params, self._matcher, self._nodes, self._graph = params, matcher, nodes, graph
+        self._searched: dict[int, int] = {}
+        self.num_searches = 0
+        """Number of branch-and-bound searches so far."""
+
+    def search(self, node: int, num_finished: int) -> list[Loop]:
+        """Return the loop closures of a node with the first `num_finished` submaps that pass the tests."""
+        points = self._nodes.recent_points(node, self._params.loop_scans, POINT_CELL, POINT_RANGE)
+        points = np.ascontiguousarray(points[:: len(points) // MAX_POINTS + 1])
+        if len(points) == 0:
+            return []
+        found = []
+        for submap, window in self._candidates(node, num_finished - NEWEST):
+            self._searched[submap] = node
+            loop = self._match(node, submap, points, window)
+            if loop is not None:
+                found.append(loop)
+        return found
+
+    def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
+        """Return the nearest of the first `count` submaps that may be searched, with their windows."""
+        params, nodes = self._params, self._nodes
+        if count <= 0:
+            return []
+        arrays = self._graph.arrays
+        lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
+        near = []
+        for submap in range(count):
+            if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
+                continue
+            window = search_window(float(lengths[submap]), params.loops)
+            offsets = arrays.nodes[nodes.nodes_of(submap), :2] - arrays.nodes[node, :2]
+            least = float(np.sqrt((offsets**2).sum(axis=1).min()))
+            if least <= params.loops.max_distance + 0.5 * window[0]:
+                near.append((least, submap, window))
+        return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
+
+    def _match(self, node: int, submap: int, points: np.ndarray, window: tuple[float, float]) -> Loop | None:
+        params, loops = self._params, self._params.loops
+        self.num_searches += 1
+        coarse, fine = (self._nodes.render(submap, factor * params.resolution) for factor in (2.0, 1.0))
+        reach = max(window[0], params.surface.half_width)
+        pyramid = build_pyramid(*fine, NUM_LEVELS, reach, UNKNOWN_PERCENT)
+        frame, before = (Pose2D(*rows.tolist()) for rows in (self._graph.arrays.submaps[submap], self._node_pose(node)))
+        limits = SearchLimits(SEARCH_SHARE * loops.min_score, params.max_evaluations)
+        steps = SearchWindow(*window, angle_step(points, params.resolution))
+        result = search(pyramid, points, frame.between(before), steps, limits)
+        if not result.found:
+            return None
+        rough = Pose2D(result.x, result.y, result.theta)
+        pose = self._matcher([coarse, fine], points, rough, np.zeros((3, 3))).pose
+        if not is_accepted(hit_shares(*fine, points, pose), loops):
+            return None
+        surface = params.surface._replace(half_width=min(params.surface.half_width, window[0]))
+        covariance = match_covariance(pyramid, points, pose, surface)
+        return Loop(node, submap, pose, covariance, before, frame.compose(pose))
+
+    def _node_pose(self, node: int) -> np.ndarray:
+        return self._graph.arrays.nodes[node]
