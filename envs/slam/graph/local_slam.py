@@ -7,9 +7,10 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
+from envs.slam.matching.growing_field import GrowingField
 from envs.slam.matching.submap_field import FieldGeometry
 
-from .nodes import NodeStore
+from .nodes import MODEL, NodeStore
 from .params import GraphSlamParams
 
 Field = tuple[np.ndarray, FieldGeometry]
@@ -59,7 +60,7 @@ class LocalSlam:
         self.active: list[int] = []
         """Submaps that are being built, the newest last; the first one is matched."""
         self._covariances: dict[int, np.ndarray] = {}
-        self._fields: list[Field] = []
+        self._fields: dict[int, list[GrowingField]] = {}
         self._matched = self._node_pose = self.pose
 
     def update(self, points: np.ndarray, motion: Pose2D) -> int | None:
@@ -84,6 +85,10 @@ class LocalSlam:
         least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
         return params.correlation * self._covariances[submap] + np.diag(least**2)
 
+    def _new_fields(self) -> list[GrowingField]:
+        """Return empty fields of a submap, the coarse one first."""
+        return [GrowingField(factor * self._params.resolution, *self._nodes.mount, MODEL) for factor in (2.0, 1.0)]
+
     def _match(self, points: np.ndarray) -> None:
         """Correct the pose by a match, and propagate the covariances of the pose in the active submaps."""
         params, origin = self._params, self._nodes.submap_pose(self.active[0])
@@ -92,7 +97,8 @@ class LocalSlam:
         sigma_xy, sigma_theta = params.noise.sigmas(distance(moved.x, moved.y), moved.theta)
         noise = np.diag([sigma_xy**2, sigma_xy**2, sigma_theta**2])
         prior = params.residual_variance * np.linalg.inv(noise)
-        match = self._matcher(self._fields, points, origin.between(predicted), prior)
+        fields = [(each.field, each.geometry) for each in self._fields[self.active[0]]]
+        match = self._matcher(fields, points, origin.between(predicted), prior)
         self._matched = self.pose = origin.compose(match.pose)
         dx, dy = self.pose.x - before.x, self.pose.y - before.y
         transition = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
@@ -107,8 +113,12 @@ class LocalSlam:
         if len(nodes) % params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
             self._covariances = {k: self._covariances.get(k, np.zeros((3, 3))) for k in self.active}
+            self._fields = {k: self._fields.get(k) or self._new_fields() for k in self.active}
         node = nodes.add_node(points, self.pose, self.active)
-        self._fields = [nodes.render(self.active[0], factor * params.resolution) for factor in (2.0, 1.0)]
+        for submap, fields in self._fields.items():
+            pose = nodes.submap_pose(submap).between(self.pose)
+            for each in fields:
+                each.integrate(points, pose)
         self._node_pose = self._matched = self.pose
         return node
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, build_pyramid, search
+from envs.slam.matching.branch_and_bound import Pyramid, SearchLimits, SearchWindow, angle_step, build_pyramid, search
 from envs.slam.matching.score_surface import match_covariance
 from envs.slam.matching.submap_field import UNKNOWN_PERCENT
 from envs.slam.posegraph import PoseGraph
-from envs.slam.posegraph.distances import path_lengths
+from envs.slam.posegraph.distances import least_distances, path_lengths
 
-from .local_slam import Matcher
+from .local_slam import Field, Matcher
 from .loop_closure import Loop, hit_shares, is_accepted, search_window
 from .nodes import NodeStore
 from .params import GraphSlamParams
@@ -31,6 +31,7 @@ class LoopSearch:
         """Search in the submaps of `nodes`, at poses of `graph`."""
         self._params, self._matcher, self._nodes, self._graph = params, matcher, nodes, graph
         self._searched: dict[int, int] = {}
+        self._kept: dict[int, tuple[Field, Field, Pyramid]] = {}
         self.num_searches = 0
         """Number of branch-and-bound searches so far."""
 
@@ -56,12 +57,10 @@ class LoopSearch:
         arrays = self._graph.arrays
         lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
         near = []
-        for submap in range(count):
+        for submap, least in enumerate(least_distances(arrays.nodes, nodes.spans[:count], node).tolist()):
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
             window = search_window(float(lengths[submap]), params.loops)
-            offsets = arrays.nodes[nodes.nodes_of(submap), :2] - arrays.nodes[node, :2]
-            least = float(np.sqrt((offsets**2).sum(axis=1).min()))
             if least <= params.loops.max_distance + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
@@ -69,9 +68,7 @@ class LoopSearch:
     def _match(self, node: int, submap: int, points: np.ndarray, window: tuple[float, float]) -> Loop | None:
         params, loops = self._params, self._params.loops
         self.num_searches += 1
-        coarse, fine = (self._nodes.render(submap, factor * params.resolution) for factor in (2.0, 1.0))
-        reach = max(window[0], params.surface.half_width)
-        pyramid = build_pyramid(*fine, NUM_LEVELS, reach, UNKNOWN_PERCENT)
+        coarse, fine, pyramid = self._rendered(submap)
         frame, before = (Pose2D(*rows.tolist()) for rows in (self._graph.arrays.submaps[submap], self._node_pose(node)))
         limits = SearchLimits(SEARCH_SHARE * loops.min_score, params.max_evaluations)
         steps = SearchWindow(*window, angle_step(points, params.resolution))
@@ -85,6 +82,19 @@ class LoopSearch:
         surface = params.surface._replace(half_width=min(params.surface.half_width, window[0]))
         covariance = match_covariance(pyramid, points, pose, surface)
         return Loop(node, submap, pose, covariance, before, frame.compose(pose))
+
+    def _rendered(self, submap: int) -> tuple[Field, Field, Pyramid]:
+        """Return coarse and fine field of a finished submap, and the pyramid; those used last are kept."""
+        params = self._params
+        kept = self._kept.pop(submap, None)
+        if kept is None:
+            coarse, fine = (self._nodes.render(submap, factor * params.resolution) for factor in (2.0, 1.0))
+            reach = max(params.loops.max_half_width, params.surface.half_width)
+            kept = coarse, fine, build_pyramid(*fine, NUM_LEVELS, reach, UNKNOWN_PERCENT)
+        self._kept[submap] = kept
+        if len(self._kept) > params.max_rendered:
+            del self._kept[next(iter(self._kept))]
+        return kept
 
     def _node_pose(self, node: int) -> np.ndarray:
         return self._graph.arrays.nodes[node]

@@ -6,6 +6,9 @@ from envs.geometry import Pose2D
 from envs.slam.matching.submap_field import FieldGeometry, Scans, SensorModel, render_field
 from envs.slam.posegraph.records import GrowingArray
 
+MODEL = SensorModel()
+"""How scans are integrated into submaps."""
+
 
 class NodeStore:
     """Scans of all nodes, and which of them each submap holds.
@@ -16,7 +19,7 @@ class NodeStore:
 
     def __init__(self, mount_x: float, mount_y: float) -> None:
         """Make an empty store for a lidar at a position in the base frame [m]."""
-        self._mount = mount_x, mount_y
+        self.mount = mount_x, mount_y
         self._points = GrowingArray((2,), np.float32, 1 << 14)
         self._spans = GrowingArray((2,), np.int64, 256)
         self._poses = GrowingArray((3,), np.float64, 256)
@@ -41,6 +44,11 @@ class NodeStore:
     def home(self) -> np.ndarray:
         """Shape (num_nodes,), int32: the newest submap that each node was integrated into."""
         return self._home.rows
+
+    @property
+    def spans(self) -> np.ndarray:
+        """Shape (num_submaps, 2), int64: first node of each submap, and the one after its last."""
+        return self._submaps.rows
 
     @property
     def travelled(self) -> np.ndarray:
@@ -85,7 +93,7 @@ class NodeStore:
         """Render the field of a submap; see `render_field`."""
         nodes = self.nodes_of(submap)
         poses = self._poses.rows[nodes] - np.array(self.submap_pose(submap))
-        return render_field(Scans(self._points.rows, self._spans.rows[nodes], poses, *self._mount), resolution, MODEL)
+        return render_field(Scans(self._points.rows, self._spans.rows[nodes], poses, *self.mount), resolution, MODEL)
 
     def recent_points(self, node: int, count: int, cell: float, max_range: float) -> np.ndarray:
         """Return the hits of the last nodes up to this one, in its frame, one per cell: shape (n, 2), float32 [m]."""
@@ -97,7 +105,3 @@ class NodeStore:
         points = points[(points**2).sum(axis=1) < max_range**2]
         _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
         return points[np.sort(first)]
-
-
-MODEL = SensorModel()
-"""How scans are integrated into submaps."""

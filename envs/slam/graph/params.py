@@ -67,6 +67,8 @@ class GraphSlamParams:
     """Scans that are matched together."""
     max_evaluations: int = 200_000
     """Most poses and groups of poses that a search scores."""
+    max_rendered: int = 8
+    """Finished submaps whose fields are kept; others are rendered when they are searched."""
     phi: float = 9.0
     """Chi^2 above which loop constraints weigh less."""
     max_chi2: float = 54.0
@@ -84,6 +86,14 @@ class GraphSlamParams:
         for name in ("resolution", "node_distance", "node_angle", "residual_variance", "correlation", "phi"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
-        for name in ("submap_spacing", "loop_every", "submap_every", "loop_scans", "optimise_every", "max_iterations"):
+        for name in (
+            "submap_spacing",
+            "loop_every",
+            "submap_every",
+            "loop_scans",
+            "max_rendered",
+            "optimise_every",
+            "max_iterations",
+        ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")

@@ -91,9 +91,18 @@ def _pass_beam(flat, start, rows, cols, width, number, model):
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate(words, scans, i, geometry, model):
-    """Integrate scan i into a field; a cell with a hit is not passed, and each cell changes once."""
-    width, flat, number = words.shape[1], words.ravel(), i + 1
+def integrate_scan(words, scans, i, number, geometry, model):
+    """Integrate a scan into a field that has room for it; a cell with a hit is not passed, and each cell changes once.
+
+    Args:
+        words: shape (height, width), int32, written: log-odds, and in the lower bits the last scan that changed them.
+        scans: `Scans`.
+        i: index of the scan.
+        number: of the scan in this field, from 1 to `MAX_SCANS`.
+        geometry: `FieldGeometry`.
+        model: `SensorModel`.
+    """
+    width, flat = words.shape[1], words.ravel()
     c, s = math.cos(scans.poses[i, 2]), math.sin(scans.poses[i, 2])
     x = (scans.poses[i, 0] - geometry.x) / geometry.resolution
     y = (scans.poses[i, 1] - geometry.y) / geometry.resolution
@@ -113,6 +122,27 @@ def _integrate(words, scans, i, geometry, model):
         _pass_beam(
             flat, start_row * width + start_col, ends[k, 0] - start_row, ends[k, 1] - start_col, width, number, model
         )
+
+
+@njit(cache=True, error_model="numpy")
+def percent_table(model):
+    """Return the probability of log-odds from -limit to limit in percent: shape (2 * limit + 1,), uint8."""
+    table = np.empty(2 * model.limit + 1, dtype=np.uint8)
+    for k in range(table.shape[0]):
+        table[k] = round(100.0 / (1.0 + math.exp((model.limit - k) / LOG_ODDS_ONE)))
+    return table
+
+
+@njit(cache=True, error_model="numpy")
+def write_percent(words, field, window, table):
+    """Write the cells of a window to `field`, shape of `words`, uint8 [percent].
+
+    The window is first column, first row, last column, last row; the table is from `percent_table`.
+    """
+    limit = table.shape[0] // 2
+    for row in range(window[1], window[3] + 1):
+        for col in range(window[0], window[2] + 1):
+            field[row, col] = table[(words[row, col] >> STAMP_BITS) + limit]
 
 
 @njit(cache=True, error_model="numpy")
@@ -142,12 +172,7 @@ def render_field(scans, resolution, model):
     geometry = FieldGeometry(col * resolution, row * resolution, resolution)
     words = np.zeros((height, width), dtype=np.int32)
     for i in range(scans.poses.shape[0]):
-        _integrate(words, scans, i, geometry, model)
-    percent = np.empty(2 * model.limit + 1, dtype=np.uint8)
-    for k in range(percent.shape[0]):
-        percent[k] = round(100.0 / (1.0 + math.exp((model.limit - k) / LOG_ODDS_ONE)))
+        integrate_scan(words, scans, i, i + 1, geometry, model)
     field = np.empty((height, width), dtype=np.uint8)
-    for r in range(height):
-        for q in range(width):
-            field[r, q] = percent[(words[r, q] >> STAMP_BITS) + model.limit]
+    write_percent(words, field, (0, 0, width - 1, height - 1), percent_table(model))
     return field, geometry

@@ -1,4 +1,6 @@
-"""How far submaps lie apart along the graph: by as much could their poses be wrong against each other."""
+"""How far submaps lie apart, along the graph (their poses err the more against each other) and in the plane."""
+
+import math
 
 import numpy as np
 from numba import njit
@@ -37,3 +39,23 @@ def path_lengths(constraints, home_submap, travelled, source):
             for k in range(num_submaps - 1, 0, -1):
                 lengths[k - 1] = min(lengths[k - 1], lengths[k] + travelled[k] - travelled[k - 1])
     return lengths
+
+
+@njit(cache=True, error_model="numpy")
+def least_distances(nodes, spans, node):
+    """Return how near each submap comes to a node: the distance to the nearest node that it holds.
+
+    Args:
+        nodes: shape (num_nodes, 3), float64, poses in the map frame [m, m, rad].
+        spans: shape (num_submaps, 2), int64: first node of each submap, and the one after its last.
+        node: index of the node.
+
+    Returns:
+        Shape (num_submaps,), float64 [m].
+    """
+    found = np.full(spans.shape[0], np.inf)
+    for k in range(spans.shape[0]):
+        for j in range(spans[k, 0], spans[k, 1]):
+            dx, dy = nodes[j, 0] - nodes[node, 0], nodes[j, 1] - nodes[node, 1]
+            found[k] = min(found[k], math.sqrt(dx * dx + dy * dy))
+    return found

@@ -5,31 +5,38 @@ import numpy as np
 from envs.slam.matching.submap_field import Scans
 
 
-def visible_points(segments, pose, angles, max_range, rng=None):
-    """Return hits of beams on wall segments, shape (n, 2), float32, in the frame of the pose [m].
+def cast(segments, pose, angles, max_range):
+    """Return the ranges of beams up to wall segments, shape (n,), inf where there is none [m].
 
     Args:
         segments: shape (k, 4), x0, y0, x1, y1 [m].
         pose: x, y, heading of the lidar [m, m, rad].
-        angles: of the beams [rad].
+        angles: of the beams, shape (n,) [rad].
         max_range: farthest return [m].
-        rng: for noise of 1 cm; None for none.
     """
-    start, end = segments[:, :2], segments[:, 2:]
-    points = []
-    for angle in angles:
-        d = np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle)])
-        along = end - start
-        det = along[:, 0] * d[1] - along[:, 1] * d[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            offset = start - np.array(pose[:2])
-            t = (along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / det
-            u = (d[0] * offset[:, 1] - d[1] * offset[:, 0]) / det
-        t = t[(t > 0.0) & (u >= 0.0) & (u <= 1.0) & np.isfinite(t)]
-        if len(t) and t.min() < max_range:
-            r = t.min() + (0.01 * rng.standard_normal() if rng is not None else 0.0)
-            points.append([r * np.cos(angle), r * np.sin(angle)])
-    return np.array(points, dtype=np.float32).reshape(-1, 2)
+    heading = np.asarray(angles)[:, None] + pose[2]
+    dx, dy = np.cos(heading), np.sin(heading)
+    ox, oy = segments[:, 0] - pose[0], segments[:, 1] - pose[1]
+    ax, ay = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        det = ax * dy - ay * dx
+        t = (ax * oy - ay * ox) / det
+        u = (dx * oy - dy * ox) / det
+        hit = (t > 0.0) & (t < max_range) & (u >= 0.0) & (u <= 1.0)
+    return np.where(hit, t, np.inf).min(axis=1)
+
+
+def visible_points(segments, pose, angles, max_range, rng=None):
+    """Return the hits of beams in the frame of the pose, shape (n, 2), float32 [m].
+
+    If `rng` is given, ranges have noise of 1 cm. For the other arguments see `cast`.
+    """
+    ranges = cast(segments, pose, angles, max_range)
+    if rng is not None:
+        ranges += 0.01 * rng.standard_normal(len(ranges))
+    hit = np.isfinite(ranges)
+    directions = np.stack([np.cos(angles[hit]), np.sin(angles[hit])], axis=1)
+    return (ranges[hit, None] * directions).astype(np.float32)
 
 
 def rectangle(x0, y0, x1, y1):

@@ -1,7 +1,7 @@
 import numpy as np
 
 from envs.slam.posegraph import PoseGraph
-from envs.slam.posegraph.distances import path_lengths
+from envs.slam.posegraph.distances import least_distances, path_lengths
 
 
 def test_loops_shorten_the_path_through_the_graph():
@@ -21,3 +21,9 @@ def test_loops_shorten_the_path_through_the_graph():
 
     graph.arrays.constraints.is_active[1:] = False
     np.testing.assert_array_equal(path_lengths(graph.arrays.constraints, home, travelled, 6), np.abs(travelled - 20.0))
+
+
+def test_the_nearest_node_of_a_submap_counts():
+    nodes = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [6.0, 8.0, 0.0], [1.0, 0.0, 0.0]])
+    spans = np.array([[0, 2], [1, 3], [3, 3]])
+    assert least_distances(nodes, spans, 3).tolist() == [1.0, np.hypot(2.0, 4.0), np.inf]
