@@ -13,7 +13,7 @@ from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.scans import ScanGeometry, check_scan, project_hits
 
 from .local_slam import LocalSlam, Matcher
-from .loop_closure import Confirmation, Loop
+from .loop_closure import Confirmation
 from .loop_search import LoopSearch
 from .nodes import NodeStore
 from .params import GraphSlamParams
@@ -50,7 +50,9 @@ class GraphTracker:
         return self._correction.compose(self.local.pose)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> Pose2D:
-        """Process one scan, and do at most one iteration of an optimisation; return the pose in the map frame.
+        """Process one scan; return the pose in the map frame.
+
+        The work of a scan is bounded: at most one search for a loop closure and one iteration of an optimisation.
 
         Args:
             ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
@@ -65,13 +67,16 @@ class GraphTracker:
         if node is not None:
             self._add_node(node)
             if node % self.params.loop_every == 0:
-                self._close_loops(node)
+                self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
+        self._close_loop()
         if self._iterations:
             self._optimise_once()
         return self.pose
 
     def finish(self) -> None:
-        """Optimise to the end, with all loop closures."""
+        """Do the searches that wait, and optimise to the end, with all loop closures."""
+        while self.search.num_waiting:
+            self._close_loop()
         self._iterations = self._iterations or self.params.max_iterations
         while self._iterations:
             self._optimise_once()
@@ -91,12 +96,10 @@ class GraphTracker:
                 self.graph.add_submap(pose.compose(relative.inverse()))
             self.graph.add_constraint(node, submap, relative, self.local.covariance(submap))
 
-    def _close_loops(self, node: int) -> None:
-        """Search loop closures of a node, and start an optimisation when it is due."""
-        num_finished = self.nodes.num_submaps - len(self.local.active)
-        added: list[Loop] = []
-        for loop in self.search.search(node, num_finished):
-            added += self._confirmation.add(loop)
+    def _close_loop(self) -> None:
+        """Do one search for a loop closure, and start an optimisation when it is due."""
+        loop = self.search.search_next()
+        added = [] if loop is None else self._confirmation.add(loop)
         for loop in added:
             self.graph.add_constraint(loop.node, loop.submap, loop.relative, loop.covariance, is_loop=True)
         self._loop_nodes += len(added) > 0

@@ -1,4 +1,6 @@
-"""Searching loop closures of a node with finished submaps."""
+"""Searching loop closures of nodes with finished submaps."""
+
+from collections import deque
 
 import numpy as np
 
@@ -25,29 +27,31 @@ NEWEST = 2
 
 
 class LoopSearch:
-    """Searches loop closures, one node at a time."""
+    """Searches loop closures, one submap per call, so that the work of a scan is bounded."""
 
     def __init__(self, params: GraphSlamParams, matcher: Matcher, nodes: NodeStore, graph: PoseGraph) -> None:
         """Search in the submaps of `nodes`, at poses of `graph`."""
         self._params, self._matcher, self._nodes, self._graph = params, matcher, nodes, graph
         self._searched: dict[int, int] = {}
+        self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
         self._kept: dict[int, tuple[Field, Field, Pyramid]] = {}
         self.num_searches = 0
         """Number of branch-and-bound searches so far."""
 
-    def search(self, node: int, num_finished: int) -> list[Loop]:
-        """Return the loop closures of a node with the first `num_finished` submaps that pass the tests."""
-        points = self._nodes.recent_points(node, self._params.loop_scans, POINT_CELL, POINT_RANGE)
-        points = np.ascontiguousarray(points[:: len(points) // MAX_POINTS + 1])
-        if len(points) == 0:
-            return []
-        found = []
+    def add_candidates(self, node: int, num_finished: int) -> None:
+        """Queue searches of a node in those of the first `num_finished` submaps that are near."""
         for submap, window in self._candidates(node, num_finished - NEWEST):
             self._searched[submap] = node
-            loop = self._match(node, submap, points, window)
-            if loop is not None:
-                found.append(loop)
-        return found
+            self._queue.append((node, submap, window))
+
+    def search_next(self) -> Loop | None:
+        """Do the search that has waited longest, if there is one; return the loop closure if it passes the tests."""
+        return self._match(*self._queue.popleft()) if self._queue else None
+
+    @property
+    def num_waiting(self) -> int:
+        """Number of searches that wait."""
+        return len(self._queue)
 
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
         """Return the nearest of the first `count` submaps that may be searched, with their windows."""
@@ -65,8 +69,12 @@ class LoopSearch:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
-    def _match(self, node: int, submap: int, points: np.ndarray, window: tuple[float, float]) -> Loop | None:
+    def _match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
         params, loops = self._params, self._params.loops
+        points = self._nodes.recent_points(node, params.loop_scans, POINT_CELL, POINT_RANGE)
+        points = np.ascontiguousarray(points[:: len(points) // MAX_POINTS + 1])
+        if len(points) == 0:
+            return None
         self.num_searches += 1
         coarse, fine, pyramid = self._rendered(submap)
         frame, before = (Pose2D(*rows.tolist()) for rows in (self._graph.arrays.submaps[submap], self._node_pose(node)))

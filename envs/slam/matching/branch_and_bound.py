@@ -112,11 +112,11 @@ def angle_step(points, resolution):
 
 
 @njit(cache=True, error_model="numpy")
-def _join_rows(low, high, half, out):
-    """Write the maxima of four cells, `half` apart, of two rows to a row of the next level."""
+def _write_greatest(a, b, c, d, out):
+    """Write the greatest of four arrays; all of shape (n,), uint8."""
     for j in range(out.shape[0]):
-        left = low[j] if low[j] > high[j] else high[j]
-        right = low[j + half] if low[j + half] > high[j + half] else high[j + half]
+        left = a[j] if a[j] > b[j] else b[j]
+        right = c[j] if c[j] > d[j] else d[j]
         out[j] = left if left > right else right
 
 
@@ -139,16 +139,22 @@ def build_pyramid(field, geometry, num_levels, reach, threshold):
     height, width = field.shape[0] + 2 * rows, field.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)
     for i in range(field.shape[0]):
-        source, target = field[i], levels[0, i + rows]
+        source, target = field[i], levels[0, i + rows, cols : cols + field.shape[1]]
         for j in range(field.shape[1]):
-            target[j + cols] = source[j] if source[j] > threshold else np.uint8(0)
+            target[j] = source[j] if source[j] > threshold else np.uint8(0)
     for level in range(1, num_levels):
         half = 1 << (level - 1)
         finer, coarser = levels[level - 1].ravel(), levels[level].ravel()
         for i in range(rows + 1 - 2 * half, rows + field.shape[0]):
             first, last = i * width + cols + 1 - 2 * half, i * width + cols + field.shape[1]
-            low, high = finer[first : last + half], finer[first + half * width : last + half * width + half]
-            _join_rows(low, high, half, coarser[first:last])
+            next_first, next_last = first + half * width, last + half * width
+            _write_greatest(
+                finer[first:last],
+                finer[first + half : last + half],
+                finer[next_first:next_last],
+                finer[next_first + half : next_last + half],
+                coarser[first:last],
+            )
     x, y = geometry.x - cols * geometry.resolution, geometry.y - rows * geometry.resolution
     return Pyramid(levels, x, y, geometry.resolution, cells)
 
