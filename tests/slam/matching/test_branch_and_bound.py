@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, build_pyramid, search
+from envs.slam.matching.branch_and_bound import (
+    SearchLimits,
+    SearchWindow,
+    _best_first,
+    angle_step,
+    build_pyramid,
+    search,
+)
 from envs.slam.matching.submap_field import FieldGeometry, SensorModel, render_field
 
 from .rooms import ROOM, take_scans, visible_points
@@ -123,6 +130,14 @@ def test_windows_larger_than_the_pyramid_was_built_for_are_refused(room):
     points = np.ones((3, 2), dtype=np.float32)
     with pytest.raises(ValueError, match="larger than"):
         search(pyramid, points, (0.0, 0.0, 0.0), SearchWindow(2.0, 0.1, 0.02), SearchLimits(0.5, NO_LIMIT))
+
+
+def test_nodes_are_sorted_by_their_totals():
+    rng = np.random.default_rng(0)
+    for n in (0, 1, 2, 3, 50, 101):
+        nodes = rng.integers(0, 20, (n, 4))
+        nodes[:, 1] = np.arange(n)
+        np.testing.assert_array_equal(_best_first(nodes), nodes[np.argsort(-nodes[:, 0], kind="stable")])
 
 
 def test_steps_between_headings_follow_the_range_of_points():
