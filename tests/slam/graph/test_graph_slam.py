@@ -119,6 +119,16 @@ def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
     assert along[2, 2] < 0.02 * free[2, 2]
 
 
+def test_scans_without_hits_follow_odometry():
+    tracker = GraphTracker(LIDAR, PARAMS, trust_odometry)
+    nothing = np.full(120, np.inf, dtype=np.float32)
+    for _ in range(90):
+        tracker.update(nothing, Pose2D(0.25, 0.0, 0.0))
+    assert tracker.pose.x == pytest.approx(22.5)
+    assert tracker.graph.num_nodes == 90
+    assert not tracker.graph.arrays.constraints.is_loop.any()
+
+
 @pytest.mark.parametrize("change", [{"resolution": 0.0}, {"submap_spacing": 0}, {"phi": math.nan}])
 def test_params_that_make_no_sense_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
