@@ -18,7 +18,8 @@ from benchmarks.recorded_drives import make_setup, record
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.slam.graph.loop_closure import LoopClosureParams, hit_shares
-from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, build_pyramid, search
+from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.pyramid import build_pyramid
 from envs.slam.matching.score_surface import SurfaceParams, match_covariance
 from envs.slam.matching.submap_field import UNKNOWN_PERCENT, Scans, SensorModel, render_field
 from envs.slam.scans import ScanGeometry, project_hits

@@ -14,7 +14,7 @@ from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
-from envs.slam.matching.branch_and_bound import FULL
+from envs.slam.matching.pyramid import FULL
 from envs.slam.matching.submap_field import UNKNOWN_PERCENT
 
 

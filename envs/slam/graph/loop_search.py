@@ -5,7 +5,8 @@ from collections import deque
 import numpy as np
 
 from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import Pyramid, SearchLimits, SearchWindow, angle_step, build_pyramid, search
+from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.pyramid import Pyramid, build_pyramid
 from envs.slam.matching.score_surface import match_covariance
 from envs.slam.matching.submap_field import UNKNOWN_PERCENT
 from envs.slam.posegraph import PoseGraph
@@ -77,7 +78,8 @@ class LoopSearch:
             return None
         self.num_searches += 1
         coarse, fine, pyramid = self._rendered(submap)
-        frame, before = (Pose2D(*rows.tolist()) for rows in (self._graph.arrays.submaps[submap], self._node_pose(node)))
+        arrays = self._graph.arrays
+        frame, before = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[node].tolist())
         limits = SearchLimits(SEARCH_SHARE * loops.min_score, params.max_evaluations)
         steps = SearchWindow(*window, angle_step(points, params.resolution))
         result = search(pyramid, points, frame.between(before), steps, limits)
@@ -103,6 +105,3 @@ class LoopSearch:
         if len(self._kept) > params.max_rendered:
             del self._kept[next(iter(self._kept))]
         return kept
-
-    def _node_pose(self, node: int) -> np.ndarray:
-        return self._graph.arrays.nodes[node]

@@ -13,7 +13,7 @@ from numba import njit
 
 from envs.geometry.lookup import load
 
-from .branch_and_bound import FULL
+from .pyramid import FULL
 
 
 class SurfaceParams(NamedTuple):

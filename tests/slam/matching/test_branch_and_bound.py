@@ -9,9 +9,9 @@ from envs.slam.matching.branch_and_bound import (
     SearchWindow,
     _best_first,
     angle_step,
-    build_pyramid,
     search,
 )
+from envs.slam.matching.pyramid import build_pyramid
 from envs.slam.matching.submap_field import FieldGeometry, SensorModel, render_field
 
 from .rooms import ROOM, take_scans, visible_points

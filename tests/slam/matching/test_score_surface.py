@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.slam.matching.branch_and_bound import build_pyramid
+from envs.slam.matching.pyramid import build_pyramid
 from envs.slam.matching.score_surface import SurfaceParams, match_covariance, second_moments, surface_scores
 from envs.slam.matching.submap_field import SensorModel, render_field
 
