@@ -1,0 +1,1 @@
+"""Graph SLAM: submaps, a pose graph over them, and loop closures."""

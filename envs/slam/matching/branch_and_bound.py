@@ -1,0 +1,276 @@
+"""Branch-and-bound search for the pose at which points fit a submap best.
+
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V: the score at a pose is the mean of the field's
+cells in which the points fall. A node of the search stands for one heading and a square of 2^l x 2^l offsets, and the
+score of level l of a pyramid of maxima is an upper bound for all of them. The result is the best of all poses of the
+grid, as if each had been scored.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry.lookup import load
+from envs.geometry.pose import wrap_angle
+
+from .pyramid import FULL
+
+
+class SearchWindow(NamedTuple):
+    """Poses that are searched, around a predicted one."""
+
+    half_width: float
+    """Largest offset along x and along y [m]."""
+    half_angle: float
+    """Largest change of heading [rad]."""
+    angle_step: float
+    """Distance between headings [rad]; see `angle_step`."""
+
+
+class SearchLimits(NamedTuple):
+    """What ends a search."""
+
+    min_score: float
+    """Least mean of the cells in which points fall, from 0 to 1; a pose below is not found."""
+    max_evaluations: int
+    """Most nodes that are scored; each costs as much as there are points."""
+
+
+class SearchResult(NamedTuple):
+    """Result of a search."""
+
+    found: bool
+    """Whether a pose of at least the least score was found."""
+    x: float
+    """Best pose, with `y` and `theta`, submap frame [m, m, rad]; the predicted one if none was found."""
+    y: float
+    theta: float
+    score: float
+    """Mean of the cells in which points fall, from 0 to 1; 0 if none was found."""
+    evaluations: int
+    """Number of nodes that were scored."""
+    is_complete: bool
+    """False if the limit of evaluations ended the search: the best pose may have been missed."""
+
+
+class _Grid(NamedTuple):
+    """Points in cells at all headings of a window."""
+
+    cells: np.ndarray
+    """Shape (num_headings, n), int32: index of the cell of each point, for those that may hit the field."""
+    counts: np.ndarray
+    """Shape (num_headings,), int64: number of those."""
+    reach: int
+    """Largest offset [cells]."""
+    num_turns: int
+    """Largest change of heading [steps]."""
+
+
+class _Best(NamedTuple):
+    """The best leaf so far."""
+
+    total: int
+    rank: int
+    """Among equal totals the least rank wins."""
+    turn: int
+    row: int
+    col: int
+
+
+def angle_step(points: np.ndarray, resolution: float) -> float:
+    """Return the step between headings that moves three quarters of the points by at most 1.5 cells [rad].
+
+    `points` has shape (n, 2), float32, base frame [m]; `resolution` is the side of a cell [m].
+    """
+    if len(points) == 0:
+        return 0.03
+    far = np.partition((points.astype(np.float64) ** 2).sum(axis=1), (3 * len(points)) // 4)[(3 * len(points)) // 4]
+    return min(max(1.5 * resolution / max(math.sqrt(far), 1e-6), 0.006), 0.03)
+
+
+@njit(cache=True, error_model="numpy")
+def _discretise(pyramid, points, pose, window):
+    """Return the `_Grid` of points around a pose."""
+    reach = round(window.half_width / pyramid.resolution)
+    num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
+    if reach > pyramid.reach:
+        raise ValueError("the window is larger than the pyramid was built for")
+    height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
+    n = points.shape[0]
+    cells, counts = np.empty((2 * num_turns + 1, n), dtype=np.int32), np.zeros(2 * num_turns + 1, dtype=np.int64)
+    x, y = (pose[0] - pyramid.x) / pyramid.resolution, (pose[1] - pyramid.y) / pyramid.resolution
+    for turn in range(2 * num_turns + 1):
+        theta = pose[2] + (turn - num_turns) * window.angle_step
+        c, s = math.cos(theta) / pyramid.resolution, math.sin(theta) / pyramid.resolution
+        count = 0
+        for k in range(n):
+            u, v = float(points[k, 0]), float(points[k, 1])
+            col, row = math.floor(x + c * u - s * v), math.floor(y + s * u + c * v)
+            if 0 <= col < width and reach <= row < height - reach:
+                cells[turn, count] = row * width + col
+                count += 1
+        counts[turn] = count
+    return _Grid(cells, counts, reach, num_turns)
+
+
+@njit(cache=True, error_model="numpy")
+def _total(level, grid, turn, offset):
+    """Return the sum of the cells of a level, shape (n,), uint8, in which points fall, moved by an offset [cells]."""
+    total = 0
+    cells = grid.cells[turn]
+    for k in range(grid.counts[turn]):
+        total += load(level, np.uint64(cells[k] + offset))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _rank(grid, turn, row, col):
+    """Return the rank among equal scores: least for the pose nearest to the predicted one; no two are the same."""
+    side, turned = 2 * grid.reach + 1, turn - grid.num_turns
+    order = 2 * abs(turned) - (1 if turned < 0 else 0)
+    nearness = (row * row + col * col) * (2 * grid.num_turns + 1) + order
+    return (nearness * side + row + grid.reach) * side + col + grid.reach
+
+
+@njit(cache=True, error_model="numpy")
+def _sift_down(keys, at, count):
+    """Restore the order of a heap, the least key first, below an element."""
+    key = keys[at]
+    while 2 * at + 1 < count:
+        child = 2 * at + 1
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[at] = keys[child]
+        at = child
+    keys[at] = key
+
+
+@njit(cache=True, error_model="numpy")
+def _best_first(nodes):
+    """Return nodes in the order of their totals, the greatest first and equal ones as they are: heap sort.
+
+    Numba's own sorting takes a second to compile.
+    """
+    n = nodes.shape[0]
+    keys, ordered = nodes[:, 0] * n - np.arange(n), np.empty_like(nodes)
+    for at in range(n // 2 - 1, -1, -1):
+        _sift_down(keys, at, n)
+    for count in range(n - 1, -1, -1):
+        least = keys[0]
+        keys[0] = keys[count]
+        _sift_down(keys, 0, count)
+        ordered[count] = nodes[-least % n]
+    return ordered
+
+
+@njit(cache=True, error_model="numpy")
+def _score_top(levels, width, grid, least, limit):
+    """Score the nodes of the top level, at most `limit`.
+
+    Returns:
+        Nodes that may hold totals of at least `least`, best first: shape (n, 4), int64, total, turn, row and column of
+        the offset; the number of nodes scored; and whether those were all.
+    """
+    top = levels.shape[0] - 1
+    side = 1 << top
+    per_axis = 2 * grid.reach // side + 1
+    nodes = np.empty((grid.counts.shape[0] * per_axis * per_axis, 4), dtype=np.int64)
+    count, evaluations = 0, 0
+    for turn in range(grid.counts.shape[0]):
+        for i in range(per_axis):
+            for j in range(per_axis):
+                if evaluations == limit:
+                    return nodes[:0], evaluations, False
+                row, col = i * side - grid.reach, j * side - grid.reach
+                total = _total(levels[top], grid, turn, row * width + col)
+                evaluations += 1
+                if total >= least:
+                    nodes[count, 0], nodes[count, 1], nodes[count, 2], nodes[count, 3] = total, turn, row, col
+                    count += 1
+    return _best_first(nodes[:count]), evaluations, True
+
+
+@njit(cache=True, error_model="numpy")
+def _descend(levels, width, grid, node, best, budget):
+    """Search below a node of the top level, depth first.
+
+    Returns:
+        The best leaf, the number of nodes scored, and whether that was within `budget`.
+    """
+    top = levels.shape[0] - 1
+    stack = np.empty((3 * top + 4, 5), dtype=np.int64)
+    stack[0, :4], stack[0, 4] = node, top
+    count, evaluations = 1, 0
+    while count > 0:
+        count -= 1
+        total, turn, row, col, level = stack[count]
+        if total < best.total:
+            continue
+        if level == 0:
+            rank = _rank(grid, turn, row, col)
+            if total > best.total or rank < best.rank:
+                best = _Best(total, rank, turn, row, col)
+            continue
+        if evaluations + 4 > budget:
+            return best, evaluations, False
+        first, half = count, 1 << (level - 1)
+        for child in range(4):
+            r, c = row + half * (child // 2), col + half * (child % 2)
+            if r > grid.reach or c > grid.reach:
+                continue
+            bound = _total(levels[level - 1], grid, turn, r * width + c)
+            evaluations += 1
+            if bound < best.total:
+                continue
+            # The best child ends on top of the stack, and among equal ones the first.
+            at = count
+            while at > first and stack[at - 1, 0] >= bound:
+                stack[at] = stack[at - 1]
+                at -= 1
+            stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3], stack[at, 4] = bound, turn, r, c, level - 1
+            count += 1
+    return best, evaluations, True
+
+
+@njit(cache=True, error_model="numpy")
+def search(pyramid, points, pose, window, limits):
+    """Search the pose in a window at which points fit a submap best.
+
+    The grid of poses has steps of one cell and of `window.angle_step`, with the predicted pose in the middle. Among
+    equal scores the pose nearest to it wins.
+
+    Args:
+        pyramid: `Pyramid` of the submap's field.
+        points: shape (n, 2), float32, hits in the base frame [m].
+        pose: predicted x, y, heading in the submap's frame [m, m, rad].
+        window: `SearchWindow`.
+        limits: `SearchLimits`.
+
+    Returns:
+        A `SearchResult`.
+
+    Raises:
+        ValueError: the window is larger than the pyramid was built for.
+    """
+    grid = _discretise(pyramid, points, pose, window)
+    width = pyramid.levels.shape[2]
+    levels = pyramid.levels.reshape(pyramid.levels.shape[0], -1)
+    least = max(math.ceil(limits.min_score * FULL * points.shape[0] - 1e-9), 1)
+    nodes, evaluations, is_complete = _score_top(levels, width, grid, least, limits.max_evaluations)
+    best = _Best(least, np.iinfo(np.int64).max, 0, 0, 0)
+    for k in range(nodes.shape[0]):
+        if nodes[k, 0] < best.total:
+            break
+        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, limits.max_evaluations - evaluations)
+        evaluations += scored
+        if not is_complete:
+            break
+    if best.rank == np.iinfo(np.int64).max:
+        return SearchResult(False, pose[0], pose[1], pose[2], 0.0, evaluations, is_complete)
+    x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
+    theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
+    return SearchResult(True, x, y, theta, best.total / (FULL * points.shape[0]), evaluations, is_complete)

@@ -1,0 +1,94 @@
+import math
+
+import numpy as np
+import pytest
+
+from envs.slam.matching.pyramid import build_pyramid
+from envs.slam.matching.score_surface import SurfaceParams, match_covariance, second_moments, surface_scores
+from envs.slam.matching.submap_field import SensorModel, render_field
+
+from .rooms import ROOM, rectangle, take_scans, visible_points
+
+PARAMS = SurfaceParams()
+ANGLES = np.linspace(-np.pi, np.pi, 240, endpoint=False)
+
+
+def pyramid_of(segments, poses, max_range=10.0):
+    field, geometry = render_field(take_scans(segments, poses, 240, max_range), 0.05, SensorModel())
+    return build_pyramid(field, geometry, 3, 1.0, 50)
+
+
+def test_moments_of_a_quadratic_surface_are_its_covariance():
+    covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.04, 0.0], [0.0, 0.0, 0.0004]])
+    params = PARAMS._replace(num_turns=6, turn_step=0.01)
+    offsets = np.meshgrid(np.arange(-6, 7) * 0.01, np.arange(-25, 26) * 0.05, np.arange(-25, 26) * 0.05, indexing="ij")
+    d = np.stack(offsets[::-1], axis=-1)
+    scores = 0.8 - 0.5 * params.temperature * np.einsum("...i,ij,...j", d, np.linalg.inv(covariance), d)
+    found = second_moments(scores, params, 0.05)
+    np.testing.assert_allclose(found, covariance, rtol=0.02, atol=1e-6)
+
+
+def test_scores_equal_the_slow_reference():
+    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0)])
+    pose = (5.5, 2.0, 0.7)  # half of the points leave the field
+    points = visible_points(ROOM, (2.0, 1.5, 0.2), ANGLES, 10.0)
+    params = SurfaceParams(half_width=0.6, num_turns=1, point_step=7)
+    scores = surface_scores(pyramid, points, pose, params)
+    assert scores.shape == (3, 13, 13)
+    field = pyramid.levels[0].astype(int)
+    for turn in (-1, 0, 1):
+        c, s = math.cos(pose[2] + turn * 0.02), math.sin(pose[2] + turn * 0.02)
+        u, v = points[::7].astype(float).T
+        for i in (-6, 0, 5):
+            for j in (-6, -1, 6):
+                x, y = pose[0] + 0.1 * j + c * u - s * v, pose[1] + 0.1 * i + s * u + c * v
+                q = np.floor((x - pyramid.x) / 0.05 - 0.5 + 1e-9).astype(int)
+                r = np.floor((y - pyramid.y) / 0.05 - 0.5 + 1e-9).astype(int)
+                around = [
+                    [
+                        field[b, a] if 0 <= b < field.shape[0] and 0 <= a < field.shape[1] else 0
+                        for b, a in zip(r + k, q + m)
+                    ]
+                    for k in (0, 1)
+                    for m in (0, 1)
+                ]
+                expected = np.max(around, axis=0).sum() / (100 * len(u))
+                assert scores[turn + 1, i + 6, j + 6] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_room_gives_a_small_ellipse():
+    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0), (4.0, 2.5, 2.0)])
+    pose = (2.5, 2.0, 0.4)
+    covariance = match_covariance(pyramid, visible_points(ROOM, pose, ANGLES, 10.0), pose, PARAMS)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    sigmas = np.sqrt(np.diag(covariance))
+    assert (sigmas >= [0.03, 0.03, 0.008]).all()
+    assert (sigmas < [0.06, 0.06, 0.02]).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, math.pi / 6])
+def test_a_corridor_gives_an_ellipse_along_it(angle):
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    corridor = (rectangle(-20.0, -1.0, 20.0, 1.0).reshape(-1, 2) @ turn.T).reshape(-1, 4)
+    poses = [(*(turn @ (0.5 * k, 0.0)), angle) for k in range(-6, 7)]
+    pyramid = pyramid_of(corridor, poses, max_range=3.5)
+    pose = (0.0, 0.0, angle)
+    points = visible_points(corridor, pose, ANGLES, 3.5)
+    covariance = match_covariance(pyramid, points, pose, PARAMS)
+    values, vectors = np.linalg.eigh(covariance[:2, :2])
+    assert math.sqrt(values[0]) < 0.06
+    assert math.sqrt(values[1]) > 0.4
+    assert abs(vectors[:, 1] @ turn[:, 0]) > math.cos(0.05)
+
+
+def test_without_points_nothing_is_known():
+    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2)])
+    covariance = match_covariance(pyramid, np.zeros((0, 2), np.float32), (2.0, 1.5, 0.2), PARAMS)
+    uniform = np.mean((np.arange(-10, 11) * 0.1) ** 2)
+    assert covariance[0, 0] == pytest.approx(uniform - 0.06**2 + 0.03**2)
+
+
+def test_surfaces_wider_than_the_pyramid_was_built_for_are_refused():
+    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2)])
+    with pytest.raises(ValueError, match="wider than"):
+        surface_scores(pyramid, np.ones((3, 2), np.float32), (0.0, 0.0, 0.0), PARAMS._replace(half_width=1.5))
