@@ -191,3 +191,12 @@ def test_intel_tinyslam():
     assert run.error.translation < 0.15
     assert run.error.rotation < 3.0
     assert run.milliseconds < 5.0  # about 0.3 where nothing else runs
+
+
+@needs_data
+def test_intel_hector():
+    run = main(Options(DATA / "scans_2725.npz", slam="hector", relations=DATA / "intel.relations"))[0]
+    assert run.error.translation < 0.045
+    assert run.error_unambiguous.translation < 0.03
+    assert run.error.rotation < 1.5
+    assert run.milliseconds < 1.0  # about 0.06 where nothing else runs
