@@ -7,13 +7,14 @@ those of the estimated pose, in the frame of the start, over all scans of a driv
 
 import json
 import math
+import time
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import tyro
 
-from benchmarks.recorded_drives import RESOLUTION, Setup, make_setup, record
+from benchmarks.recorded_drives import RESOLUTION, Drive, Setup, make_setup, record
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
@@ -44,23 +45,30 @@ class DriveErrors(NamedTuple):
     """Intersection over union of the map's occupied cells with the walls, within 0.1 m."""
     map_iou_aligned: float
     """The same after that alignment."""
+    milliseconds: float
+    """Mean time per scan [ms]."""
+    milliseconds_p99: float
+    """99th percentile of the time per scan [ms]."""
 
 
-def drive(setup: Setup, slam: Estimator, seed: int, duration: float) -> DriveErrors:
-    """Drive a robot to random goals from the world's first spawn, and compare estimated with true poses.
+def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
+    """Drive a robot from the world's first spawn to random goals, so long [s]; the seed is that of noise and goals."""
+    rng_simulator, _, rng_driver = np.random.default_rng(seed).spawn(3)
+    return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 
-    The SLAM is reset; the seed is that of all noise, the duration in [s].
-    """
-    rng_simulator, rng_slam, rng_driver = np.random.default_rng(seed).spawn(3)
-    start = setup.world.spawns[0]
-    recorded = record(setup, start, rng_simulator, rng_driver, duration)
-    slam.reset(rng_slam)
+
+def evaluate(setup: Setup, recorded: Drive, slam: Estimator, seed: int) -> DriveErrors:
+    """Run a SLAM along the drive that `record_drive` recorded with a seed, and compare its poses with the true ones."""
+    slam.reset(np.random.default_rng(seed).spawn(2)[1])
+    start, truth = setup.world.spawns[0], recorded.truth[1:]
     odometry, estimates, dead_reckoning = Pose2D(0.0, 0.0, 0.0), [], []
-    for ranges, motion in zip(recorded.ranges, recorded.motions.tolist()):
+    seconds = np.empty(len(recorded.ranges))
+    for k, (ranges, motion) in enumerate(zip(recorded.ranges, recorded.motions.tolist())):
         odometry = odometry.compose(Pose2D(*motion))
         dead_reckoning.append(odometry)
+        began = time.perf_counter()
         estimates.append(slam.update(ranges, Pose2D(*motion)).pose)
-    truth = recorded.truth[1:]
+        seconds[k] = time.perf_counter() - began
     slam_position, slam_heading = _errors(estimates, start, truth)
     odometry_position, odometry_heading = _errors(dead_reckoning, start, truth)
     estimated = np.array(estimates[1:])[:, :2]
@@ -75,6 +83,8 @@ def drive(setup: Setup, slam: Estimator, seed: int, duration: float) -> DriveErr
         slam_position_aligned=rms(np.hypot(*(frame.transform(estimated) - truth[:, :2]).T)),
         map_iou=map_iou(slam.belief.grid, setup.area, start),
         map_iou_aligned=map_iou(slam.belief.grid, setup.area, frame),
+        milliseconds=1e3 * float(seconds.mean()),
+        milliseconds_p99=1e3 * float(np.percentile(seconds, 99)),
     )
 
 
@@ -123,7 +133,7 @@ def main(
     print("seed   path  |     position RMSE [m]      | heading RMSE [deg] |    map IoU")
     print("        [m]  |   slam (aligned) odometry  |   slam  odometry   |      (aligned)")
     for seed in range(seeds):
-        results.append(drive(setup, estimator, seed, 60.0 * minutes))
+        results.append(evaluate(setup, record_drive(setup, seed, 60.0 * minutes), estimator, seed))
         print(_row(str(seed), results[-1:]))
     print(_row("med", results))
     if json_path is not None:

@@ -20,6 +20,7 @@ CASES = {
         "lidarnaut/Explore-v0",
         {"world": "tugbot_warehouse", "robot": "tugbot", "slam": "odometry", "time_limit": 3.0},
     ),
+    "key scans": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 8.0}),
     "bullet": ("lidarnaut/Explore-v0", {**QUICK, "physics": "bullet"}),
     "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 15.0}),
     "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2}),
@@ -43,7 +44,7 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
     ours = gymnasium.make_vec(id, 3, num_workers=2, autoreset_mode=mode, **arguments)
     theirs = SyncVectorEnv([lambda: gymnasium.make(id, **arguments).unwrapped] * 3, autoreset_mode=mode)
     ended = 0
-    for (_, terminated, truncated), _ in step_both(ours, theirs, actions_of(ours, 32)):
+    for (_, terminated, truncated), _ in step_both(ours, theirs, actions_of(ours, 56)):
         ended += np.count_nonzero(terminated | truncated)
     assert ended >= 3
     ours.close()

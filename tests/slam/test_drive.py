@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recorded_drives import make_setup
-from benchmarks.slam_drive import alignment, drive
+from benchmarks.slam_drive import alignment, evaluate, record_drive
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.slam import make_slam
@@ -13,8 +13,8 @@ from envs.worlds import load_world
 def test_a_minute_in_turtlebot3_world(physics):
     robot = load_robot("turtlebot3_burger")
     slam = make_slam("tinyslam", robot.lidar)
-    world = load_world("turtlebot3_world")
-    result = drive(make_setup(world, robot, physics), slam, 11, duration=90.0)
+    setup = make_setup(load_world("turtlebot3_world"), robot, physics)
+    result = evaluate(setup, record_drive(setup, 11, 90.0), slam, 11)
     assert result.path_length > 10.0
     assert result.slam_position < 0.05
     assert result.slam_heading < 1.5

@@ -1,0 +1,128 @@
+"""All SLAMs on the log of a real robot and on simulated drives: `python -m benchmarks.slam --json FILE`.
+
+The log is the Intel Research Lab's, by its relation error (Kuemmerle et al., On measuring the accuracy of SLAM
+algorithms, 2009); without `--log` it is left out. Drives are those of `benchmarks.slam_drive`, in library worlds, the
+same for every SLAM; errors are root mean squares against ground truth.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from benchmarks.recorded_drives import RESOLUTION, make_setup
+from benchmarks.slam_drive import evaluate, record_drive
+from envs.logs import load_log, load_relations
+from envs.logs.runs import measure, replay
+from envs.robots import load_robot
+from envs.slam import SLAM_NAMES, SLAMS, make_slam
+from envs.worlds import load_world
+
+DRIVES = (
+    "explorebench_loop:turtlebot3_burger",
+    "rmf_office_L1:turtlebot3_burger",
+    "rmf_hotel_L1:turtlebot3_burger",
+    "turtlebot3_house:turtlebot3_burger",
+    "rmf_hotel_L1:tugbot",
+    "tugbot_warehouse:tugbot",
+)
+"""Worlds and robots: lidars of 3.5 m, and of 10 m."""
+COLUMNS = {
+    "slam": "SLAM",
+    "data": "data",
+    "translation_m": "translation [m]",
+    "rotation_deg": "rotation [deg]",
+    "unambiguous_m": "unambiguous [m]",
+    "online_m": "online [m]",
+    "map_iou": "map IoU",
+    "ms_per_scan": "ms per scan",
+    "p99_ms": "99 % [ms]",
+}
+"""Keys of the rows, and what they are called in the table."""
+Row = dict[str, Any]
+
+
+def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int) -> Iterator[Row]:
+    """Yield the medians over seeds of each SLAM on a log with its preset `intel`."""
+    log, relations = load_log(log_path), {"error": load_relations(relations_path)}
+    mask = relations_path.parent / "unambiguous_relations.npy"
+    if mask.exists():
+        relations["error_unambiguous"] = relations["error"][np.load(mask)]
+    for name in tqdm(slams, log_path.stem, leave=False):
+        params = SLAMS[name].load("intel")
+        slam = make_slam(name, log.lidar, params.resolution, params)
+        runs = [measure(log, slam, name, seed, replay(log, slam, seed), relations) for seed in range(seeds)]
+        final = np.median([(run.final_error.translation, run.final_error.rotation) for run in runs], axis=0)
+        row = {"slam": name, "data": log_path.stem, "translation_m": final[0], "rotation_deg": final[1]}
+        if mask.exists():
+            row["unambiguous_m"] = np.median([run.final_error_unambiguous.translation for run in runs])
+        row["online_m"] = np.median([run.error.translation for run in runs])
+        row["ms_per_scan"] = np.median([run.milliseconds for run in runs])
+        yield row | {"p99_ms": np.median([run.milliseconds_p99 for run in runs])}
+
+
+def drive_rows(name: str, slams: tuple[str, ...], seeds: int, minutes: float) -> Iterator[Row]:
+    """Yield the medians over drives of each SLAM in `WORLD:ROBOT`."""
+    world, _, robot = name.partition(":")
+    setup = make_setup(load_world(world), load_robot(robot), "kinematic")
+    drives = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
+    for slam_name in tqdm(slams, name, leave=False):
+        slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
+        errors = [evaluate(setup, each, slam, seed) for seed, each in enumerate(drives)]
+        median = {field: float(np.median([getattr(e, field) for e in errors])) for field in errors[0]._fields}
+        yield {
+            "slam": slam_name,
+            "data": name,
+            "translation_m": median["slam_position"],
+            "rotation_deg": median["slam_heading"],
+            "online_m": median["slam_position"],
+            "map_iou": median["map_iou"],
+            "ms_per_scan": median["milliseconds"],
+            "p99_ms": median["milliseconds_p99"],
+        }
+
+
+def main(
+    slams: tuple[str, ...] = tuple(name for name in SLAM_NAMES if name != "truth"),
+    drives: tuple[str, ...] = DRIVES,
+    log: Path | None = None,
+    relations: Path | None = None,
+    seeds: int = 5,
+    minutes: float = 10.0,
+    json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+) -> None:
+    """Measure, and print a table.
+
+    Args:
+        slams: names of SLAMs.
+        drives: `WORLD:ROBOT`, each from the library or paths of files.
+        log: log of a real robot.
+        relations: its hand-verified relations.
+        seeds: drives in each world, and runs on the log.
+        minutes: length of each drive [min].
+        json_path: also write the rows to this file.
+    """
+    if (log is None) != (relations is None):
+        raise SystemExit("error: --log and --relations go together")
+    rows: list[Row] = []
+    if log is not None and relations is not None:
+        rows += log_rows(log, relations, slams, seeds)
+    for name in drives:
+        rows += drive_rows(name, slams, seeds, minutes)
+    table = Table(*COLUMNS.values())
+    for row in rows:
+        values = [row.get(key, "") for key in COLUMNS]
+        table.add_row(*(value if isinstance(value, str) else f"{value:.3f}" for value in values))
+    Console(width=150).print(table)
+    if json_path is not None:
+        json_path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)
