@@ -237,7 +237,7 @@ def test_time_up_truncates_within_a_decision():
 
 def test_nothing_left_to_reach_terminates():
     # Some corners of this world stay unknown, however long an episode takes.
-    env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", target_coverage=1.0)
+    env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", slam="hector", target_coverage=1.0)
     out = rollout(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
     assert (terminated, truncated, info["end_reason"]) == (True, False, "no_reachable_frontier")

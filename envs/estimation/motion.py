@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D
@@ -61,9 +62,31 @@ def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
 
 
 @njit(cache=True, error_model="numpy")
-def gyro_motion(left_ticks, right_ticks, metres_per_tick, turn):
-    """Return the motion of the base by the wheels and a measured change of heading [rad]; see `wheel_motion`."""
-    return arc_motion(0.5 * (left_ticks + right_ticks) * metres_per_tick, turn)
+def update_bias(gyro, yaw_rate, variance):
+    """Estimate the bias of a gyroscope from a measurement at rest, by a Kalman filter; others are left out.
+
+    Args:
+        gyro: shape (2,), float64: bias [rad/s] and its variance, written.
+        yaw_rate: measured [rad/s].
+        variance: of the measurement's noise.
+    """
+    innovation, total = yaw_rate - gyro[0], gyro[1] + variance
+    if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
+        gain = gyro[1] / total
+        gyro[0] += gain * innovation
+        gyro[1] *= 1.0 - gain
+
+
+@njit(cache=True, error_model="numpy")
+def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro, variance):
+    """Return the motion of the base by the wheels and the measured yaw rate; see `wheel_motion`.
+
+    While the wheels rest, what the gyroscope measures is its bias (a zero-velocity update); see `update_bias` for
+    `gyro` and `variance`.
+    """
+    if left_ticks == 0 and right_ticks == 0:
+        update_bias(gyro, yaw_rate, variance)
+    return arc_motion(0.5 * (left_ticks + right_ticks) * metres_per_tick, (yaw_rate - gyro[0]) * period)
 
 
 class WheelMotion:
@@ -75,31 +98,48 @@ class WheelMotion:
 
     def reset(self, reading: Reading) -> None:
         """Start at a reading."""
+        self.resume(reading)
+
+    def resume(self, reading: Reading) -> None:
+        """Go on from a reading that something else has processed."""
         self._ticks = reading.ticks
 
     def update(self, reading: Reading) -> Pose2D:
         """Return the pose of the base now, seen from the base at the last reading."""
+        return Pose2D(*wheel_motion(*self._counts(reading), self._metres_per_tick, self._track))
+
+    def _counts(self, reading: Reading) -> tuple[int, int]:
+        """Return the counts of the left and the right wheel since the last reading."""
         (left_before, right_before), (left, right) = self._ticks, reading.ticks
         self._ticks = reading.ticks
-        return Pose2D(*wheel_motion(left - left_before, right - right_before, self._metres_per_tick, self._track))
+        return left - left_before, right - right_before
 
 
 class GyroMotion(WheelMotion):
     """Odometry that takes distances from the wheels and turns from the gyroscope, as the TurtleBot3's own does.
 
-    Wheels that slip falsify the heading most, where the gyroscope drifts slowly.
+    Wheels that slip falsify the heading most, where the gyroscope drifts slowly. Its bias is estimated while the robot
+    rests, as at the start.
     """
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         super().__init__(robot)
         self._period = control_period
+        self._bias_variance, self.variance = robot.imu.gyro_bias_std**2, robot.imu.gyro_std**2
+        self.gyro = np.zeros(2)
+        """Shape (2,), float64: estimated bias [rad/s] and its variance."""
+
+    def reset(self, reading: Reading) -> None:
+        """Start at a reading, at rest."""
+        super().reset(reading)
+        self.gyro[:] = 0.0, self._bias_variance
+        update_bias(self.gyro, reading.yaw_rate, self.variance)
 
     def update(self, reading: Reading) -> Pose2D:
         """Return the pose of the base now, seen from the base at the last reading."""
-        (left_before, right_before), (left, right) = self._ticks, reading.ticks
-        self._ticks = reading.ticks
-        turn = reading.yaw_rate * self._period
-        return Pose2D(*gyro_motion(left - left_before, right - right_before, self._metres_per_tick, turn))
+        counts = self._counts(reading)
+        motion = gyro_motion(*counts, self._metres_per_tick, reading.yaw_rate, self._period, self.gyro, self.variance)
+        return Pose2D(*motion)
 
 
 class TrueMotion:

@@ -149,7 +149,7 @@ class FusedDrive:
         v, w = rows.commands[0, 0].tolist()
         robots.actions[0] = v / robot.params.max_v, w / robot.params.max_w
         robots.sync(0)
-        navigator.note_motion(robot.reading, robot.twist)
+        navigator.note_velocity(robot.twist)
         num_estimated, num_true, num_contacts = passed.counts.tolist()
         for x, y in passed.estimated[:num_estimated].tolist():
             robot.trail.append(Pose2D(x, y, 0.0))

@@ -42,6 +42,7 @@ class Rows(NamedTuple):
     true_trail: np.ndarray
     path_length: np.ndarray
     odometry: np.ndarray
+    gyro: np.ndarray
     collisions: np.ndarray
     error: np.ndarray
     flags: np.ndarray
@@ -67,6 +68,7 @@ class Setup(NamedTuple):
     metres_per_tick: float
     track: float
     uses_gyro: bool
+    gyro_variance: float
     uses_truth: bool
     matches: bool
     """Whether the kernel matches every scan, as TinySLAM; else poses follow odometry up to the next key scan."""
@@ -96,7 +98,8 @@ def _move(i, rows, shapes, setup):
     left, right = int(others[LEFT_TICKS] - rows.ticks[i, 0]), int(others[RIGHT_TICKS] - rows.ticks[i, 1])
     rows.ticks[i, 0], rows.ticks[i, 1] = others[LEFT_TICKS], others[RIGHT_TICKS]
     if setup.uses_gyro:
-        motion = gyro_motion(left, right, setup.metres_per_tick, others[YAW_RATE] * setup.period)
+        rate, variance = others[YAW_RATE], setup.gyro_variance
+        motion = gyro_motion(left, right, setup.metres_per_tick, rate, setup.period, rows.gyro[i], variance)
     else:
         motion = wheel_motion(left, right, setup.metres_per_tick, setup.track)
     rows.odometry[i, 0], rows.odometry[i, 1], rows.odometry[i, 2] = motion

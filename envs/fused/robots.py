@@ -79,6 +79,7 @@ class FusedRobots:
             metres_per_tick=odometry.metres_per_tick,
             track=float(odometry.track),
             uses_gyro=isinstance(robot.odometry, GyroMotion),
+            gyro_variance=env.robot.imu.gyro_std**2,
             uses_truth=robot.ground_truth is not None,
             matches=matches,
             min_travel_distance=float(params.min_travel_distance),
@@ -102,7 +103,7 @@ class FusedRobots:
             flags=zeros(dtype=np.uint8),
             active=np.ones(num_envs, dtype=np.bool_),
             **{name: zeros(3) for name in ("pose", "odometry", "integrated", "map_pose")},
-            **{name: zeros(2) for name in ("ticks", "twist", "trail", "true_trail", "error")},
+            **{name: zeros(2) for name in ("ticks", "twist", "gyro", "trail", "true_trail", "error")},
         )
         self.points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.actions = zeros(2)
@@ -140,7 +141,7 @@ class FusedRobots:
         reading = Reading(time, ranges, ticks, others[YAW_RATE], others[HEADING], is_touched)
         robot.reading, robot.twist = reading, Twist(*rows.twist[i].tolist())
         robot.action, robot.collisions = tuple(self.actions[i].tolist()), int(rows.collisions[i])
-        robot.odometry.reset(reading)
+        robot.odometry.resume(reading)
         belief = robot.belief
         belief.pose = robot.predicted_pose = Pose2D(*rows.pose[i].tolist())
         belief.update = NO_UPDATE
@@ -159,6 +160,9 @@ class FusedRobots:
         reading = robot.reading
         rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
         rows.integrated[i] = robot.estimator.last_key_pose
+        if self.setup.uses_gyro:
+            rows.gyro[i] = robot.odometry.gyro
+            robot.odometry.gyro = rows.gyro[i]
         rows.ticks[i], rows.twist[i], self.actions[i] = reading.ticks, robot.twist, robot.action
         rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
         rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions

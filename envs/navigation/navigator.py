@@ -103,9 +103,8 @@ class Navigator:
         """The same, path, obstacles and constants, for kernels that drive."""
         return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
 
-    def note_motion(self, reading: Reading, twist: Twist) -> None:
-        """Take note of a reading that kernels have processed, and of the velocity by odometry then."""
-        self._odometry.reset(reading)
+    def note_velocity(self, twist: Twist) -> None:
+        """Take note of the velocity by odometry after readings that kernels have processed."""
         self.v, self.w = twist
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
