@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from envs.files import explain_unknown, load_object
+from envs.slam import DEFAULT_SLAM
 from envs.tasks.rewards import RewardWeights
 
 
@@ -30,7 +31,7 @@ class EnvironmentConfig(Section):
     """Library robot, path, or `module:attribute`; null takes the world's usual robot."""
     physics: str = "kinematic"
     """`kinematic` or `bullet`."""
-    slam: str = "tinyslam"
+    slam: str = DEFAULT_SLAM
     """SLAM in the loop, by name or as `module:attribute`."""
     control_hz: PositiveFloat = 5.0
     """Decisions per second."""

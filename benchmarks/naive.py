@@ -6,6 +6,7 @@ be; the observation is the simpler one of most such environments: scan, one crop
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -79,7 +80,8 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Build the hall; `slam` is "tinyslam", or "truth" to map at the true pose."""
         self._hall, self._robot, self._period = hall, robot, 1.0 / control_hz
         self._uses_truth = slam == "truth"
-        self.slam = NaiveSlam(robot.lidar, load_params("default"), match_scans=slam == "tinyslam")
+        params = replace(load_params("default"), odometry_noise=robot.odometry.noise)
+        self.slam = NaiveSlam(robot.lidar, params, match_scans=slam == "tinyslam")
         self._physics = NaivePhysics(hall, robot, self._period)
         self._weights = RewardWeights()
         pixels = (np.arange(CROP_SIZE) + 0.5 - CROP_SIZE / 2) * PIXEL / self.slam.resolution

@@ -1,4 +1,7 @@
-"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `envs.slam`."""
+"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `envs.slam`.
+
+Key scans are matched, with odometry as a prior; others are passed over.
+"""
 
 import math
 
@@ -27,21 +30,29 @@ def score(values: np.ndarray, points: np.ndarray, x: np.ndarray, y: np.ndarray, 
 
 
 def match(
-    values: np.ndarray, points: np.ndarray, pose: Pose2D, sigma: tuple[float, float], noise: np.ndarray, max_failed: int
+    values: np.ndarray,
+    points: np.ndarray,
+    pose: Pose2D,
+    sigma: tuple[float, float],
+    weights: tuple[float, float],
+    noise: np.ndarray,
+    max_failed: int,
 ) -> Pose2D:
     """Search the pose at which a scan fits the map best, as `envs.slam.matcher.match` does; see `score`.
 
     All candidates that are left are scored around the best pose so far. From the first that is better, the rest are
     scored anew around it: three to five rounds for a scan, faster than a hundred candidates one by one. `sigma` is the
-    spread of positions [cells] and headings [rad], `noise` standard normal, shape (tries, 3), float64.
+    spread of positions [cells] and headings [rad], `weights` what a squared deviation of either from the predicted pose
+    costs, `noise` standard normal, shape (tries, 3), float64.
     """
     spread = np.array([sigma[0], sigma[0], sigma[1]])
     pose_now = np.array(pose)
+    squared_weights = np.array([weights[0], weights[0], weights[1]])
     best = score(values, points, *pose_now[:, None])[0]
     failed = 0
     while True:
         candidates = pose_now + spread * noise[: max_failed - failed]
-        scores = score(values, points, *candidates.T)
+        scores = score(values, points, *candidates.T) - (candidates - np.array(pose)) ** 2 @ squared_weights
         better = np.flatnonzero(scores > best)
         if len(better) == 0:
             return Pose2D(*pose_now.tolist())
@@ -103,11 +114,11 @@ class NaiveSlam:
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
         """Process a scan, see `Estimator.update`; return (row, column) of the cells that became known, shape (k, 2)."""
-        predicted = self.pose.compose(motion)
-        matching = self._match_scans and self.num_integrated > 0
-        self.pose = self._match(ranges, predicted) if matching else predicted
+        predicted = self.pose = self.pose.compose(motion)
         if not self._has_moved():
             return np.empty((0, 2), dtype=np.int64)
+        if self._match_scans and self.num_integrated > 0:
+            self.pose = self._match(ranges, predicted)
         self._last_integrated = self.pose
         raw = self._match_scans and self.pose == predicted
         quality = self._params.raw_quality if raw else self._params.quality
@@ -133,11 +144,22 @@ class NaiveSlam:
         noise = self._rng.standard_normal((params.max_tries, 3))
         start = Pose2D(*self.to_cells(predicted.x, predicted.y), predicted.theta)
         sigma = (params.sigma_xy / self.resolution, params.sigma_theta)
-        found = match(self.values, points, start, sigma, noise, params.max_failed)
+        found = match(self.values, points, start, sigma, self._weights(predicted), noise, params.max_failed)
         if found == start:
             return predicted
         x, y = found.x - self.shape[1] // 2, found.y - self.shape[0] // 2
         return Pose2D(x * self.resolution, y * self.resolution, float(wrap_angle(found.theta)))
+
+    def _weights(self, predicted: Pose2D) -> tuple[float, float]:
+        """Return what a squared deviation from the predicted pose costs, by the noise of odometry; see `match`."""
+        assert self._last_integrated is not None
+        moved, noise = self._last_integrated.between(predicted), self._params.odometry_noise
+        travelled, weight = math.hypot(moved.x, moved.y), self._params.prior_weight
+        position_std = noise.position_std + noise.position_per_metre * travelled
+        heading_std = (
+            noise.heading_std + noise.heading_per_radian * abs(moved.theta) + noise.heading_per_metre * travelled
+        )
+        return weight * (self.resolution / position_std) ** 2, weight / heading_std**2
 
     def integrate(self, ranges: np.ndarray, quality: float) -> np.ndarray:
         """Average every cell of every beam of a scan at `pose` into the map; return the cells that became known."""

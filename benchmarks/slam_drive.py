@@ -19,7 +19,7 @@ from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
 from envs.robots import load_robot
-from envs.slam import make_slam
+from envs.slam import DEFAULT_SLAM, make_slam
 from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
 
@@ -106,7 +106,7 @@ def main(
     world: str = "turtlebot3_world",
     robot: str = "turtlebot3_burger",
     physics: Literal["bullet", "kinematic"] = "bullet",
-    slam: str = "tinyslam",
+    slam: str = DEFAULT_SLAM,
     preset: str = "default",
     seeds: int = 5,
     minutes: float = 5.0,

@@ -25,6 +25,7 @@ from benchmarks.arena.theme import LIGHT
 from benchmarks.parallel import run_each
 from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
+from envs.slam import DEFAULT_SLAM
 from envs.worlds import FAMILIES
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
@@ -162,7 +163,7 @@ def main(
     jobs: int = 2,
     seed: int = 0,
     physics: str = "kinematic",
-    slam: str = "tinyslam",
+    slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
     picture: str | None = None,
 ) -> None:
@@ -175,7 +176,7 @@ def main(
         jobs: Processes.
         seed: Of the first episode; the next ones count up.
         physics: kinematic or bullet.
-        slam: tinyslam, odometry or truth.
+        slam: name of a SLAM whose map robots can share.
         out: Folder for episodes.csv; run again, the command goes on where it stopped.
         picture: Instead, draw the map of this world with the most robots into out/team.png.
     """

@@ -10,7 +10,7 @@ from envs.geometry import Pose2D
 from envs.observations import Observations
 from envs.rendering.scene import Scene
 from envs.robots import RobotParams
-from envs.slam import make_slam
+from envs.slam import DEFAULT_SLAM, make_slam
 from envs.tasks.coverage import Coverage
 from envs.tasks.explore import Explore
 from envs.tasks.rewards import RewardWeights
@@ -72,7 +72,7 @@ class ExploreEnv(LidarEnv):
     | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
-    | `slam` | `"tinyslam"` | `"tinyslam"`, `"hector"`, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
     | `control_hz` | `10.0` | steps per second |
     | `time_limit` | `None` | length of an episode [s]; `None` gives a time that grows with the explorable area |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
@@ -101,7 +101,7 @@ class ExploreEnv(LidarEnv):
         world: str | World = "turtlebot3_world",
         robot: str | RobotParams | None = None,
         physics: str = "bullet",
-        slam: Any = "tinyslam",
+        slam: Any = DEFAULT_SLAM,
         control_hz: float = 10.0,
         time_limit: float | None = None,
         target_coverage: float = 0.99,
@@ -156,7 +156,7 @@ class ExploreEnv(LidarEnv):
     def _make_estimator(self, slam: Any, params: RobotParams, resolution: float) -> Estimator:
         estimator = make_slam(slam, params.lidar, resolution, odometry_noise=params.odometry.noise)
         if self.num_robots > 1 and not getattr(estimator, "shares_maps", False):
-            raise ValueError(f"slam {slam!r} cannot share a map; choose tinyslam, hector, odometry or truth")
+            raise ValueError(f"slam {slam!r} cannot share a map; choose hector, tinyslam, odometry or truth")
         return estimator
 
     @property

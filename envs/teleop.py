@@ -12,6 +12,7 @@ from envs.explore import ExploreEnv
 from envs.rendering.picture import GAP, Typesetter
 from envs.rendering.renderer import open_window
 from envs.rendering.style import PAPER
+from envs.slam import DEFAULT_SLAM
 from envs.worlds import save_map
 
 HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
@@ -42,8 +43,8 @@ class Options:
     """Library robot or path of a robot YAML; the world's usual robot if not given."""
     physics: str = "bullet"
     """bullet or kinematic."""
-    slam: str = "tinyslam"
-    """tinyslam, odometry or truth."""
+    slam: str = DEFAULT_SLAM
+    """hector, tinyslam, odometry, truth, or `module:attribute` of your own."""
     control_hz: float = 10.0
     """Steps per second."""
     seed: int | None = None

@@ -13,6 +13,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_va
 import envs  # noqa: F401  registers the environments
 from agents.config import Section
 from agents.policies import Level
+from envs.slam import DEFAULT_SLAM
 from envs.worlds import FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
@@ -65,7 +66,7 @@ class SlamAxis(Section):
     worlds: tuple[str, ...] = ()
     episodes: PositiveInt = 5
     """Episodes of each explorer in each world under each SLAM."""
-    slam: tuple[str, ...] = ("truth", "odometry", "tinyslam")
+    slam: tuple[str, ...] = ("truth", "odometry", DEFAULT_SLAM)
     """SLAMs; `truth`, or else the first one, is what the others are compared with."""
 
 
@@ -88,8 +89,8 @@ class Settings(Section):
     """Robots by name, path or `module:attribute`; `usual` takes each world's own."""
     physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
     """`bullet`, `kinematic`."""
-    slam: tuple[str, ...] = Field(default=("tinyslam",), min_length=1)
-    """`tinyslam`, `odometry`, `truth`, or `module:attribute`."""
+    slam: tuple[str, ...] = Field(default=(DEFAULT_SLAM,), min_length=1)
+    """`hector`, `tinyslam`, `odometry`, `truth`, or `module:attribute`."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True

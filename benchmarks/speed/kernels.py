@@ -161,7 +161,9 @@ def _match(scene: Scene) -> Kernel:
 
     def reference() -> np.ndarray:
         hits = points[:, :count]
-        return np.array(naive_slam.match(scene.naive.values, hits, start, search[:2], noise, params.max_failed))
+        return np.array(
+            naive_slam.match(scene.naive.values, hits, start, search[:2], (0.0, 0.0), noise, params.max_failed)
+        )
 
     def result() -> np.ndarray:
         return np.array(match(grid_map.words, points, count, tuple(start), search, noise)[:3])

@@ -1,4 +1,4 @@
-"""Control steps by one kernel call: kinematic physics and a SLAM that matches scans to a grid map."""
+"""Control steps by one kernel call: kinematic physics and a SLAM that matches key scans."""
 
 from .drive import UNCHECKED, FusedDrive
 from .robots import FusedRobots, is_fusible

@@ -13,22 +13,13 @@ from envs.navigation.records import DRIVING
 from envs.simulation.sensors import TOUCHED
 from envs.simulation.state import X, Y
 
-from .kernels import INTEGRATE, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
+from .kernels import KEY_SCAN, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
 from .robots import FusedRobots
 
 BLOCK = 16
 """Control periods for which noise is drawn at once."""
 UNCHECKED = -1
 """Progress of a drive that has not been checked after the last control period."""
-
-
-class Noise(NamedTuple):
-    """Noise of coming control periods, a row each."""
-
-    sensors: np.ndarray
-    """Shape (n, k), float64; see `Sensors.draws`."""
-    matcher: np.ndarray
-    """Shape (n, max_tries, 3), float64, standard normal."""
 
 
 class Passed(NamedTuple):
@@ -43,16 +34,15 @@ class Passed(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def drive(rows, shapes, setup, points, navigator, noise, passed, check_from):
-    """Drive the first robot until its scan is to be integrated, the noise is used up, or the drive calls for a look.
+def drive(rows, shapes, setup, navigator, noise, passed, check_from):
+    """Drive the first robot up to a key scan, until the noise is used up, or until the drive calls for a look.
 
     Args:
         rows: `Rows`, written.
         shapes: `Shapes`.
         setup: `Setup`.
-        points: shape (2, num_beams), float32: room to work in.
         navigator: `NavigatorArrays`, written.
-        noise: `Noise`; a row is used for each control period.
+        noise: shape (n, k), float64, as `Sensors.draws`; a row is used for each control period.
         passed: `Passed`, written.
         check_from: control period of the drive from which on the navigator's objects check each one.
 
@@ -63,15 +53,14 @@ def drive(rows, shapes, setup, points, navigator, noise, passed, check_from):
     pose, twist, state, others = rows.pose[0], rows.twist[0], rows.states[0, 0], rows.others[0, 0]
     passed.counts[:] = 0
     no_points = obstacles[:0]
-    num_rows = noise.sensors.shape[0]
+    num_rows = noise.shape[0]
     record = navigators[0]
     for k in range(num_rows):
         at = (pose[0], pose[1], pose[2])
         v, w = compute_velocity_command(navigators, navigator.path, obstacles, at, twist[0], constants)
         rows.commands[0, 0, 0], rows.commands[0, 0, 1] = v, w
-        rows.draws[0, 0] = noise.sensors[k]
-        rows.noise[0] = noise.matcher[k]
-        step_rows(rows, shapes, setup, points)
+        rows.draws[0, 0] = noise[k]
+        step_rows(rows, shapes, setup)
         flags, touched = rows.flags[0], others[TOUCHED] > 0.0
         if flags & REMEMBER:
             _remember(passed.estimated, passed.counts, 0, pose[0], pose[1])
@@ -82,7 +71,7 @@ def drive(rows, shapes, setup, points, navigator, noise, passed, check_from):
         motion = (rows.odometry[0, 0], rows.odometry[0, 1], rows.odometry[0, 2])
         sensors = (rows.ranges[0, 0], navigator.directions, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
-        if flags & INTEGRATE or k == num_rows - 1:
+        if flags & KEY_SCAN or k == num_rows - 1:
             return k + 1, UNCHECKED
         progress = check_progress(navigators, obstacles, (pose[0], pose[1], pose[2]), touched, constants)
         if progress != DRIVING or record.steps >= check_from:
@@ -104,8 +93,7 @@ class FusedDrive:
         """Take an environment for which `is_fusible` is true."""
         self._env, self._navigator = env, navigator
         self._robots = robots = FusedRobots([env])
-        draws, matcher = robots.rows.draws[0, 0], robots.rows.noise[0]
-        self._noise = Noise(np.empty((BLOCK, *draws.shape)), np.empty((BLOCK, *matcher.shape)))
+        self._noise = np.empty((BLOCK, *robots.rows.draws[0, 0].shape))
         self._next = BLOCK
         self._passed = Passed(np.empty((BLOCK, 2)), np.empty((BLOCK, 2)), np.zeros(3, dtype=np.int64))
 
@@ -118,7 +106,7 @@ class FusedDrive:
         env, robots = self._env, self._robots
         robots.load(0)
         circles = np.array(env.simulator.circles)
-        self._shapes = Shapes((np.array(env.world.segments),), (circles,), (circles,), (robots.words(0),))
+        self._shapes = Shapes((np.array(env.world.segments),), (circles,), (circles,))
 
     def advance(self, check_from: float) -> tuple[int, int, int, int]:
         """Drive for one or more control periods, and bring all objects up to date.
@@ -138,7 +126,6 @@ class FusedDrive:
             rows,
             self._shapes,
             robots.setup,
-            robots.points,
             navigator.arrays,
             self._next_noise(),
             passed,
@@ -157,24 +144,16 @@ class FusedDrive:
         for x, y in passed.true[:num_true].tolist():
             truth.trail.append(Pose2D(x, y, 0.0))
         flags = int(rows.flags[0])
-        if flags & INTEGRATE:
-            robots.integrate(0, flags)
-            words = robots.words(0)
-            if words is not self._shapes.words[0]:
-                rows.corner[0] = robot.estimator.map.corner
-                self._shapes = self._shapes._replace(words=(words,))
+        if flags & KEY_SCAN:
+            robots.process_key_scan(0)
         env.task.update(env.simulator.states, env.robots, env.control_period)
-        return count, num_contacts, progress, bool(flags & INTEGRATE)
+        return count, num_contacts, progress, bool(flags & KEY_SCAN)
 
-    def _next_noise(self) -> Noise:
+    def _next_noise(self) -> np.ndarray:
         """Return noise for the coming control periods, at most up to the end of the episode."""
-        env, noise = self._env, self._noise
+        env = self._env
         if self._next == BLOCK:
             self._next = 0
-            rows = noise.sensors
-            env.simulator.sensors.draw_rows(env.simulator.rngs[0], rows)
-            if noise.matcher.size:
-                env.robots[0].estimator.rng.standard_normal(out=noise.matcher)
+            env.simulator.sensors.draw_rows(env.simulator.rngs[0], self._noise)
         left = math.ceil((env.time_limit - 1e-6) / env.control_period) - env.simulator.steps
-        end = min(BLOCK, self._next + max(left, 1))
-        return Noise(noise.sensors[self._next : end], noise.matcher[self._next : end])
+        return self._noise[self._next : min(BLOCK, self._next + max(left, 1))]

@@ -1,6 +1,7 @@
-"""One control step of many robots: kinematic physics and a SLAM that matches scans to a grid map. Kernels.
+"""One control step of many robots: kinematic physics and a SLAM that matches key scans. Kernels.
 
-They call the functions that `KinematicSimulator`, the motion sources, `TinySlam` and `KnownPoses` call.
+They call the functions that `KinematicSimulator` and the motion sources call. Between key scans a pose follows
+odometry, as `KeyScanSlam` says.
 """
 
 from typing import Any, NamedTuple
@@ -15,12 +16,10 @@ from envs.simulation.kinematic import step_robots
 from envs.simulation.sensors import LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA, X, Y
 from envs.slam.key_scans import has_moved
-from envs.slam.matcher import SearchParams, match_scan
-from envs.slam.scans import ScanGeometry
 
-INTEGRATE, RAW, REMEMBER, REMEMBER_TRUE = 1, 2, 4, 8
-"""What is left to do for an environment: integrate its scan, after matching it unless the kernel has; a scan whose pose
-the matcher did not improve; remember its estimated position; remember its true position."""
+KEY_SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
+"""What is left to do for an environment: process its scan, a key scan, which corrects the pose; remember its estimated
+position; remember its true position."""
 
 
 class Rows(NamedTuple):
@@ -31,11 +30,9 @@ class Rows(NamedTuple):
     draws: np.ndarray
     ranges: np.ndarray
     others: np.ndarray
-    noise: np.ndarray
     pose: np.ndarray
-    integrated: np.ndarray
+    key_pose: np.ndarray
     map_pose: np.ndarray
-    corner: np.ndarray
     ticks: np.ndarray
     twist: np.ndarray
     trail: np.ndarray
@@ -55,7 +52,6 @@ class Shapes(NamedTuple):
     segments: Any
     before: Any
     after: Any
-    words: Any
 
 
 class Setup(NamedTuple):
@@ -63,15 +59,11 @@ class Setup(NamedTuple):
 
     robot: np.ndarray
     period: float
-    geometry: ScanGeometry
-    search: SearchParams
     metres_per_tick: float
     track: float
     uses_gyro: bool
     gyro_variance: float
     uses_truth: bool
-    matches: bool
-    """Whether the kernel matches every scan, as TinySLAM; else poses follow odometry up to the next key scan."""
     min_travel_distance: float
     min_travel_angle: float
 
@@ -116,7 +108,7 @@ def _is_apart(last, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def step_rows(rows, shapes, setup, points):
+def step_rows(rows, shapes, setup):
     """Step the active robots for one control period, up to what `rows.flags` then asks for."""
     for i in range(rows.active.shape[0]):
         rows.flags[i] = 0
@@ -125,21 +117,14 @@ def step_rows(rows, shapes, setup, points):
         motion = _move(i, rows, shapes, setup)
         pose = rows.pose[i]
         x, y, theta = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
-        flags, improved = 0, True
-        if setup.matches:
-            over = (setup.geometry, shapes.words[i], (rows.corner[i, 0], rows.corner[i, 1]))
-            found = match_scan(rows.ranges[i, 0], *over, (x, y, theta), setup.search, rows.noise[i], points)
-            x, y, theta, improved = found
         pose[0], pose[1], pose[2] = x, y, theta
-        last = rows.integrated[i]
+        flags, last, state, start = 0, rows.key_pose[i], rows.states[i, 0], rows.map_pose[i]
         if has_moved(last[0], last[1], last[2], x, y, theta, setup.min_travel_distance, setup.min_travel_angle):
-            flags |= INTEGRATE if improved else INTEGRATE | RAW
-        state, start = rows.states[i, 0], rows.map_pose[i]
+            flags |= KEY_SCAN
+        elif _is_apart(rows.trail[i], x, y):
+            flags |= REMEMBER
         if _is_apart(rows.true_trail[i], state[X], state[Y]):
             flags |= REMEMBER_TRUE
-        # Where the SLAM has yet to match the scan, the pose is not final.
-        if _is_apart(rows.trail[i], x, y) and (setup.matches or not flags & INTEGRATE):
-            flags |= REMEMBER
         world = compose(start[0], start[1], start[2], x, y, theta)
         dx, dy, turn = between(world[0], world[1], world[2], state[X], state[Y], state[THETA])
         rows.error[i, 0], rows.error[i, 1] = distance(dx, dy), abs(turn)

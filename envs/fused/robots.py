@@ -1,7 +1,7 @@
-"""Robots whose numbers lie in rows of arrays, for kernels that step them: kinematic physics, a map-matching SLAM.
+"""Robots whose numbers lie in rows of arrays, for kernels that step them.
 
-The kernels call the functions that `KinematicSimulator`, the motion sources, `TinySlam` and `KnownPoses` call. What
-they leave to do is done by the environments' own objects: `sync` brings these up to date, and `load` reads them.
+Physics are kinematic, and the SLAM matches key scans. What the kernels leave to do is done by the environments' own
+objects: `sync` brings these up to date, and `load` reads them.
 """
 
 from collections.abc import Sequence
@@ -18,24 +18,11 @@ from envs.robot import Robot
 from envs.simulation import KinematicSimulator, Reading, Twist
 from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
 from envs.simulation.state import THETA
-from envs.slam import KnownPoses, TinySlam, TinySlamParams
+from envs.slam import KnownPoses, TinySlam
 from envs.slam.key_scans import KeyScanSlam
-from envs.slam.matcher import search_params
-from envs.slam.scans import ScanGeometry
 from envs.tasks.rewards import RewardWeights
 
-from .kernels import RAW, Rows, Setup
-
-NO_WORDS = np.empty((1, 1), dtype=np.int32)
-"""In place of a map where the kernel matches no scans."""
-
-
-def _matches_every_scan(slam: Any) -> bool:
-    """Tell whether a SLAM is the TinySLAM whose matcher the kernels call."""
-    if type(slam) is not TinySlam or slam.observers:
-        return False
-    params = slam.params
-    return bool(params.match_every_scan and params.prior_weight == 0.0 and params.odometry == "robot_frame")
+from .kernels import Rows, Setup
 
 
 def _matches_key_scans(slam: Any) -> bool:
@@ -56,7 +43,7 @@ def is_fusible(env: Any) -> bool:
     return (
         type(robot) is Robot
         and type(robot.odometry) in (WheelMotion, GyroMotion)
-        and (_matches_every_scan(robot.estimator) or _matches_key_scans(robot.estimator))
+        and _matches_key_scans(robot.estimator)
         and type(env.task.weights) is RewardWeights
     )
 
@@ -69,23 +56,19 @@ class FusedRobots:
         env, num_envs = envs[0], len(envs)
         robot, simulator = env.robots[0], env.simulator
         params, lidar, odometry = robot.estimator.params, env.robot.lidar, env.robot.odometry
-        matches = _matches_every_scan(robot.estimator)
         self.envs = envs
         self.setup = Setup(
             robot=simulator.sensors.numbers,
             period=env.control_period,
-            geometry=ScanGeometry.of(lidar, robot.belief.grid.resolution),
-            search=search_params(params if matches else TinySlamParams()),
             metres_per_tick=odometry.metres_per_tick,
             track=float(odometry.track),
             uses_gyro=isinstance(robot.odometry, GyroMotion),
             gyro_variance=env.robot.imu.gyro_std**2,
             uses_truth=robot.ground_truth is not None,
-            matches=matches,
             min_travel_distance=float(params.min_travel_distance),
             min_travel_angle=float(params.min_travel_angle),
         )
-        sensors, tries = simulator.sensors, params.max_tries if matches else 0
+        sensors = simulator.sensors
 
         def zeros(*shape: int, dtype: Any = np.float64) -> np.ndarray:
             return np.zeros((num_envs, *shape), dtype)
@@ -96,37 +79,26 @@ class FusedRobots:
             draws=zeros(*sensors.draws.shape),
             ranges=zeros(1, lidar.num_beams, dtype=np.float32),
             others=zeros(*sensors.others.shape),
-            noise=zeros(tries, 3),
-            corner=zeros(2, dtype=np.int64),
             path_length=zeros(),
             collisions=zeros(dtype=np.int64),
             flags=zeros(dtype=np.uint8),
             active=np.ones(num_envs, dtype=np.bool_),
-            **{name: zeros(3) for name in ("pose", "odometry", "integrated", "map_pose")},
+            **{name: zeros(3) for name in ("pose", "odometry", "key_pose", "map_pose")},
             **{name: zeros(2) for name in ("ticks", "twist", "gyro", "trail", "true_trail", "error")},
         )
-        self.points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.actions = zeros(2)
         """Shape (num_envs, 2), float64: the last actions."""
         self.steps = zeros(dtype=np.int64)
         """Shape (num_envs,), int64: control periods since the resets."""
 
-    def integrate(self, i: int, flags: int) -> MapUpdate:
-        """Integrate the scan of a robot, after matching it unless the kernel has; return how the map changed."""
+    def process_key_scan(self, i: int) -> MapUpdate:
+        """Let the SLAM of a robot process its scan; return how the map changed."""
         rows, env = self.rows, self.envs[i]
-        robot, pose = env.robots[0], Pose2D(*rows.pose[i].tolist())
-        slam, belief, ranges = robot.estimator, robot.belief, rows.ranges[i, 0]
-        if self.setup.matches:
-            quality = slam.params.raw_quality if flags & RAW else slam.params.quality
-            belief.update = slam.map.integrate(ranges, pose, quality)
-            slam.last_key_pose = pose
-            robot.pyramid.update(belief.update)
-        else:
-            belief = slam.process_key_scan(ranges, pose)
-            robot.follow(belief)
-            rows.pose[i], rows.trail[i] = belief.pose, robot.trail.last
-            rows.error[i] = pose_error(*env.map_pose, *belief.pose, *rows.states[i, 0, : THETA + 1].tolist())
-        rows.integrated[i] = slam.last_key_pose
+        robot, predicted = env.robots[0], Pose2D(*rows.pose[i].tolist())
+        belief = robot.estimator.process_key_scan(rows.ranges[i, 0], predicted)
+        robot.follow(belief)
+        rows.pose[i], rows.key_pose[i], rows.trail[i] = belief.pose, robot.estimator.last_key_pose, robot.trail.last
+        rows.error[i] = pose_error(*env.map_pose, *belief.pose, *rows.states[i, 0, : THETA + 1].tolist())
         return belief.update
 
     def sync(self, i: int) -> None:
@@ -159,7 +131,7 @@ class FusedRobots:
         sensors.draws, sensors.others = rows.draws[i], rows.others[i]
         reading = robot.reading
         rows.ranges[i, 0], rows.pose[i], rows.map_pose[i] = reading.ranges, robot.belief.pose, env.map_pose
-        rows.integrated[i] = robot.estimator.last_key_pose
+        rows.key_pose[i] = robot.estimator.last_key_pose
         if self.setup.uses_gyro:
             rows.gyro[i] = robot.odometry.gyro
             robot.odometry.gyro = rows.gyro[i]
@@ -167,9 +139,3 @@ class FusedRobots:
         rows.trail[i], rows.true_trail[i] = robot.trail.last, truth.trail.last
         rows.path_length[i], rows.collisions[i] = truth.path_length, robot.collisions
         self.steps[i] = simulator.steps
-        if self.setup.matches:
-            rows.corner[i] = robot.estimator.map.corner
-
-    def words(self, i: int) -> np.ndarray:
-        """Return the cells that the kernel matches scans with, shape (height, width), int32."""
-        return self.envs[i].robots[0].estimator.map.words if self.setup.matches else NO_WORDS

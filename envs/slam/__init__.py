@@ -34,6 +34,8 @@ SLAMS: dict[str, Kind] = {
 }
 """By name. "odometry" and "truth" map at the poses that follow from odometry and from ground truth."""
 SLAM_NAMES = tuple(SLAMS)
+DEFAULT_SLAM = "hector"
+"""What environments use: the SLAM with which explorers finish most; docs/slam.md has the figures."""
 
 
 def make_slam(
@@ -72,6 +74,7 @@ def make_slam(
 
 
 __all__ = [
+    "DEFAULT_SLAM",
     "HECTOR_PRESETS",
     "PRESET_NAMES",
     "SLAMS",

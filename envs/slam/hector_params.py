@@ -71,7 +71,7 @@ class HectorParams:
     odometry."""
     min_travel_distance: float = 0.2
     """A scan is integrated once the robot is this far from where the last one was [m]; 0 for every scan."""
-    min_travel_angle: float = 0.3
+    min_travel_angle: float = 0.6
     """... or once it has turned by this much since [rad]."""
     map_width: float = 20.0
     """Extent of a new map along x [m]; it grows when needed."""

@@ -1,9 +1,9 @@
-"""A shard whose robots are stepped by one kernel call: kinematic physics and a SLAM that matches scans to a grid map.
+"""A shard whose robots are stepped by one kernel call: kinematic physics and a SLAM that matches key scans.
 
-The kernel calls the functions that `KinematicSimulator`, the motion sources, `TinySlam` and `KnownPoses` call, for one
-sub-environment after the other, and tells which of them have more to do: a scan to integrate, a position to remember.
-Their own objects do that, and are brought up to date before. So everything stays equal to the last bit, which a test
-holds. Python alone would take as long again as the kernels: the objects of many environments do not fit the caches.
+The kernel calls the functions that `KinematicSimulator` and the motion sources call, for one sub-environment after the
+other, and tells which of them have more to do: a key scan to process, a position to remember. Their own objects do
+that. So everything stays equal to the last bit, which a test holds. Python alone would take as long again as the
+kernels: the objects of many environments do not fit the caches.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from envs.fused import FusedRobots, is_fusible
-from envs.fused.kernels import INTEGRATE, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
+from envs.fused.kernels import KEY_SCAN, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
 from envs.geometry import Pose2D
 from envs.observations import MapCrop, Motion, Scan
 from envs.simulation.sensors import TOUCHED
@@ -44,6 +44,7 @@ class FusedShard(Shard):
         def zeros(*shape: int, dtype: Any = np.float64) -> np.ndarray:
             return np.zeros((len(envs), *shape), dtype)
 
+        self._resolution = env.robots[0].belief.grid.resolution
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
         self._time_limits, self._origins = zeros(), zeros(2)
         self._fractions, self._areas, self._gained = zeros(), zeros(), zeros()
@@ -86,7 +87,7 @@ class FusedShard(Shard):
         np.multiply(self._actions, self._limits, out=rows.commands[:, 0])
         self._step_counts += rows.active
         self._draw()
-        step_rows(rows, self._shapes, self._setup, self._robots.points)
+        step_rows(rows, self._shapes, self._setup)
         self._gained[:] = 0.0
         for i in np.flatnonzero(rows.flags).tolist():
             self._finish(i, int(rows.flags[i]))
@@ -101,13 +102,11 @@ class FusedShard(Shard):
         return self._records, extras
 
     def _draw(self) -> None:
-        """Draw the noise of active robots and the candidates of their matchers, in the order of their own objects."""
+        """Draw the noise of active robots, and move what moves in their worlds."""
         rows = self._robot_rows
         for i in np.flatnonzero(rows.active).tolist():
             env = self.envs[i]
             env.simulator.sensors.draw(env.simulator.rngs)
-            if self._setup.matches:
-                env.robots[0].estimator.rng.standard_normal(out=rows.noise[i])
             if env.world.movers:
                 time = int(self._step_counts[i]) * self._setup.period
                 self._shapes.before[i] = self._shapes.after[i]
@@ -117,11 +116,11 @@ class FusedShard(Shard):
         """Do for a robot what the kernel left."""
         rows, env = self._robot_rows, self.envs[i]
         robot, truth = env.robots[0], env.truths[0]
-        if flags & INTEGRATE:
-            update, ranges = self._robots.integrate(i, flags), rows.ranges[i, 0]
+        if flags & KEY_SCAN:
+            update, ranges = self._robots.process_key_scan(i), rows.ranges[i, 0]
             true_pose = Pose2D(*rows.states[i, 0, : THETA + 1].tolist())
             coverage = env.task.coverage
-            self._gained[i] = coverage.update(update, self._setup.geometry.resolution, ranges, true_pose)
+            self._gained[i] = coverage.update(update, self._resolution, ranges, true_pose)
             self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
             if update.redrawn or robot.belief.grid.data is not self._data[i]:
                 self._load_map(i)
@@ -140,7 +139,7 @@ class FusedShard(Shard):
         rows, out, active = self._robot_rows, self._arrays.observations, self._robot_rows.active
         for name, part in self.envs[0].parts.items():
             if isinstance(part, Scan):
-                scale_scans(rows.ranges, self._setup.geometry.range_max, active, out[name])
+                scale_scans(rows.ranges, self.envs[0].robot.lidar.range_max, active, out[name])
             elif isinstance(part, Motion):
                 motion = np.empty((len(active), 6))
                 motion[:, :2] = np.clip(rows.twist / self._limits, -1.0, 1.0)
@@ -150,7 +149,7 @@ class FusedShard(Shard):
                 out[name][active] = motion[active]
             else:
                 level = self.envs[0].robots[0].pyramid.level(part.resolution)
-                side = level.block * self._setup.geometry.resolution
+                side = level.block * self._resolution
                 crop_levels(
                     self._levels[name],
                     self._sizes[name],
@@ -220,7 +219,6 @@ class FusedShard(Shard):
             numba.typed.List([np.array(env.world.segments) for env in envs]),
             numba.typed.List(circles),
             numba.typed.List(circles),
-            numba.typed.List([self._robots.words(i) for i in range(len(envs))]),
         )
         for name, part in self._crops.items():
             levels = [env.robots[0].pyramid.level(part.resolution).words for env in envs]
@@ -243,11 +241,8 @@ class FusedShard(Shard):
         env = self.envs[i]
         robot, coverage = env.robots[0], env.task.coverage
         grid = robot.belief.grid
-        if self._setup.matches:
-            self._robot_rows.corner[i] = robot.estimator.map.corner
         self._origins[i], self._data[i] = grid.origin, grid.data
         self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
-        self._shapes.words[i] = self._robots.words(i)
         for name, part in self._crops.items():
             level = robot.pyramid.level(part.resolution)
             self._levels[name][i] = level.words

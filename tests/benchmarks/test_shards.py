@@ -20,7 +20,7 @@ SETTINGS = Settings(
     episodes=2,
     physics=("kinematic",),
     time_limit=2.0,
-    slam_axis={"policies": ("nearest",), "worlds": ("pimouse_arena",), "episodes": 1, "slam": ("truth", "tinyslam")},
+    slam_axis={"policies": ("nearest",), "worlds": ("pimouse_arena",), "episodes": 1, "slam": ("truth", "hector")},
 )
 
 
@@ -84,9 +84,9 @@ def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
 def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
     both = [row for row in whole.slam_axis_rows() if row in whole.rows()]
     assert [(row["policy"], row["world"], row["seed"], row["slam"]) for row in both] == [
-        ("nearest", "pimouse_arena", 0, "tinyslam")
+        ("nearest", "pimouse_arena", 0, "hector")
     ]
-    assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "tinyslam"}
+    assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "hector"}
 
 
 class Fragile(RandomExplorer):
@@ -159,7 +159,7 @@ def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
     assert set(settings.worlds) == {*WORLD_NAMES, *FAMILIES}
     assert set(settings.policies) == set(baselines.EXPLORERS)
-    assert set(settings.slam_axis.slam) == {"truth", "odometry", "tinyslam"}
+    assert set(settings.slam_axis.slam) == {"truth", "odometry", "tinyslam", "hector"}
 
 
 @pytest.mark.parametrize(

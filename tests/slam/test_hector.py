@@ -21,7 +21,8 @@ def distance(a, b):
 
 
 def hector(preset="default", noise=WHEELS, **changes):
-    params = load_hector_params(preset, {"map_width": 20.0, "map_height": 20.0, **changes})
+    sizes = {"map_width": 20.0, "map_height": 20.0, "min_travel_angle": 0.3}
+    params = load_hector_params(preset, {**sizes, **changes})
     return make_slam("hector", LIDAR, 0.05, params, noise)
 
 
@@ -166,7 +167,7 @@ def test_presets_belong_to_their_slam():
     assert load_hector_params("default") == HectorParams()
     with pytest.raises(ValueError, match=r"unknown preset of hector 'upstream'.*default, faithful, intel"):
         make_slam("hector", LIDAR, preset="upstream")
-    with pytest.raises(ValueError, match=r"unknown preset 'faithful'.*weighted"):
+    with pytest.raises(ValueError, match=r"unknown preset 'faithful'.*every_scan"):
         make_slam("tinyslam", LIDAR, preset="faithful")
     assert make_slam("hector", LIDAR, 0.1, odometry_noise=WHEELS).params.odometry_noise == WHEELS
     for changes, complaint in (

@@ -18,7 +18,7 @@ def distance(a, b):
 def test_odometry_that_errs_is_corrected():
     motions = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn on a circle
     odometry = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
-    truth, estimated = drive(make_slam("tinyslam", LIDAR), motions, odometry)
+    truth, estimated = drive(make_slam("tinyslam", LIDAR, preset="every_scan"), motions, odometry)
     _, by_wheels = drive(make_slam("odometry", LIDAR), motions, odometry)
     assert abs(by_wheels.theta - truth.theta) > 0.5
     assert distance(truth, estimated) < 0.06
@@ -29,7 +29,7 @@ def test_weighted_odometry_is_corrected_at_key_scans_alone():
     motions = [Pose2D(0.02, 0.0, 0.015)] * 400
     odometry = [Pose2D(0.0206, 0.0002, 0.0165)] * 400
     noise = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
-    slam = make_slam("tinyslam", LIDAR, preset="weighted", odometry_noise=noise)
+    slam = make_slam("tinyslam", LIDAR, odometry_noise=noise)
     truth, estimated = drive(slam, motions, odometry)
     assert distance(truth, estimated) < 0.06
     assert abs(estimated.theta - truth.theta) < 0.03
@@ -40,7 +40,7 @@ def test_weighted_odometry_is_corrected_at_key_scans_alone():
 
 def test_firm_odometry_is_not_corrected():
     firm = OdometryNoise(1e-5, 0.0, 1e-5, 0.0, 0.0)
-    slam = make_slam("tinyslam", LIDAR, preset="weighted", odometry_noise=firm)
+    slam = make_slam("tinyslam", LIDAR, odometry_noise=firm)
     slam.update(scan(STAY), STAY)
     slam.update(scan(Pose2D(0.25, 0.02, 0.0)), Pose2D(0.22, 0.0, 0.0))
     np.testing.assert_allclose(slam.belief.pose, (0.22, 0.0, 0.0), atol=1e-3)
@@ -133,7 +133,7 @@ class Witness:
 
 
 def test_observers_see_the_search_and_change_nothing():
-    params = load_params("default", {"sigma_xy": 0.05, "sigma_theta": 0.03, "max_failed": 30, "max_tries": 90})
+    params = load_params("every_scan", {"sigma_xy": 0.05, "sigma_theta": 0.03, "max_failed": 30, "max_tries": 90})
     witness = Witness()
     watched, unwatched = TinySlam(LIDAR, params, [witness]), TinySlam(LIDAR, params)
     moved = Pose2D(0.15, 0.06, 0.05)
