@@ -8,6 +8,7 @@ those of the estimated pose, in the frame of the start, over all scans of a driv
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -110,6 +111,7 @@ def main(
     preset: str = "default",
     seeds: int = 5,
     minutes: float = 5.0,
+    tilt: float = 0.0,
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
 ) -> None:
     """Measure SLAM on simulated drives.
@@ -122,11 +124,15 @@ def main(
         preset: of the SLAM's parameters.
         seeds: number of drives.
         minutes: length of each drive [min].
+        tilt: pitch of the lidar, positive looking down [deg]; the SLAM takes it to be level.
         json_path: also write the results to this file.
     """
     if slam == "truth":
         raise SystemExit("error: slam 'truth' has no errors; choose one that estimates poses")
-    setup = make_setup(load_world(world), load_robot(robot), physics)
+    params = load_robot(robot)
+    mount = replace(params.lidar.mount, pitch=math.radians(tilt))
+    params = replace(params, lidar=replace(params.lidar, mount=mount))
+    setup = make_setup(load_world(world), params, physics)
     estimator = make_slam(slam, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
     results = []
     print(f"{setup.robot.name} in {setup.world.name}, {physics} physics, {slam} {preset}, {minutes:g} min per drive")

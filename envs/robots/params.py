@@ -30,6 +30,10 @@ class _Params:
             _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
 
 
+MAX_TILT = 0.35
+"""Greatest tilt of a lidar that still scans the plane it is mounted in [rad]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Mount(_Params):
     """Where a sensor sits, in the frame of the robot's base (midpoint of the wheel axle, on the ground)."""
@@ -42,6 +46,17 @@ class Mount(_Params):
     """Above the ground [m]."""
     yaw: float = 0.0
     """Rotation against the base, counter-clockwise [rad]."""
+    pitch: float = 0.0
+    """Tilt that makes the sensor look down ahead where it is positive [rad]."""
+    roll: float = 0.0
+    """Tilt that makes it look down to the right where it is positive [rad]."""
+
+    def __post_init__(self) -> None:
+        for name in ("pitch", "roll"):
+            _require(
+                abs(getattr(self, name)) <= MAX_TILT, f"{name} must lie within {MAX_TILT} rad", getattr(self, name)
+            )
+        _require(self.z > 0.0 or not (self.pitch or self.roll), "a tilted mount must lie above the ground, z", self.z)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,28 @@ NUM_OTHERS = 5
 
 
 @njit(cache=True, error_model="numpy")
+def tilt_ranges(ranges, robot):
+    """Turn exact ranges of a level lidar into those of a tilted one, in place: walls farther along, and the floor.
+
+    A beam at azimuth a points by sin(pitch) cos(a) - cos(pitch) sin(roll) sin(a) of its length down (rotations by yaw,
+    pitch, roll as in REP 103). Walls are taken to have no upper end. That a tilt also turns beams, by a quarter of its
+    square at most, 0.1 degrees at 5, is left out.
+
+    Args:
+        ranges: shape (num_beams,), float32 [m], inf where nothing lies within range.
+        robot: `RobotRecord`.
+    """
+    down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
+    for k in range(ranges.shape[0]):
+        azimuth = robot.angle_min + k * robot.angle_increment
+        down = down_ahead * math.cos(azimuth) + down_left * math.sin(azimuth)
+        exact = float(ranges[k]) / math.sqrt(1.0 - down * down)
+        if down > 0.0:
+            exact = min(exact, robot.mount_z / down)
+        ranges[k] = exact if exact <= robot.range_max else np.inf
+
+
+@njit(cache=True, error_model="numpy")
 def disturb_ranges(ranges, draws, robot):
     """Turn exact ranges into measured ones, in place.
 
@@ -68,6 +90,8 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
     x = pose[0] + c * robot.mount_x - s * robot.mount_y
     y = pose[1] + s * robot.mount_x + c * robot.mount_y
     cast_rays(x, y, pose[2] + robot.mount_yaw, robot, segments, circles, ranges)
+    if robot.mount_pitch != 0.0 or robot.mount_roll != 0.0:
+        tilt_ranges(ranges, robot)
     disturb_ranges(ranges, draws, robot)
 
 

@@ -50,6 +50,24 @@ def test_the_lidar_sits_where_it_is_mounted():
     np.testing.assert_allclose(turned.ranges, [4.75, 1.5, 3.25, 4.5], rtol=1e-6)
 
 
+def test_a_lidar_that_is_tilted_sees_the_floor_where_it_looks_down_and_walls_farther_along():
+    level = LidarParams(num_beams=4, range_max=10.0, mount=Mount(z=0.2))
+    down = replace(level, mount=replace(level.mount, pitch=0.1))  # 0.2 m / sin 0.1 = 2.003 m ahead
+    behind, right, ahead, left = read(down).ranges
+    np.testing.assert_allclose([right, left], [3.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose([behind, ahead], [2.0 / math.cos(0.1), 0.2 / math.sin(0.1)], rtol=1e-6)
+    aside = replace(level, mount=replace(level.mount, roll=0.05))
+    np.testing.assert_allclose(read(aside).ranges, [2.0, 3.0 / math.cos(0.05), 4.0, 5.0 / math.cos(0.05)], rtol=1e-6)
+    steep = replace(level, mount=replace(level.mount, roll=0.1))
+    assert read(steep).ranges[1] == pytest.approx(0.2 / math.sin(0.1), rel=1e-6)
+
+
+@pytest.mark.parametrize("mount", [{"z": 0.2, "pitch": 0.5}, {"z": 0.2, "roll": math.nan}, {"pitch": 0.1}])
+def test_mounts_that_make_no_sense_are_refused(mount):
+    with pytest.raises(ValueError, match=r"(pitch|roll|z)"):
+        Mount(**mount)
+
+
 def test_a_narrow_field_of_view_begins_and_ends_at_its_edges():
     lidar = LidarParams(num_beams=3, range_max=10.0, fov=math.pi)
     np.testing.assert_allclose(read(lidar).ranges, [3, 4, 5], rtol=1e-6)
