@@ -12,6 +12,7 @@ from .hector_params import HectorParams
 from .key_scans import KeyScanSlam
 from .mapping.log_odds_map import LogOddsMap
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
+from .relocalization import FOUND_STD, LossTracker
 
 
 class Hector(KeyScanSlam):
@@ -22,7 +23,8 @@ class Hector(KeyScanSlam):
 
     `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature
     of the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has
-    become too uncertain; scans that do not match are not integrated.
+    become too uncertain; scans that do not match are not integrated, and a robot that is lost is searched on the whole
+    map (`relocalization`).
     """
 
     params: HectorParams
@@ -31,6 +33,7 @@ class Hector(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
+        self._loss = LossTracker(lidar, params.lost_scans)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
@@ -38,7 +41,7 @@ class Hector(KeyScanSlam):
         """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
         self.match: Match | None = None
         """The last match; None before the first."""
-        self._mismatches = 0
+        self._loss.reset()
         return super().reset(rng, pose, map)
 
     def _make_map(self) -> LogOddsMap:
@@ -57,12 +60,13 @@ class Hector(KeyScanSlam):
         poses = (tuple(last), tuple(predicted))
         match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
         self.match = match
-        if match.is_judged:
-            self._mismatches = 0 if match.fits else self._mismatches + 1
-        belief.is_lost = self._mismatches >= params.lost_scans or self._position_std() > params.max_position_std
+        found = self._loss.update(ranges, predicted, match.fits if match.is_judged else None, belief.grid)
+        if found is not None:
+            belief.covariance = np.diag(FOUND_STD) ** 2
+        belief.is_lost = self._loss.is_lost or self._position_std() > params.max_position_std
         # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
-        if not match.fits or (self._mismatches >= params.lost_scans and not match.is_judged):
-            return predicted, None
+        if found is not None or not match.fits or (self._loss.is_lost and not match.is_judged):
+            return found or predicted, None
         return Pose2D(match.x, match.y, match.theta), 1.0
 
     def _position_std(self) -> float:

@@ -40,7 +40,7 @@ class HectorParams:
     never."""
     search_angle: float | None = None
     """... or turn since then [rad]; None for never."""
-    retry_below: float = 0.4
+    retry_below: float = 0.5
     """Mean occupancy of the known cells under the hits, from 0 to 1, below which a second correlative search looks
     farther around; 0 for never."""
     retry_distance: float = 0.8
@@ -49,7 +49,7 @@ class HectorParams:
     """Half width of the second search in heading [rad]."""
     retry_gain: float = 0.05
     """What the second search must add to the occupancies of the known cells under the hits, for each hit."""
-    min_known_score: float = 0.25
+    min_known_score: float = 0.7
     """A scan whose hits on known cells fall on less occupied ones in the mean, from 0 to 1, does not match: it is not
     integrated, and the pose follows odometry."""
     min_known_hits: int = 20

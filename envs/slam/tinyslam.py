@@ -13,19 +13,31 @@ from .cells import ONE
 from .grid_map import GridMap
 from .known_poses import KnownPoses
 from .matcher import SearchParams, match_scan, search_params
+from .matching.scan_matcher import known_score_at
 from .motion_noise import NoiseRecord, motion_stds
 from .observers import MatcherObserver, match_observed
 from .params import TinySlamParams
+from .relocalization import LossTracker
 from .scans import project_hits
+
+LOST_SCANS = 3
+"""Key scans in succession that do not fit, after which the robot is lost."""
+LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE = 20, 0.25
+"""Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit."""
 
 
 class TinySlam(KnownPoses):
-    """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010)."""
+    """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010).
+
+    Where key scans alone are matched, as the originals do not, `belief.is_lost` says that scans in succession have not
+    fitted the map; these are not integrated, and a robot that is lost is searched on the whole map (`relocalization`).
+    """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
         """Build a SLAM for one lidar. Observers are notified of the matcher's work, which then runs in Python."""
         self.observers = tuple(observers)
         self._search = search_params(params)
+        self._loss = LossTracker(lidar, LOST_SCANS)
         self._noise = np.empty((params.max_tries, 3))
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
@@ -33,12 +45,28 @@ class TinySlam(KnownPoses):
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
         """Start with an unknown map or a shared one; see `KnownPoses`. The candidates are drawn from `rng`."""
         self._odometry = pose
+        self._loss.reset()
         return super().reset(rng, pose, map)
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         params = self.params
-        pose = predicted if self.last_key_pose is None else self._search_pose(ranges, predicted)
+        if self.last_key_pose is None:
+            return predicted, params.raw_quality
+        pose = self._search_pose(ranges, predicted)
+        if not params.match_every_scan:
+            fits, belief = self._fits(ranges, pose), self.belief
+            found = self._loss.update(ranges, predicted, fits, belief.grid)
+            belief.is_lost = self._loss.is_lost
+            if found is not None or fits is False or (fits is None and belief.is_lost):
+                return found or predicted, None
         return pose, params.raw_quality if pose is predicted else params.quality
+
+    def _fits(self, ranges: np.ndarray, pose: Pose2D) -> bool | None:
+        """Tell whether the hits of a scan fall on occupied cells at a pose; None where too few cells are known."""
+        count = project_hits(ranges, self.map.geometry, self._points)
+        x, y = self.map.to_cells(pose.x, pose.y)
+        num_known, score = known_score_at(self.map.grid.data, self._points, count, x, y, pose.theta)
+        return score >= LEAST_KNOWN_SCORE if num_known >= LEAST_KNOWN_HITS else None
 
     def _predict(self, motion: Pose2D) -> Pose2D:
         pose = self.belief.pose

@@ -83,8 +83,12 @@ class Match(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _known(occupancy, points, num_points, x, y, theta):
-    """Return how many hits fall in known cells, and the mean occupancy of these from 0 to 1."""
+def known_score_at(occupancy, points, num_points, x, y, theta):
+    """Return how many hits fall in known cells, and the mean occupancy of these from 0 to 1.
+
+    `occupancy` has shape (height, width), int8; `points` shape (2, n), float32, base frame [cells]; x and y are counted
+    from the map's corner [cells].
+    """
     height, width = occupancy.shape
     c, s = math.cos(theta), math.sin(theta)
     count = total = 0
@@ -144,7 +148,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
         pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
     x, y, theta, fit = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
-    num_known, known_score = _known(levels[0], points, count, x, y, theta)
+    num_known, known_score = known_score_at(levels[0], points, count, x, y, theta)
     if num_known >= params.min_known_hits and known_score < params.retry_below:
         # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
         # nothing: they would draw a search as wide as this one.
@@ -153,7 +157,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
         wide = np.diag(np.array([params.retry_distance, params.retry_distance, around]) ** 2)
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
-        there = _known(levels[0], points, count, found[0], found[1], found[2])
+        there = known_score_at(levels[0], points, count, found[0], found[1], found[2])
         if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
             x, y, theta, fit = found
             num_known, known_score = there

@@ -1,0 +1,71 @@
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.slam_kidnapping import kidnap
+from envs.geometry import Pose2D
+from envs.slam import make_slam
+from envs.slam.relocalization import LossTracker, Relocalizer
+from tests.slam.rooms import LIDAR, ROOM, STAY, scan
+
+MOTION = Pose2D(0.15, 0.0, -0.25)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """Return the map of the room, made on a drive in a circle."""
+    slam = make_slam("hector", LIDAR, 0.05)
+    slam.reset(np.random.default_rng(0))
+    pose = STAY
+    slam.update(scan(pose), STAY)
+    for _ in range(30):
+        pose = pose.compose(MOTION)
+        slam.update(scan(pose), MOTION)
+    assert math.dist(slam.belief.pose[:2], pose[:2]) < 0.03
+    return slam.belief.grid
+
+
+def points_at(pose):
+    ranges = scan(pose)
+    hits = ranges[:, None] * LIDAR.directions.T + (LIDAR.mount.x, LIDAR.mount.y)
+    return hits[ranges < LIDAR.range_max].astype(np.float32)
+
+
+@pytest.mark.parametrize("start", [Pose2D(-1.5, 1.5, 2.0), Pose2D(2.0, -1.0, -2.8), Pose2D(0.2, 2.0, 0.7)])
+def test_the_pose_is_found_wherever_the_robot_was_put(grid, start):
+    relocalizer, pose, by_odometry = Relocalizer(), start, STAY
+    for _ in range(10):
+        relocalizer.add(points_at(pose), by_odometry)
+        found = relocalizer.update(grid)
+        if found is not None:
+            break
+        pose, by_odometry = pose.compose(Pose2D(0.05, 0.0, 0.1)), by_odometry.compose(Pose2D(0.05, 0.0, 0.1))
+    assert math.dist(found[:2], pose[:2]) < 0.06
+    assert math.cos(found.theta - pose.theta) > math.cos(0.03)
+
+
+def test_another_room_is_not_taken_for_this_one(grid):
+    relocalizer = Relocalizer()
+    for k in range(12):
+        walls = [(0.4 * x0, 1.3 * y0, 0.4 * x1, 1.3 * y1) for x0, y0, x1, y1 in ROOM]
+        ranges = scan(Pose2D(0.02 * k, 0.0, 0.0), walls=walls)
+        relocalizer.add((ranges[:, None] * LIDAR.directions.T).astype(np.float32), Pose2D(0.02 * k, 0.0, 0.0))
+        assert relocalizer.update(grid) is None
+
+
+def test_scans_in_succession_that_do_not_fit_make_a_robot_lost_and_one_that_fits_ends_it(grid):
+    tracker, ranges = LossTracker(LIDAR, 3), np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
+    lost = []
+    for fits in (None, False, False, None, False, None, True, False):
+        assert tracker.update(ranges, STAY, fits, grid) is None
+        lost.append(tracker.is_lost)
+    assert lost == [False, False, False, False, True, True, False, False]
+
+
+@pytest.mark.parametrize("slam", ["hector", "tinyslam"])
+def test_a_kidnapped_robot_says_so_and_finds_itself(slam):
+    outcome = kidnap(slam, "turtlebot3_house", "turtlebot3_burger", 0, 8.0, 60.0)
+    assert outcome.lost_after < 10.0
+    assert outcome.found_after < 40.0
+    assert not outcome.is_misled
