@@ -1,0 +1,54 @@
+"""Rendering a map from the scans of nodes, a few nodes at a time."""
+
+import dataclasses
+
+import numpy as np
+
+from envs.estimation import MapUpdate, Window
+from envs.estimation.belief import Correction
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams
+from envs.slam.mapping.log_odds_map import LogOddsMap
+
+from .nodes import NodeStore
+from .params import GraphSlamParams
+
+
+class MapRendering:
+    """A map into which the nodes are integrated one after the other, in the order of time."""
+
+    def __init__(self, params: GraphSlamParams, lidar: LidarParams, num_levels: int = 1) -> None:
+        """Start with an unknown map of so many levels; a matcher needs as many as `params.num_levels`."""
+        self.map = LogOddsMap(dataclasses.replace(params, num_levels=num_levels), lidar)
+        self.count = 0
+        """Nodes that were integrated."""
+
+    def add(self, nodes: NodeStore, poses: np.ndarray, count: int) -> bool:
+        """Integrate the next `count` nodes at their poses, shape (num_nodes, 3), map frame; return whether all are."""
+        last = min(self.count + count, len(poses))
+        for k in range(self.count, last):
+            self.map.integrate(nodes.ranges(k), Pose2D(*poses[k].tolist()))
+        self.count = last
+        return last == len(poses)
+
+
+def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
+    """Give a map the cells of another one; its grid stays the same object. Returns how that changes the map."""
+    live.grid.data, live.grid.origin = other.grid.data, other.grid.origin
+    live.corner, live.words = other.corner, other.words
+    live._stamp = other._stamp
+    height, width = live.grid.data.shape
+    known = np.flatnonzero(live.grid.data != UNKNOWN)
+    cells = np.empty((len(known), 2), dtype=np.int32)
+    np.divmod(known, width, out=(cells[:, 0], cells[:, 1]), casting="unsafe")
+    window = Window(0, 0, width - 1, height - 1)
+    return MapUpdate(cells, window, redrawn=True, origin=live.grid.origin, correction=correction)
+
+
+def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
+    """Tell whether a pose of `before`, shape (n, 3), lies farther from that of `after` than so much [m], [rad]."""
+    if len(before) == 0:
+        return False
+    moved = after - before
+    turned = np.abs(np.arctan2(np.sin(moved[:, 2]), np.cos(moved[:, 2])))
+    return bool((moved[:, :2] ** 2).sum(axis=1).max() > max_distance**2 or turned.max() > max_angle)
