@@ -34,7 +34,7 @@ def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, 
     points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution
     covariance, variance = np.diag(STDS**2), float(params.residual_variance)
     for k in range(len(poses)):
-        count = project_hits(nodes.ranges(k), map.geometry, points)
+        count = project_hits(nodes.ranges[k], map.geometry, points)
         x, y, theta = poses[k].tolist()
         start = (*map.to_cells(x, y), theta)
         prior = make_prior(start, covariance, variance, resolution)

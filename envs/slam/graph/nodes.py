@@ -94,9 +94,10 @@ class NodeStore:
         x, y, _ = self._poses.rows[self._submaps.rows[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
-    def ranges(self, node: int) -> np.ndarray:
-        """Return the scan of a node, shape (num_beams,), float32 [m]."""
-        return self._ranges.rows[node]
+    @property
+    def ranges(self) -> np.ndarray:
+        """Shape (num_nodes, num_beams), float32: scans [m]."""
+        return self._ranges.rows
 
     def points(self, node: int) -> np.ndarray:
         """Return the hits of a node, shape (n, 2), float32, base frame [m]."""

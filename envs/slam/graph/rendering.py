@@ -6,7 +6,7 @@ import numpy as np
 
 from envs.estimation import MapUpdate, Window
 from envs.estimation.belief import Correction
-from envs.geometry import UNKNOWN, Pose2D
+from envs.geometry import UNKNOWN
 from envs.robots import LidarParams
 from envs.slam.mapping.log_odds_map import LogOddsMap
 
@@ -26,17 +26,14 @@ class MapRendering:
     def add(self, nodes: NodeStore, poses: np.ndarray, count: int) -> bool:
         """Integrate the next `count` nodes at their poses, shape (num_nodes, 3), map frame; return whether all are."""
         last = min(self.count + count, len(poses))
-        for k in range(self.count, last):
-            self.map.integrate(nodes.ranges(k), Pose2D(*poses[k].tolist()))
+        self.map.integrate_all(nodes.ranges[self.count : last], poses[self.count : last])
         self.count = last
         return last == len(poses)
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
     """Give a map the cells of another one; its grid stays the same object. Returns how that changes the map."""
-    live.grid.data, live.grid.origin = other.grid.data, other.grid.origin
-    live.corner, live.words = other.corner, other.words
-    live._stamp = other._stamp
+    live.take_cells(other)
     height, width = live.grid.data.shape
     known = np.flatnonzero(live.grid.data != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
