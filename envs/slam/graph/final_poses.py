@@ -28,7 +28,7 @@ def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, 
     Returns:
         Shape (num_nodes, 3), float64.
     """
-    rendering = MapRendering(params, lidar, params.num_levels)
+    rendering = MapRendering(params, lidar)
     rendering.add(nodes, poses, len(poses))
     map, refined = rendering.map, np.array(poses)
     points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution

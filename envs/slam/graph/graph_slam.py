@@ -17,6 +17,7 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.key_scans import KeyScanSlam
 from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.matching.scan_matcher import NEVER, MatcherParams, match_to_levels
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.posegraph.records import GrowingArray
 
@@ -29,8 +30,6 @@ from .params import GraphSlamParams
 from .pose_graph_view import PoseGraphView, view_of
 from .rendering import MapRendering, has_moved, replace_cells
 
-FAR = 10.0
-"""Distance at which a turned scan must not be off by more than a shifted one may be [m]."""
 
 
 class Anchor(NamedTuple):
@@ -61,6 +60,9 @@ class GraphSlam(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
         """Build a SLAM for one lidar."""
         load_kernels()
+        # Local SLAM has searched already, where odometry may be far off.
+        self._matcher = MatcherParams.of(params)._replace(search_distance=NEVER, search_angle=NEVER, retry_below=0.0)
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
@@ -144,13 +146,24 @@ class GraphSlam(KeyScanSlam):
         return MapRendering(self.params, self._lidar).map
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        last, belief = self._last_matched_pose(), self.belief
-        fits = self.local.match(ranges, (last or self._correction).between(predicted))
-        c, s = np.cos(self._correction.theta), np.sin(self._correction.theta)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        belief.covariance = turn @ self.local.covariance @ turn.T
+        belief, before = self.belief, self._last_matched_pose() or self._correction
+        fits = self.local.match(ranges, before.between(predicted))
         belief.is_lost = self.local.is_lost
-        return self._correction.compose(self.local.pose), 1.0 if fits else None
+        pose = self._correction.compose(self.local.pose)
+        if len(self.nodes):
+            pose = self._match_map(ranges, before, pose)
+            self._correction = pose.compose(self.local.pose.inverse())
+        return pose, 1.0 if fits else None
+
+    def _match_map(self, ranges: np.ndarray, before: Pose2D, predicted: Pose2D) -> Pose2D:
+        """Return the pose at which a scan fits the map, with local SLAM for odometry; nodes do not follow it."""
+        belief, map = self.belief, self.map
+        # A fresh array: who holds the belief of before keeps its covariance.
+        belief.covariance = belief.covariance.copy()
+        over = (map.geometry, map.levels, map.corner)
+        poses = (tuple(before), tuple(predicted))
+        match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
+        return Pose2D(match.x, match.y, match.theta) if match.fits else predicted
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         """Add a node, and integrate its scan into the map as it is now."""
@@ -201,11 +214,8 @@ class GraphSlam(KeyScanSlam):
         frame = Pose2D(*arrays.submaps[newest].tolist())
         self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
         self.num_corrections += 1
-        step = 0.5 * params.resolution
-        if has_moved(self._mapped.rows, arrays.nodes, step, step / FAR):
+        if has_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
             self._rendering = MapRendering(params, self._lidar)
-        else:
-            self._move()
 
     def _replace_map(self, map: LogOddsMap) -> None:
         """Let pose and map follow the graph."""

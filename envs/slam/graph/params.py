@@ -63,6 +63,10 @@ class GraphSlamParams(HectorParams):
     """Most iterations of one optimisation; one is done per key scan."""
     tolerance: float = 1e-4
     """Largest change that ends an optimisation [m or rad]."""
+    redraw_distance: float = 0.1
+    """The map is rendered anew once an optimisation has moved a node by more than this in it [m]"""
+    redraw_angle: float = 0.02
+    """... or turned one by more than this [rad]."""
     nodes_per_scan: int = 50
     """Nodes that are rendered into a corrected map at each key scan."""
     final_passes: int = 1

@@ -1,7 +1,5 @@
 """Rendering a map from the scans of nodes, a few nodes at a time."""
 
-import dataclasses
-
 import numpy as np
 
 from envs.estimation import MapUpdate, Window
@@ -17,9 +15,9 @@ from .params import GraphSlamParams
 class MapRendering:
     """A map into which the nodes are integrated one after the other, in the order of time."""
 
-    def __init__(self, params: GraphSlamParams, lidar: LidarParams, num_levels: int = 1) -> None:
-        """Start with an unknown map of so many levels; a matcher needs as many as `params.num_levels`."""
-        self.map = LogOddsMap(dataclasses.replace(params, num_levels=num_levels), lidar)
+    def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
+        """Start with an unknown map."""
+        self.map = LogOddsMap(params, lidar)
         self.count = 0
         """Nodes that were integrated."""
 
