@@ -15,9 +15,8 @@ from envs.estimation.belief import Correction
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
-from envs.slam.key_scans import KeyScanSlam
+from envs.slam.hector import Hector
 from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.scan_matcher import NEVER, MatcherParams, match_to_levels
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.posegraph.records import GrowingArray
 
@@ -41,7 +40,7 @@ class Anchor(NamedTuple):
     """The pose as seen from the node."""
 
 
-class GraphSlam(KeyScanSlam):
+class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
 
     Everything happens at key scans, and the work at each is bounded by counts: at most one search for a loop closure,
@@ -60,9 +59,6 @@ class GraphSlam(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
         """Build a SLAM for one lidar."""
         load_kernels()
-        # Local SLAM has searched already, where odometry may be far off.
-        self._matcher = MatcherParams.of(params)._replace(search_distance=NEVER, search_angle=NEVER, retry_below=0.0)
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
@@ -146,24 +142,13 @@ class GraphSlam(KeyScanSlam):
         return MapRendering(self.params, self._lidar).map
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        belief, before = self.belief, self._last_matched_pose() or self._correction
+        before = self._last_matched_pose() or self._correction
         fits = self.local.match(ranges, before.between(predicted))
-        belief.is_lost = self.local.is_lost
-        pose = self._correction.compose(self.local.pose)
-        if len(self.nodes):
-            pose = self._match_map(ranges, before, pose)
-            self._correction = pose.compose(self.local.pose.inverse())
+        pose, quality = super()._match(ranges, predicted)
+        if quality is None:
+            pose = self._correction.compose(self.local.pose)
+        self._correction = pose.compose(self.local.pose.inverse())
         return pose, 1.0 if fits else None
-
-    def _match_map(self, ranges: np.ndarray, before: Pose2D, predicted: Pose2D) -> Pose2D:
-        """Return the pose at which a scan fits the map, with local SLAM for odometry; nodes do not follow it."""
-        belief, map = self.belief, self.map
-        # A fresh array: who holds the belief of before keeps its covariance.
-        belief.covariance = belief.covariance.copy()
-        over = (map.geometry, map.levels, map.corner)
-        poses = (tuple(before), tuple(predicted))
-        match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
-        return Pose2D(match.x, match.y, match.theta) if match.fits else predicted
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         """Add a node, and integrate its scan into the map as it is now."""
