@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from envs.geometry import OccupancyGrid, Pose2D
 
@@ -33,15 +34,13 @@ class Correction(NamedTuple):
     def carry(self, points: np.ndarray) -> np.ndarray:
         """Return where points have gone, each with the nearest pose; shape (k, 2), float64, map frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        if len(self.before) == 0:
+        if len(self.before) == 0 or len(points) == 0:
             return points.copy()
-        carried = np.empty_like(points)
-        for k, point in enumerate(points):
-            # Of poses equally near the newest one: the map of before showed what it saw last.
-            near = len(self.before) - 1 - int(((self.before[::-1, :2] - point) ** 2).sum(axis=1).argmin())
-            before, after = Pose2D(*self.before[near].tolist()), Pose2D(*self.after[near].tolist())
-            carried[k] = after.compose(before.inverse()).transform(point[None])[0]
-        return carried
+        _, nearest = cKDTree(self.before[:, :2]).query(points)
+        before, after = self.before[nearest], self.after[nearest]
+        turn = after[:, 2] - before[:, 2]
+        c, s, (x, y) = np.cos(turn), np.sin(turn), (points - before[:, :2]).T
+        return after[:, :2] + np.column_stack([c * x - s * y, s * x + c * y])
 
 
 class MapUpdate(NamedTuple):

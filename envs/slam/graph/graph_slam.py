@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief, MapUpdate
-from envs.estimation.belief import Correction
+from envs.estimation import ORIGIN, Belief, Correction, MapUpdate
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
@@ -144,9 +143,12 @@ class GraphSlam(Hector):
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
         fits = self.local.match(ranges, before.between(predicted))
-        pose, quality = super()._match(ranges, predicted)
+        by_local_slam = self._correction.compose(self.local.pose)
+        # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
+        # every match is off by a millimetre or so, which adds up.
+        pose, quality = super()._match(ranges, by_local_slam if self.params.match_every_scan else predicted)
         if quality is None:
-            pose = self._correction.compose(self.local.pose)
+            pose = by_local_slam
         self._correction = pose.compose(self.local.pose.inverse())
         return pose, 1.0 if fits else None
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from envs.estimation import MapUpdate, Window
-from envs.estimation.belief import Correction
+from envs.estimation import Correction, MapUpdate, Window
 from envs.geometry import UNKNOWN
 from envs.robots import LidarParams
 from envs.slam.mapping.log_odds_map import LogOddsMap
