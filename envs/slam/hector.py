@@ -58,7 +58,9 @@ class Hector(KeyScanSlam):
         self.match = match
         if match.is_judged:
             self._mismatches = 0 if match.fits else self._mismatches + 1
-        belief.is_lost = self._mismatches >= params.lost_scans or worst_position_std(belief.covariance) > params.max_position_std
+        belief.is_lost = (
+            self._mismatches >= params.lost_scans or worst_position_std(belief.covariance) > params.max_position_std
+        )
         # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
         if not match.fits or (self._mismatches >= params.lost_scans and not match.is_judged):
             return predicted, None

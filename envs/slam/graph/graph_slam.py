@@ -29,7 +29,6 @@ from .pose_graph_view import PoseGraphView, view_of
 from .rendering import MapRendering, has_moved, replace_cells
 
 
-
 class Anchor(NamedTuple):
     """A pose by that of a node, with which corrections move it."""
 
@@ -132,7 +131,9 @@ class GraphSlam(Hector):
         for _ in range(self.params.final_passes):
             poses[:] = refine_poses(self.params, self._lidar, self.nodes, poses)
         if len(poses):
-            self._graph_correction = Pose2D(*poses[-1].tolist()).compose(Pose2D(*self.nodes.poses[-1].tolist()).inverse())
+            self._graph_correction = Pose2D(*poses[-1].tolist()).compose(
+                Pose2D(*self.nodes.poses[-1].tolist()).inverse()
+            )
         rendering = MapRendering(self.params, self._lidar)
         rendering.add(self.nodes, poses, len(poses))
         self._replace_map(rendering.map)

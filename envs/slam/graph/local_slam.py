@@ -110,4 +110,6 @@ class LocalSlam:
         predict_covariance(covariance, dx, dy, *stds)
         if match.fits:
             params = self._params
-            correct_covariance(covariance, match.fit, match.num_hits, float(params.residual_variance), params.resolution)
+            correct_covariance(
+                covariance, match.fit, match.num_hits, float(params.residual_variance), params.resolution
+            )

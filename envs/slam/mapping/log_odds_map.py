@@ -8,7 +8,14 @@ from envs.robots import LidarParams
 
 from ..hector_params import HectorParams
 from .growing_map import GrowingMap
-from .log_odds_kernels import MAX_STAMP, forget_stamps, integrate_log_odds, integrate_scans, log_odds_model, scans_extent
+from .log_odds_kernels import (
+    MAX_STAMP,
+    forget_stamps,
+    integrate_log_odds,
+    integrate_scans,
+    log_odds_model,
+    scans_extent,
+)
 
 
 class LogOddsMap(GrowingMap):
