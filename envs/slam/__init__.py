@@ -11,6 +11,7 @@ from envs.robots import LidarParams, OdometryNoise
 
 from .graph.graph_slam import GraphSlam
 from .graph.params import GRAPH_PRESETS, GraphSlamParams, load_graph_params
+from .graph.pose_graph_view import PoseGraphView
 from .hector import Hector
 from .hector_params import HECTOR_PRESETS, HectorParams, load_hector_params
 from .known_poses import KnownPoses
@@ -88,6 +89,7 @@ __all__ = [
     "HectorParams",
     "KnownPoses",
     "MatcherObserver",
+    "PoseGraphView",
     "TinySlam",
     "TinySlamParams",
     "load_graph_params",

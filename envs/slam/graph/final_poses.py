@@ -28,9 +28,7 @@ def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, 
     Returns:
         Shape (num_nodes, 3), float64.
     """
-    rendering = MapRendering(params, lidar)
-    rendering.add(nodes, poses, len(poses))
-    map, refined = rendering.map, np.array(poses)
+    map, refined = MapRendering(params, lidar).add_all(nodes, poses), np.array(poses)
     points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution
     covariance, variance = np.diag(STDS**2), float(params.residual_variance)
     for k in range(len(poses)):

@@ -25,7 +25,7 @@ from .loop_closure import Confirmation
 from .loop_search import NEWEST, LoopSearch
 from .nodes import NodeStore
 from .params import GraphSlamParams
-from .pose_graph_view import PoseGraphView, view_of
+from .pose_graph_view import PoseGraphView
 from .rendering import MapRendering, has_moved, replace_cells
 
 
@@ -93,8 +93,8 @@ class GraphSlam(Hector):
 
     @property
     def pose_graph(self) -> PoseGraphView:
-        """Submaps, nodes and constraints as one graph of poses."""
-        return view_of(self.graph.arrays)
+        """Submaps, nodes and constraints as one graph of poses; valid until the next scan."""
+        return PoseGraphView(self.graph.arrays)
 
     @property
     def anchor(self) -> Anchor | None:
@@ -111,7 +111,7 @@ class GraphSlam(Hector):
         belief.path = None
         self._close_loop()
         if self._rendering is not None:
-            if self._rendering.add(self.nodes, self.graph.arrays.nodes, self.params.nodes_per_scan):
+            if self._rendering.add(self.nodes, self.graph.arrays.nodes, self.params.cells_per_scan):
                 self._replace_map(self._rendering.map)
         elif self._iterations:
             self._optimise_once()
@@ -134,9 +134,7 @@ class GraphSlam(Hector):
             self._graph_correction = Pose2D(*poses[-1].tolist()).compose(
                 Pose2D(*self.nodes.poses[-1].tolist()).inverse()
             )
-        rendering = MapRendering(self.params, self._lidar)
-        rendering.add(self.nodes, poses, len(poses))
-        self._replace_map(rendering.map)
+        self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
 
     def _make_map(self) -> LogOddsMap:
         return MapRendering(self.params, self._lidar).map

@@ -47,7 +47,7 @@ class GraphSlamParams(HectorParams):
     """Most submaps that are searched at one node."""
     loop_scans: int = 5
     """Scans that are matched together."""
-    max_evaluations: int = 200_000
+    max_evaluations: int = 20_000
     """Most poses and groups of poses that a search scores."""
     max_rendered: int = 8
     """Finished submaps whose fields are kept; others are rendered when they are searched."""
@@ -67,8 +67,8 @@ class GraphSlamParams(HectorParams):
     """The map is rendered anew once an optimisation has moved a node by more than this in it [m]"""
     redraw_angle: float = 0.02
     """... or turned one by more than this [rad]."""
-    nodes_per_scan: int = 50
-    """Nodes that are rendered into a corrected map at each key scan."""
+    cells_per_scan: int = 1_000_000
+    """Cells along the beams of nodes that are rendered into a corrected map at each key scan, and those of one node."""
     final_passes: int = 1
     """How often `finish` matches all nodes with the map that is rendered from them."""
 
@@ -85,7 +85,7 @@ class GraphSlamParams(HectorParams):
             "max_rendered",
             "optimise_every",
             "max_iterations",
-            "nodes_per_scan",
+            "cells_per_scan",
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")

@@ -10,6 +10,9 @@ from envs.slam.mapping.log_odds_map import LogOddsMap
 from .nodes import NodeStore
 from .params import GraphSlamParams
 
+CHUNK = 256
+"""Nodes that are integrated at once, at most."""
+
 
 class MapRendering:
     """A map into which the nodes are integrated one after the other, in the order of time."""
@@ -20,12 +23,25 @@ class MapRendering:
         self.count = 0
         """Nodes that were integrated."""
 
-    def add(self, nodes: NodeStore, poses: np.ndarray, count: int) -> bool:
-        """Integrate the next `count` nodes at their poses, shape (num_nodes, 3), map frame; return whether all are."""
-        last = min(self.count + count, len(poses))
-        self.map.integrate_all(nodes.ranges[self.count : last], poses[self.count : last])
+    def add(self, nodes: NodeStore, poses: np.ndarray, num_cells: float) -> bool:
+        """Integrate the next nodes at their poses, shape (num_nodes, 3), map frame; return whether all are.
+
+        At least one is, and as many as have beams over `num_cells` cells together.
+        """
+        geometry = self.map.geometry
+        ranges = nodes.ranges[self.count : self.count + CHUNK]
+        lengths = np.nan_to_num(ranges, nan=0.0).clip(0.0, geometry.range_max).sum(axis=1) / geometry.resolution
+        count = 1 + int(np.searchsorted(np.cumsum(lengths[:-1]), num_cells)) if len(ranges) else 0
+        last = self.count + count
+        self.map.integrate_all(ranges[:count], poses[self.count : last])
         self.count = last
         return last == len(poses)
+
+    def add_all(self, nodes: NodeStore, poses: np.ndarray) -> LogOddsMap:
+        """Integrate all nodes, and return the map."""
+        while not self.add(nodes, poses, np.inf):
+            pass
+        return self.map
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
