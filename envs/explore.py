@@ -10,7 +10,7 @@ from envs.geometry import Pose2D
 from envs.observations import Observations
 from envs.rendering.scene import Scene
 from envs.robots import RobotParams
-from envs.slam import DEFAULT_SLAM, make_slam
+from envs.slam import DEFAULT_SLAM, PoseGraphView, make_slam
 from envs.tasks.coverage import Coverage
 from envs.tasks.explore import Explore
 from envs.tasks.rewards import RewardWeights
@@ -72,7 +72,7 @@ class ExploreEnv(LidarEnv):
     | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures; one robot), `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
     | `control_hz` | `10.0` | steps per second |
     | `time_limit` | `None` | length of an episode [s]; `None` gives a time that grows with the explorable area |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
@@ -182,6 +182,7 @@ class ExploreEnv(LidarEnv):
 
     def _scene_of(self, k: int) -> Scene:
         robot, truth = self.robots[k], self.truths[k]
+        pose_graph = getattr(robot.estimator, "pose_graph", None)
         return Scene(
             world=self.world,
             robot=robot.params,
@@ -195,4 +196,5 @@ class ExploreEnv(LidarEnv):
             explored_fraction=self.coverage.explored_fraction,
             time=self.time,
             collisions=sum(other.collisions for other in self.robots),
+            pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
         )

@@ -13,11 +13,13 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
+from envs.estimation import Correction, MapUpdate, Window
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import Hector, KnownPoses, TinySlam, load_hector_params, load_params
+from envs.slam import GraphSlam, Hector, KnownPoses, TinySlam, load_graph_params, load_hector_params, load_params
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -70,8 +72,48 @@ class OwnHector(Hector):
         return super().update(ranges, motion)
 
 
+class OwnGraphSlam(GraphSlam):
+    """The same of graph SLAM."""
+
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
+
+
+class Jumping(KnownPoses):
+    """Turns and moves its map and its pose at every fifth key scan, as a closed loop may."""
+
+    num_jumps = 0
+
+    def process_key_scan(self, ranges, predicted):
+        belief = super().process_key_scan(ranges, predicted)
+        self.count = getattr(self, "count", 0) + 1
+        if self.count % 5 == 0:
+            moved = Pose2D(0.15, -0.05, 0.0)
+            rows, cols = belief.grid.data.shape
+            belief.grid.data = np.roll(belief.grid.data, (-1, 3), (0, 1))
+            before = np.array([belief.pose])
+            belief.pose = self.last_key_pose = moved.compose(belief.pose)
+            known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
+            correction = Correction(before, np.array([belief.pose]))
+            window = Window(0, 0, cols - 1, rows - 1)
+            belief.update = MapUpdate(known, window, True, belief.grid.origin, correction)
+            belief.path = np.array([belief.pose])
+            self.map.words = np.roll(self.map.words, (-1, 3), (0, 1))
+            type(self).num_jumps += 1
+        return belief
+
+
+class OwnJumping(Jumping):
+    """The same, which no kernel drives."""
+
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
+
+
 LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
 LOADERS[OwnHector] = ("hector", load_hector_params)
+LOADERS[OwnGraphSlam] = ("graph", load_graph_params)
+LOADERS[OwnJumping] = (lambda lidar, resolution: Jumping(lidar, load_params("default")), load_params)
 
 
 def make_own(kind, noise, lidar, resolution):
@@ -91,6 +133,7 @@ def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
         assert info.pop("rewards") == pytest.approx(other.pop("rewards"))
         assert same(info, other)
         assert a[1:-1] == pytest.approx(b[1:-1])
+    assert own is not OwnJumping or Jumping.num_jumps > 4 < OwnJumping.num_jumps
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from envs.geometry import OccupancyGrid, Pose2D
 
@@ -22,6 +23,26 @@ class Window(NamedTuple):
     row_max: int
 
 
+class Correction(NamedTuple):
+    """How what a map shows was moved when it was redrawn: by the poses of which it had been seen."""
+
+    before: np.ndarray
+    """Shape (n, 3), float64: poses of the past in the map of before [m, m, rad]."""
+    after: np.ndarray
+    """Shape (n, 3), float64: the same poses in the map that replaces it."""
+
+    def carry(self, points: np.ndarray) -> np.ndarray:
+        """Return where points have gone, each with the nearest pose; shape (k, 2), float64, map frame [m]."""
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        if len(self.before) == 0 or len(points) == 0:
+            return points.copy()
+        _, nearest = cKDTree(self.before[:, :2]).query(points)
+        before, after = self.before[nearest], self.after[nearest]
+        turn = after[:, 2] - before[:, 2]
+        c, s, (x, y) = np.cos(turn), np.sin(turn), (points - before[:, :2]).T
+        return after[:, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+
+
 class MapUpdate(NamedTuple):
     """How the last scan changed the map."""
 
@@ -34,6 +55,8 @@ class MapUpdate(NamedTuple):
     """Whether the map changed as a whole: a loop was closed, or another particle became the best one."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Position (x, y) of the corner of cell (0, 0) at that time, map frame [m]; a map may grow afterwards."""
+    correction: Correction | None = None
+    """Where what the map showed has gone; None unless it was redrawn, or where the estimator cannot tell."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
@@ -58,5 +81,5 @@ class Belief:
     is_lost: bool = False
     """Whether the pose must not be trusted."""
     path: np.ndarray | None = None
-    """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan [m, m, rad]; None
-    otherwise."""
+    """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
+    of estimators with an `anchor` [m, m, rad]; None otherwise."""

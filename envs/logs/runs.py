@@ -3,12 +3,13 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from envs.estimation import Estimator
+from envs.geometry import Pose2D
 from envs.worlds import save_map
 
 from .g2o import save_g2o
@@ -58,11 +59,14 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 
     The final poses are those of `Belief.path` where the estimator sets it, at a redrawn map or in an optional method
     `finish()`, which is called after the last scan. Scans after the last corrected one keep their online poses.
+    An estimator that corrects key scans only has an optional `anchor` after each scan: a row of the path, and the pose
+    as seen from there.
 
     Raises:
         ValueError: the estimator gave a corrected path that does not hold one pose per scan.
     """
     slam.reset(np.random.default_rng(seed))
+    anchors: list[Any] = []
     online, seconds = np.empty((len(log.ranges), 3)), np.empty(len(log.ranges))
     corrected = online[:0]
     steps = zip(log.ranges, log.motions())
@@ -71,12 +75,14 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
         belief = slam.update(ranges, motion)
         seconds[k] = time.perf_counter() - begin
         online[k] = belief.pose
+        if hasattr(slam, "anchor"):
+            anchors.append(slam.anchor)
         if belief.update.redrawn and belief.path is not None:
-            corrected = _checked_path(belief.path, k + 1)
+            corrected = _final_poses(belief.path, anchors, k + 1)
     if finish := getattr(slam, "finish", None):
         finish()
         if slam.belief.path is not None:
-            corrected = _checked_path(slam.belief.path, len(online))
+            corrected = _final_poses(slam.belief.path, anchors, len(online))
     return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds)
 
 
@@ -138,8 +144,11 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
         save_g2o(folder / f"pose_graph_{seed}.g2o", graph.nodes, graph.edges)
 
 
-def _checked_path(path: np.ndarray, num_scans: int) -> np.ndarray:
-    """Return a copy of a corrected path."""
+def _final_poses(path: np.ndarray, anchors: list[Any], num_scans: int) -> np.ndarray:
+    """Return the corrected poses of all scans, by a path of one pose per scan, or by anchors on its poses."""
+    if anchors:
+        poses = [Pose2D(*path[node].tolist()).compose(relative) for node, relative in anchors]
+        return np.array(poses, dtype=np.float64)
     if path.shape != (num_scans, 3):
         raise ValueError(
             f"the SLAM gave a corrected path of shape {path.shape} after {num_scans} scans; "

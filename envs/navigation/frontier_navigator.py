@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from envs.estimation import Belief
+from envs.estimation import Belief, Correction
 from envs.geometry import Pose2D
 from envs.navigation.candidate_features import Candidates, describe, fill_features
 from envs.navigation.candidates import FOUND, find_candidates
@@ -199,8 +199,23 @@ class FrontierNavigator:
 
     def integrate(self, belief: Belief) -> None:
         """Take note of what the last scan has changed in the map; also that of another robot with the same map."""
-        self.map.update(belief.grid, belief.update.window, redrawn=belief.update.redrawn)
-        self._has_changed |= belief.update.window is not None or belief.update.redrawn
+        update = belief.update
+        if update.redrawn:
+            if update.correction is not None:
+                self._carry(update.correction)
+            self.navigator.plan_anew()
+        self.map.update(belief.grid, update.window, redrawn=update.redrawn)
+        self._has_changed |= update.window is not None or update.redrawn
+
+    def _carry(self, correction: Correction) -> None:
+        """Move what is remembered of the map with a correction of it; obstacles lie in the base frame."""
+        self._failures = correction.carry(self._failures)
+        self._seen[:, :2] = correction.carry(self._seen[:, :2])
+        self.map.ignored_points = correction.carry(self.map.ignored_points)
+        if self.target is not None:
+            x, y = correction.carry(np.array([self.target]))[0].tolist()
+            self.target = (x, y)
+        self.navigator.carry(correction)
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
         """Return how the drive has ended, and draw the conclusions; None while it goes on."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.estimation import Correction
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation.navigator_kernels import (
@@ -193,6 +194,21 @@ class Navigator:
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["num_points"] = len(path) if num_points is None else num_points
         self.record["index"] = 0
+
+    def carry(self, correction: Correction) -> None:
+        """Move path, goal and view with a correction of the map."""
+        if not self.has_goal:
+            return
+        record, rest = self.record, slice(int(self.record["index"]), int(self.record["num_points"]))
+        self._path = self._path.copy()
+        self._path[rest] = correction.carry(self._path[rest])
+        for x, y in (("goal_x", "goal_y"), ("view_x", "view_y")):
+            if math.isfinite(record[x]):
+                record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
+
+    def plan_anew(self) -> None:
+        """Let the next check of progress ask for another plan, since the map has changed as a whole."""
+        self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""

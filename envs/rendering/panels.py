@@ -9,6 +9,7 @@ from scipy import ndimage
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.frontiers import frontier_mask
 from envs.robots import RobotParams
+from envs.slam import PoseGraphView
 from envs.worlds import World
 
 from . import style
@@ -127,6 +128,8 @@ class EstimatePanel:
             _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
         frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
         _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
+        if scene.pose_graph is not None:
+            self._draw_graph(scene.pose_graph, start, view)
         for one in (scene, *scene.peers):
             trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
             draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
@@ -135,6 +138,13 @@ class EstimatePanel:
             draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
             draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
         return surface
+
+    def _draw_graph(self, graph: PoseGraphView, start: Pose2D, view: View) -> None:
+        """Draw nodes, and lines from the nodes of loop closures to their submaps."""
+        _draw_dots(self._surface, view.pixels(start.transform(graph.graph.nodes[:, :2])), 8, style.NODE)
+        ends = view.pixels(start.transform(graph.loops.reshape(-1, 2))).reshape(-1, 2, 2)
+        for first, last in ends.tolist():
+            pygame.draw.line(self._surface, style.LOOP, first, last, 2)
 
 
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:

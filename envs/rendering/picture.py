@@ -102,6 +102,10 @@ class Picture:
         for box, panel in zip(self._boxes, self._panels):
             pygame.transform.smoothscale(panel.draw(scene, view), box.size, self._frame.subsurface(box))
             pygame.draw.rect(self._frame, style.RULE, box.inflate(2, 2), 1)
+        if scene.pose_graph is not None:
+            box = self._boxes[1]
+            above = pygame.Rect(box.right - 170, 0, 0, box.top - 16 - FOOTER // 2)
+            self._text.legend(self._frame, above, (("node", style.NODE, "disc"), ("loop closure", style.LOOP, "line")))
         self._draw_scale(view.scale / SUPERSAMPLING)
         self._draw_header(scene)
         return self._frame

@@ -7,7 +7,7 @@ import numpy as np
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
-from envs.slam import Belief
+from envs.slam import Belief, PoseGraphView
 from envs.worlds import World
 
 
@@ -43,6 +43,8 @@ class Scene(Moment):
     """Estimated positions so far, shape (n, 2), map frame [m]."""
     explored_fraction: float
     """Explored share of the explorable area, from 0 to 1."""
+    pose_graph: PoseGraphView | None = None
+    """Nodes and loop closures of a SLAM that has any."""
     peers: tuple["Scene", ...] = ()
     """The other robots of the team, which share world and map."""
 

@@ -16,6 +16,8 @@ TRUE: Colour = (0, 114, 178)
 ESTIMATED: Colour = (213, 94, 0)
 PLAN: Colour = (170, 51, 119)
 FRONTIER: Colour = (0, 158, 115)
+NODE: Colour = (222, 205, 190)
+LOOP: Colour = (204, 121, 167)
 LIDAR: Colour = (86, 180, 233)
 SEEN_ALPHA, BEAM_ALPHA = 70, 130
 """Opacity of the area that the lidar sees and of its beams, up to 255."""

@@ -9,6 +9,9 @@ from envs.estimation import Belief, Estimator
 from envs.files import resolve
 from envs.robots import LidarParams, OdometryNoise
 
+from .graph.graph_slam import GraphSlam
+from .graph.params import GRAPH_PRESETS, GraphSlamParams, load_graph_params
+from .graph.pose_graph_view import PoseGraphView
 from .hector import Hector
 from .hector_params import HECTOR_PRESETS, HectorParams, load_hector_params
 from .known_poses import KnownPoses
@@ -29,6 +32,7 @@ class Kind(NamedTuple):
 SLAMS: dict[str, Kind] = {
     "tinyslam": Kind(TinySlam, load_params),
     "hector": Kind(Hector, load_hector_params),
+    "graph": Kind(GraphSlam, load_graph_params),
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
@@ -42,7 +46,7 @@ def make_slam(
     name: Any,
     lidar: LidarParams,
     resolution: float = 0.05,
-    preset: str | TinySlamParams | HectorParams = "default",
+    preset: str | TinySlamParams | HectorParams | GraphSlamParams = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
     """Build a SLAM.
@@ -75,18 +79,23 @@ def make_slam(
 
 __all__ = [
     "DEFAULT_SLAM",
+    "GRAPH_PRESETS",
     "HECTOR_PRESETS",
     "PRESET_NAMES",
     "SLAMS",
     "SLAM_NAMES",
     "Belief",
     "Estimator",
+    "GraphSlam",
+    "GraphSlamParams",
     "Hector",
     "HectorParams",
     "KnownPoses",
     "MatcherObserver",
+    "PoseGraphView",
     "TinySlam",
     "TinySlamParams",
+    "load_graph_params",
     "load_hector_params",
     "load_params",
     "make_slam",

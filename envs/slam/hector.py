@@ -1,7 +1,5 @@
 """Hector SLAM: match each scan to a log-odds map by Gauss-Newton steps, then integrate it."""
 
-import math
-
 import numpy as np
 
 from envs.estimation import ORIGIN, Belief, MapUpdate
@@ -11,6 +9,7 @@ from envs.robots import LidarParams
 from .hector_params import HectorParams
 from .key_scans import KeyScanSlam
 from .mapping.log_odds_map import LogOddsMap
+from .matching.covariance import worst_position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .relocalization import FOUND_STD, LossTracker
 
@@ -63,13 +62,8 @@ class Hector(KeyScanSlam):
         found = self._loss.update(ranges, predicted, match.fits if match.is_judged else None, belief.grid)
         if found is not None:
             belief.covariance = np.diag(FOUND_STD) ** 2
-        belief.is_lost = self._loss.is_lost or self._position_std() > params.max_position_std
+        belief.is_lost = self._loss.is_lost or worst_position_std(belief.covariance) > params.max_position_std
         # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
         if found is not None or not match.fits or (self._loss.is_lost and not match.is_judged):
             return found or predicted, None
         return Pose2D(match.x, match.y, match.theta), 1.0
-
-    def _position_std(self) -> float:
-        """Return the standard deviation of the position along its worst direction [m]."""
-        (xx, xy, _), (_, yy, _), _ = self.belief.covariance.tolist()
-        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.estimation import Belief
+from envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate, Window
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import (
     FEATURES,
@@ -298,3 +298,48 @@ def test_obstacles_that_the_map_misses_are_planned_around():
     assert navigator.candidates.costmap.costs[navigator.map.cell(*obstacle)] == 254
     navigator.choose(0)
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
+
+
+def test_a_drive_goes_on_when_the_map_is_corrected():
+    """The map and the robot's pose jump by 0.5 m and a quarter turn in the middle of a drive."""
+    robot = Robot(seconds=2.0)
+    navigator, belief = robot.navigator, robot.belief
+    robot.decide()
+    target, plan, goal = np.array(navigator.target), navigator.plan.copy(), np.array(navigator.navigator.goal)
+    navigator._failures = np.array([(3.2, 1.9), (0.5, 0.5)])
+    navigator.map.ignore(np.array([(3.0, 2.1)]))
+    ignored = navigator.map.ignored_points.copy()
+    moved = Pose2D(0.5, 0.25, 0.5 * math.pi)
+    before = np.array([(x, 1.0, 0.0) for x in (1.0, 2.0, 3.0)])
+    after = np.array([moved.compose(Pose2D(*pose)) for pose in before])
+
+    # A quarter turn takes column j to row j, and row i to the i-th column from the right.
+    height = len(belief.grid.data)
+    belief.grid.data = np.ascontiguousarray(belief.grid.data.T[:, ::-1])
+    belief.grid.origin = (0.5 - 0.05 * height, 0.25)
+    rows, cols = belief.grid.data.shape
+    cells = np.argwhere(belief.grid.data >= 0).astype(np.int32)
+    belief.update = MapUpdate(
+        cells, Window(0, 0, cols - 1, rows - 1), True, belief.grid.origin, Correction(before, after)
+    )
+    belief.pose = moved.compose(belief.pose)
+    assert navigator.update(reading_at(robot.time), belief) is None
+    belief.update = NO_UPDATE
+
+    np.testing.assert_allclose(navigator.target, moved.transform(target[None])[0], atol=1e-9)
+    np.testing.assert_allclose(navigator.navigator.goal, moved.transform(goal[None])[0], atol=1e-9)
+    np.testing.assert_allclose(navigator._failures, moved.transform([(3.2, 1.9), (0.5, 0.5)]), atol=1e-9)
+    np.testing.assert_allclose(navigator.map.ignored_points, moved.transform(ignored), atol=1e-9)
+    # The path is planned anew, and ends where the old one did.
+    np.testing.assert_allclose(navigator.plan[-1], moved.transform(plan[-1:])[0], atol=0.15)
+    assert math.dist(navigator.plan[0], belief.pose[:2]) < 0.15
+    robot._seconds = math.inf
+    outcome = None
+    while outcome is None:
+        v, w = navigator.command(belief)
+        half = 0.5 * w * PERIOD
+        belief.pose = belief.pose.compose(Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), w * PERIOD))
+        robot.time += PERIOD
+        outcome = navigator.update(reading_at(robot.time), belief)
+    assert outcome == "arrived"
+    assert math.dist(belief.pose[:2], navigator.navigator.goal) < 0.3

@@ -12,7 +12,8 @@ from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from envs.rendering import Renderer, Scene, style
 from envs.rendering.view import View
 from envs.robots import load_robot
-from envs.slam import Belief
+from envs.slam import Belief, PoseGraphView
+from envs.slam.posegraph import PoseGraph
 from envs.worlds import Mover, World
 
 WALLS = [(0, 0, 8, 0), (8, 0, 8, 6), (8, 6, 0, 6), (0, 6, 0, 0)]
@@ -236,3 +237,18 @@ except RuntimeError as error:
 def test_bad_arguments_are_named(arguments, culprit):
     with pytest.raises(ValueError, match=culprit):
         Renderer(*arguments)
+
+
+def test_nodes_and_loop_closures_are_drawn_where_there_are_any(renderer):
+    scene = make_scene(START, Pose2D(0.0, 0.0, 0.0))
+    plain = renderer.draw(scene)
+    graph = PoseGraph()
+    graph.add_submap((0.0, 0.0, 0.0))
+    graph.add_node((1.5, 0.5, 0.0))
+    graph.add_constraint(0, 0, (1.5, 0.5, 0.0), np.eye(3), is_loop=True)
+    scene.pose_graph = PoseGraphView(graph.arrays)
+    drawn = renderer.draw(scene)
+    left, right = np.array_split(np.any(drawn != plain, axis=2)[108:], 2, axis=1)
+    assert not left.any()
+    assert right.sum() > 50
+    assert (np.abs(drawn[108:].astype(int) - style.LOOP).max(axis=2) < 60).any()

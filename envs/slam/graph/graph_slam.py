@@ -1,100 +1,175 @@
 """Graph SLAM: local SLAM builds submaps, loop closures and a pose graph correct where they lie.
 
 Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections: the pose in
-the map frame is its pose, moved by the correction of the newest submap.
+the map frame is its pose, moved by a correction. The scans of all nodes are kept, and after a correction the map is
+rendered from them anew, at several key scans; pose and map then change together.
 """
+
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
+from envs.estimation import ORIGIN, Belief, Correction, MapUpdate
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
+from envs.slam.hector import Hector
+from envs.slam.mapping.log_odds_map import LogOddsMap
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
-from envs.slam.scans import ScanGeometry, check_scan, project_hits
+from envs.slam.posegraph.records import GrowingArray
 
-from .local_slam import LocalSlam, Matcher
+from .final_poses import refine_poses
+from .local_slam import LocalSlam
 from .loop_closure import Confirmation
-from .loop_search import LoopSearch
+from .loop_search import NEWEST, LoopSearch
 from .nodes import NodeStore
 from .params import GraphSlamParams
+from .pose_graph_view import PoseGraphView
+from .rendering import MapRendering, has_moved, replace_cells
 
 
-class GraphTracker:
-    """Estimates the trajectory of a robot by graph SLAM; maps are rendered from its nodes."""
+class Anchor(NamedTuple):
+    """A pose by that of a node, with which corrections move it."""
 
-    def __init__(self, lidar: LidarParams, params: GraphSlamParams, matcher: Matcher) -> None:
-        """Build the tracker for one lidar, with a scan matcher for submaps."""
-        self.params = params
-        self._lidar, self._matcher = lidar, matcher
-        self._geometry = ScanGeometry.of(lidar, 1.0)
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
-        self.reset()
+    node: int
+    """Row of `Belief.path`."""
+    relative: Pose2D
+    """The pose as seen from the node."""
 
-    def reset(self) -> None:
-        """Start at the origin of the map frame, with nothing known."""
-        self.graph = PoseGraph()
-        """Nodes and submaps in the map frame."""
-        self.nodes = NodeStore(self._geometry.mount_x, self._geometry.mount_y)
-        """Scans and poses in the local frame."""
-        self.local = LocalSlam(self.params, self._matcher, self.nodes)
-        self.search = LoopSearch(self.params, self._matcher, self.nodes, self.graph)
-        self._confirmation = Confirmation(self.params.loops)
-        self._correction = Pose2D(0.0, 0.0, 0.0)
-        self._loop_nodes = self._iterations = 0
-        self.num_corrections = 0
-        """Number of optimisations so far."""
 
-    @property
-    def pose(self) -> Pose2D:
-        """Of the base, map frame."""
-        return self._correction.compose(self.local.pose)
+class GraphSlam(Hector):
+    """SLAM with loop closures on a pose graph of submaps.
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> Pose2D:
-        """Process one scan; return the pose in the map frame.
+    Everything happens at key scans, and the work at each is bounded by counts: at most one search for a loop closure,
+    and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
+    a map is rendered; the loop closures found meanwhile wait for the next one.
 
-        The work of a scan is bounded: at most one search for a loop closure and one iteration of an optimisation.
+    `belief.covariance` is that of the pose in the submap that scans are matched with, turned into the map frame. What
+    the graph does not know of where that submap lies is not part of it. `belief.is_lost` says, as Hector's does, that
+    scans in succession have not matched, or that the position has become too uncertain.
+    """
 
-        Args:
-            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
-            motion: pose of the base now, as odometry sees it from the base at the previous scan.
+    shares_maps = False
+    params: GraphSlamParams
+    map: LogOddsMap
+
+    def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
+        """Build a SLAM for one lidar."""
+        load_kernels()
+        super().__init__(lidar, params)
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
+        """Start at a known pose, map frame, with an unknown map.
 
         Raises:
-            ValueError: if the scan has another number of beams, or the motion is not finite.
+            ValueError: if a map is given; it would lack the scans that a correction renders it from.
         """
-        ranges = check_scan(ranges, motion, self._lidar)
-        count = project_hits(ranges, self._geometry, self._points)
-        node = self.local.update(np.ascontiguousarray(self._points[:, :count].T), motion)
-        if node is not None:
-            self._add_node(node)
-            if node % self.params.loop_every == 0:
-                self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
+        if map is not None:
+            raise ValueError("graph SLAM cannot go on with a map: it renders its own from the scans of a pose graph")
+        self.graph = PoseGraph()
+        """Nodes and submaps in the map frame."""
+        self.nodes = NodeStore(self._lidar)
+        """Scans and poses in the local frame, which starts at the robot."""
+        self.local = LocalSlam(self.params, self._lidar, self.nodes)
+        self.search = LoopSearch(self.params, self.nodes, self.graph)
+        self._confirmation = Confirmation(self.params.loops)
+        self._correction = self._graph_correction = pose
+        self._mapped = GrowingArray((3,), np.float64, 256)
+        self._rendering: MapRendering | None = None
+        self._loop_nodes = self._iterations = 0
+        self._is_urgent = False
+        self.num_corrections = 0
+        """Number of optimisations so far."""
+        self.num_redrawn = 0
+        """How often the map was replaced."""
+        return super().reset(rng, pose)
+
+    @property
+    def loop_closures(self) -> int:
+        """Number of loop closures in the graph, without those that were dropped."""
+        constraints = self.graph.arrays.constraints
+        return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
+
+    @property
+    def pose_graph(self) -> PoseGraphView:
+        """Submaps, nodes and constraints as one graph of poses; valid until the next scan."""
+        return PoseGraphView(self.graph.arrays)
+
+    @property
+    def anchor(self) -> Anchor | None:
+        """The newest node, and the pose as seen from it; None before the first node."""
+        if len(self.nodes) == 0:
+            return None
+        node = len(self.nodes) - 1
+        pose = self._correction.compose(Pose2D(*self.nodes.poses[node].tolist()))
+        return Anchor(node, pose.between(self.belief.pose))
+
+    def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
+        """Match a scan, integrate it, and do the next part of the work on loop closures; see `KeyScanSlam`."""
+        belief = super().process_key_scan(ranges, predicted)
+        belief.path = None
         self._close_loop()
-        if self._iterations:
+        if self._rendering is not None:
+            if self._rendering.add(self.nodes, self.graph.arrays.nodes, self.params.cells_per_scan):
+                self._replace_map(self._rendering.map)
+        elif self._iterations:
             self._optimise_once()
-        return self.pose
+        return belief
 
     def finish(self) -> None:
-        """Do the searches that wait, and optimise to the end, with all loop closures."""
+        """Do the searches that wait, optimise with all loop closures, match nodes anew, and render the final map.
+
+        `belief.path` holds the final poses of nodes.
+        """
         while self.search.num_waiting:
             self._close_loop()
         self._iterations = self._iterations or self.params.max_iterations
         while self._iterations:
             self._optimise_once()
+        poses = self.graph.arrays.nodes
+        for _ in range(self.params.final_passes):
+            poses[:] = refine_poses(self.params, self._lidar, self.nodes, poses)
+        if len(poses):
+            self._graph_correction = Pose2D(*poses[-1].tolist()).compose(
+                Pose2D(*self.nodes.poses[-1].tolist()).inverse()
+            )
+        self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
 
-    def _add_node(self, node: int) -> None:
+    def _make_map(self) -> LogOddsMap:
+        return MapRendering(self.params, self._lidar).map
+
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        before = self._last_matched_pose() or self._correction
+        fits = self.local.match(ranges, before.between(predicted))
+        by_local_slam = self._correction.compose(self.local.pose)
+        # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
+        # every match is off by a millimetre or so, which adds up.
+        pose, quality = super()._match(ranges, by_local_slam if self.params.match_every_scan else predicted)
+        if quality is None:
+            pose = by_local_slam
+        self._correction = pose.compose(self.local.pose.inverse())
+        return pose, 1.0 if fits else None
+
+    def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
+        """Add a node, and integrate its scan into the map as it is now."""
+        self._mapped.append(pose)
+        node = self.local.add_node(ranges)
+        self._add_to_graph(node)
+        if node % self.params.loop_every == 0:
+            self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
+        return self.map.integrate(ranges, pose)
+
+    def _add_to_graph(self, node: int) -> None:
         """Add a node of local SLAM, its constraints, and a submap if one starts with it."""
-        active = self.local.active
-        known = active[0] if active[0] < self.graph.num_submaps else None
-        pose = self._correction.compose(self.local.pose)
-        if known is not None:
-            frame = Pose2D(*self.graph.arrays.submaps[known].tolist())
-            pose = frame.compose(self.nodes.submap_pose(known).between(self.local.pose))
-        self.graph.add_node(pose)
-        for submap in active:
-            relative = self.nodes.submap_pose(submap).between(self.local.pose)
+        local, correction = self.local, self._graph_correction
+        self.graph.add_node(correction.compose(local.pose))
+        for submap in local.active:
+            frame = self.nodes.submap_pose(submap)
             if submap == self.graph.num_submaps:
-                self.graph.add_submap(pose.compose(relative.inverse()))
-            self.graph.add_constraint(node, submap, relative, self.local.covariance(submap))
+                self.graph.add_submap(correction.compose(frame))
+            covariance = local.constraint_covariance(submap)
+            self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _close_loop(self) -> None:
         """Do one search for a loop closure, and start an optimisation when it is due."""
@@ -106,19 +181,63 @@ class GraphTracker:
         largest = max(
             (distance(each.after.x - each.before.x, each.after.y - each.before.y) for each in added), default=0.0
         )
-        if self._loop_nodes >= self.params.optimise_every or largest > self.params.urgent_correction:
-            self._iterations, self._loop_nodes = self.params.max_iterations, 0
+        self._is_urgent |= largest > self.params.urgent_correction
+        is_due = self._loop_nodes >= self.params.optimise_every or self._is_urgent
+        if is_due and self._rendering is None and not self._iterations:
+            self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False
 
     def _optimise_once(self) -> None:
-        """Do one iteration; after the last one, correct the pose."""
+        """Do one iteration; after the last one, correct pose and map."""
         params, arrays = self.params, self.graph.arrays
         change = optimise_step(arrays, params.phi)
         self._iterations -= 1
         if change < params.tolerance:
             self._iterations = 0
-        if self._iterations == 0:
-            drop_outliers(arrays, params.max_chi2)
-            newest = self.graph.num_submaps - 1
-            frame = Pose2D(*arrays.submaps[newest].tolist())
-            self._correction = frame.compose(self.nodes.submap_pose(newest).inverse())
-            self.num_corrections += 1
+        if self._iterations or self.graph.num_submaps == 0:
+            return
+        drop_outliers(arrays, params.max_chi2)
+        newest = self.graph.num_submaps - 1
+        frame = Pose2D(*arrays.submaps[newest].tolist())
+        self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
+        self.num_corrections += 1
+        if has_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
+            self._rendering = MapRendering(params, self._lidar)
+
+    def _replace_map(self, map: LogOddsMap) -> None:
+        """Let pose and map follow the graph."""
+        after = self.graph.arrays.nodes.copy()
+        correction = Correction(self._mapped.rows.copy(), after)
+        self.belief.update = replace_cells(self.map, map, correction)
+        self.belief.path = after
+        self._mapped.rows[:] = after
+        self._rendering = None
+        self.num_redrawn += 1
+        self._move()
+
+    def _move(self) -> None:
+        """Let the pose follow the graph."""
+        belief, moved = self.belief, self._graph_correction.compose(self._correction.inverse())
+        belief.pose = moved.compose(belief.pose)
+        if self.last_key_pose is not None:
+            self.last_key_pose = moved.compose(self.last_key_pose)
+        self._correction = self._graph_correction
+
+
+@cache
+def load_kernels() -> None:
+    """Load the kernels that the first scans do not call, so that no later scan waits for it: once per process."""
+    lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
+    nodes, graph = NodeStore(lidar), PoseGraph()
+    local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, nodes, graph)
+    ranges = np.linspace(0.5, 1.5, 16, dtype=np.float32)
+    for node in range(3):
+        local.match(ranges, ORIGIN)
+        local.add_node(ranges)
+        graph.add_node(local.pose)
+        if node == 0:
+            graph.add_submap(ORIGIN)
+        graph.add_constraint(node, 0, local.pose, local.constraint_covariance(0), is_loop=node == 2)
+    search.add_candidates(2, 1 + NEWEST)
+    search.match(2, 0, (0.2, 0.1))
+    optimise_step(graph.arrays, params.phi)
+    drop_outliers(graph.arrays, params.max_chi2)

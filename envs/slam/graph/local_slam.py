@@ -1,82 +1,100 @@
 """Local SLAM: scans are matched with the submap that is being built; nothing is corrected later."""
 
-import math
-from typing import NamedTuple, Protocol
+import dataclasses
 
 import numpy as np
 
-from envs.geometry import Pose2D
+from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
-from envs.slam.matching.growing_field import GrowingField
-from envs.slam.matching.submap_field import FieldGeometry
+from envs.robots import LidarParams
+from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.matching.covariance import correct_covariance, predict_covariance, worst_position_std
+from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
+from envs.slam.motion_noise import motion_stds
+from envs.slam.scans import ScanGeometry, project_hits
 
-from .nodes import MODEL, NodeStore
+from .nodes import NodeStore
 from .params import GraphSlamParams
 
-Field = tuple[np.ndarray, FieldGeometry]
-"""Occupancy in percent, shape (height, width), uint8, and where it lies."""
-NOISE_CURVATURE = 0.02
-"""Curvature per hit that a field of noise alone shows along x and y [1/cell^2]."""
-
-
-class Match(NamedTuple):
-    """What a scan matcher found."""
-
-    pose: Pose2D
-    """In the submap's frame."""
-    curvature: np.ndarray
-    """Shape (3, 3), float64: sum of g g^T over hits, g the derivative of the field (0 to 1) at a hit by the pose
-    [1/m^2, 1/m, 1]."""
-    score: float
-    """Mean of the field at the hits, from 0 to 1."""
-
-
-class Matcher(Protocol):
-    """Matches a scan with a submap, from a predicted pose on."""
-
-    def __call__(self, fields: list[Field], points: np.ndarray, predicted: Pose2D, prior: np.ndarray) -> Match:
-        """Match a scan.
-
-        Args:
-            fields: of the submap, the coarse one first.
-            points: shape (n, 2), float32, hits in the base frame [m].
-            predicted: pose in the submap's frame.
-            prior: shape (3, 3), float64: weight of a deviation from the predicted pose against squared differences of
-                the field from 1 [1/m^2, 1/rad^2]; zeros for none.
-        """
-        ...
+MAX_REACH = 12.0
+"""Range that a new submap has room for [m]; it grows for readings beyond."""
 
 
 class LocalSlam:
-    """Builds nodes and submaps in the local frame."""
+    """Builds nodes and submaps in the local frame; scans are matched as Hector does, each with one submap."""
 
-    def __init__(self, params: GraphSlamParams, matcher: Matcher, nodes: NodeStore) -> None:
+    def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore) -> None:
         """Start at the origin of the local frame; nodes and submaps are added to `nodes`."""
-        self._params, self._matcher, self._nodes = params, matcher, nodes
+        self._params, self._lidar, self._nodes = params, lidar, nodes
+        self._matcher = MatcherParams.of(params)
+        side = 2.0 * (min(lidar.range_max, MAX_REACH) + params.submap_spacing * params.min_travel_distance)
+        self._submap_params = dataclasses.replace(params, map_width=side, map_height=side)
+        self._geometry = ScanGeometry.of(lidar, 1.0)
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.pose = Pose2D(0.0, 0.0, 0.0)
-        """Of the base, local frame."""
+        """Of the base at the last matched scan, local frame."""
         self.travelled = 0.0
         """Distance travelled [m]."""
         self.active: list[int] = []
         """Submaps that are being built, the newest last; the first one is matched."""
+        self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
-        self._fields: dict[int, list[GrowingField]] = {}
-        self._matched = self._node_pose = self.pose
+        self._mismatches = 0
 
-    def update(self, points: np.ndarray, motion: Pose2D) -> int | None:
-        """Process hits, shape (n, 2), float32, base frame [m], after a motion; return the new node, if there is one."""
+    @property
+    def is_lost(self) -> bool:
+        """Whether scans in succession have not matched, or the position in the submap has become too uncertain."""
         params = self._params
-        self.pose = self.pose.compose(motion)
-        self.travelled += distance(motion.x, motion.y)
-        step = self._node_pose.between(self.pose)
-        is_node = len(self._nodes) == 0 or (
-            distance(step.x, step.y) >= params.node_distance or abs(step.theta) >= params.node_angle
-        )
-        if self.active and (is_node or params.match_every_scan):
-            self._match(points)
-        return self._add_node(points) if is_node else None
+        return self._mismatches >= params.lost_scans or worst_position_std(self.covariance) > params.max_position_std
 
-    def covariance(self, submap: int) -> np.ndarray:
+    @property
+    def covariance(self) -> np.ndarray:
+        """Shape (3, 3), float64: covariance of the pose in the submap that is matched, local frame [m, rad]."""
+        return self._covariances[self.active[0]] if self.active else np.zeros((3, 3))
+
+    def match(self, ranges: np.ndarray, motion: Pose2D) -> bool:
+        """Move the pose to where a scan fits; return whether the scan may be integrated.
+
+        Args:
+            ranges: shape (num_beams,), float32 [m].
+            motion: pose of the base now, as odometry sees it from the base at the last matched scan.
+        """
+        before = self.pose
+        self.pose = predicted = before.compose(motion)
+        self.travelled += distance(motion.x, motion.y)
+        if not self.active:
+            return True
+        first = self.active[0]
+        submap, origin = self._maps[first], self._nodes.submap_pose(first)
+        over = (submap.geometry, submap.levels, submap.corner)
+        poses = (tuple(origin.between(before)), tuple(origin.between(predicted)))
+        match = match_to_levels(ranges, *over, *poses, self._matcher, self._covariances[first], self._points)
+        for other in self.active[1:]:
+            self._propagate(self._covariances[other], before, predicted, match)
+            if match.is_far:
+                self._covariances[other][:] = self._covariances[first]
+        if match.is_judged:
+            self._mismatches = 0 if match.fits else self._mismatches + 1
+        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
+        if not match.fits or (self._mismatches >= self._params.lost_scans and not match.is_judged):
+            return False
+        self.pose = origin.compose(Pose2D(match.x, match.y, match.theta))
+        return True
+
+    def add_node(self, ranges: np.ndarray) -> int:
+        """Add a node at the current pose to the active submaps; start and finish submaps as they are due."""
+        nodes = self._nodes
+        if len(nodes) % self._params.submap_spacing == 0:
+            self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
+            self._covariances = {k: self._covariances.get(k, np.zeros((3, 3))) for k in self.active}
+            self._maps = {k: self._maps.get(k) or LogOddsMap(self._submap_params, self._lidar) for k in self.active}
+        count = project_hits(ranges, self._geometry, self._points)
+        node = nodes.add_node(ranges, self._points[:, :count].T, self.pose, self.active)
+        for submap, map in self._maps.items():
+            map.integrate(ranges, nodes.submap_pose(submap).between(self.pose))
+        return node
+
+    def constraint_covariance(self, submap: int) -> np.ndarray:
         """Return the covariance of a constraint between the last node and a submap that it was integrated into.
 
         Shape (3, 3), float64, in the submap's frame [m^2, rad^2].
@@ -85,51 +103,13 @@ class LocalSlam:
         least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
         return params.correlation * self._covariances[submap] + np.diag(least**2)
 
-    def _new_fields(self) -> list[GrowingField]:
-        """Return empty fields of a submap, the coarse one first."""
-        return [GrowingField(factor * self._params.resolution, *self._nodes.mount, MODEL) for factor in (2.0, 1.0)]
-
-    def _match(self, points: np.ndarray) -> None:
-        """Correct the pose by a match, and propagate the covariances of the pose in the active submaps."""
-        params, origin = self._params, self._nodes.submap_pose(self.active[0])
-        predicted, before = self.pose, self._matched
-        moved = before.between(predicted)
-        sigma_xy, sigma_theta = params.noise.sigmas(distance(moved.x, moved.y), moved.theta)
-        noise = np.diag([sigma_xy**2, sigma_xy**2, sigma_theta**2])
-        prior = params.residual_variance * np.linalg.inv(noise)
-        fields = [(each.field, each.geometry) for each in self._fields[self.active[0]]]
-        match = self._matcher(fields, points, origin.between(predicted), prior)
-        self._matched = self.pose = origin.compose(match.pose)
-        dx, dy = self.pose.x - before.x, self.pose.y - before.y
-        transition = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        information = _without_noise(match.curvature, len(points), params.resolution) / params.residual_variance
-        for submap, covariance in self._covariances.items():
-            spread = transition @ covariance @ transition.T + noise
-            self._covariances[submap] = np.linalg.inv(np.linalg.inv(spread) + information)
-
-    def _add_node(self, points: np.ndarray) -> int:
-        """Add a node at the current pose to the active submaps, and start and finish submaps as they are due."""
-        params, nodes = self._params, self._nodes
-        if len(nodes) % params.submap_spacing == 0:
-            self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
-            self._covariances = {k: self._covariances.get(k, np.zeros((3, 3))) for k in self.active}
-            self._fields = {k: self._fields.get(k) or self._new_fields() for k in self.active}
-        node = nodes.add_node(points, self.pose, self.active)
-        for submap, fields in self._fields.items():
-            pose = nodes.submap_pose(submap).between(self.pose)
-            for each in fields:
-                each.integrate(points, pose)
-        self._node_pose = self._matched = self.pose
-        return node
-
-
-def _without_noise(curvature: np.ndarray, num_points: int, resolution: float) -> np.ndarray:
-    """Return the curvature of a match without what noise alone would show along x and y."""
-    reduced = curvature.copy()
-    values, vectors = np.linalg.eigh(curvature[:2, :2])
-    kept = np.maximum(values - NOISE_CURVATURE * num_points / resolution**2, 0.0)
-    scale = vectors @ np.diag(np.sqrt(kept / np.maximum(values, 1e-12))) @ vectors.T
-    reduced[:2, :2] = vectors @ np.diag(kept) @ vectors.T
-    reduced[:2, 2] = scale @ curvature[:2, 2]
-    reduced[2, :2] = reduced[:2, 2]
-    return reduced if math.isfinite(reduced.sum()) else np.zeros((3, 3))
+    def _propagate(self, covariance: np.ndarray, before: Pose2D, predicted: Pose2D, match: Match) -> None:
+        """Do to the pose's covariance in another submap what the matcher has done to that in the first one."""
+        dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
+        stds = motion_stds(self._matcher.noise, distance(dx, dy), turn)
+        predict_covariance(covariance, dx, dy, *stds)
+        if match.fits:
+            params = self._params
+            correct_covariance(
+                covariance, match.fit, match.num_hits, float(params.residual_variance), params.resolution
+            )

@@ -36,7 +36,7 @@ class LoopClosureParams:
     """Largest half angle [rad]."""
     max_distance: float = 4.0
     """Distance to a node of a submap within which it is searched, without the uncertainty of the pose [m]."""
-    min_score: float = 0.5
+    min_score: float = 0.4
     """Least mean occupancy of the cells in which hits fall."""
     min_occupied: float = 0.5
     """Least share of hits on or next to occupied cells."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from envs.geometry import Pose2D
+from envs.robots import LidarParams
 from envs.slam.matching.submap_field import FieldGeometry, Scans, SensorModel, render_field
 from envs.slam.posegraph.records import GrowingArray
 
@@ -17,9 +18,10 @@ class NodeStore:
     the axes of the local frame. Its nodes follow one another, so that first and last say which they are.
     """
 
-    def __init__(self, mount_x: float, mount_y: float) -> None:
-        """Make an empty store for a lidar at a position in the base frame [m]."""
-        self.mount = mount_x, mount_y
+    def __init__(self, lidar: LidarParams) -> None:
+        """Make an empty store for scans of a lidar."""
+        self.mount = float(lidar.mount.x), float(lidar.mount.y)
+        self._ranges = GrowingArray((lidar.num_beams,), np.float32, 256)
         self._points = GrowingArray((2,), np.float32, 1 << 14)
         self._spans = GrowingArray((2,), np.int64, 256)
         self._poses = GrowingArray((3,), np.float64, 256)
@@ -60,12 +62,20 @@ class NodeStore:
         self._travelled.append(travelled)
         return self._submaps.append((len(self), len(self)))
 
-    def add_node(self, points: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
-        """Add a node with its hits, shape (n, 2), float32, base frame [m], and its pose in the local frame.
+    def add_node(self, ranges: np.ndarray, points: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
+        """Add a node.
 
-        It is integrated into the given submaps, the newest last. Returns its index.
+        Args:
+            ranges: shape (num_beams,), float32 [m]: its scan.
+            points: shape (n, 2), float32, its hits in the base frame [m].
+            pose: of the base, local frame.
+            submaps: those that it is integrated into, the newest last.
+
+        Returns:
+            Its index.
         """
         first = len(self._points)
+        self._ranges.append(ranges)
         self._points.extend(points)
         self._spans.append((first, first + len(points)))
         node = self._poses.append(pose)
@@ -83,6 +93,11 @@ class NodeStore:
         """Return the pose of a submap in the local frame."""
         x, y, _ = self._poses.rows[self._submaps.rows[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """Shape (num_nodes, num_beams), float32: scans [m]."""
+        return self._ranges.rows
 
     def points(self, node: int) -> np.ndarray:
         """Return the hits of a node, shape (n, 2), float32, base frame [m]."""
@@ -103,5 +118,6 @@ class NodeStore:
             parts.append(here.between(Pose2D(*self._poses.rows[k].tolist())).transform(self.points(k)))
         points = np.concatenate(parts).astype(np.float32)
         points = points[(points**2).sum(axis=1) < max_range**2]
-        _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
+        cells = np.floor(points / cell).astype(np.int64)
+        _, first = np.unique((cells[:, 0] << 32) + cells[:, 1], return_index=True)
         return points[np.sort(first)]

@@ -1,52 +1,34 @@
-"""Parameters of graph SLAM."""
+"""Parameters of graph SLAM, and the presets that come with it."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
 
+from pydantic import ConfigDict
+
+from envs.files import parse_record, read_mapping, resolve
+from envs.slam.hector_params import HectorParams
 from envs.slam.matching.score_surface import SurfaceParams
 
 from .loop_closure import LoopClosureParams
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionNoise:
-    """Standard deviations of the motion between two scans that are matched."""
-
-    position: float = 0.003
-    """Of the position, without motion [m]."""
-    position_per_metre: float = 0.02
-    """Of the position, per metre driven."""
-    heading: float = 0.003
-    """Of the heading, without motion [rad]."""
-    heading_per_radian: float = 0.03
-    """Of the heading, per radian turned."""
-    heading_per_metre: float = 0.03
-    """Of the heading, per metre driven [rad/m]."""
-
-    def sigmas(self, distance: float, turn: float) -> tuple[float, float]:
-        """Return the standard deviations of position [m] and heading [rad] after a motion."""
-        turned = self.heading + self.heading_per_radian * abs(turn) + self.heading_per_metre * distance
-        return self.position + self.position_per_metre * distance, turned
+GRAPH_PRESETS = {path.stem: path for path in sorted((Path(__file__).parents[1] / "presets" / "graph").glob("*.yaml"))}
+"""Files of the presets by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GraphSlamParams:
-    """All params of graph SLAM."""
+class GraphSlamParams(HectorParams):
+    """All params of `GraphSlam`: those of Hector, which match scans with submaps, and those of the graph.
 
-    resolution: float = 0.05
-    """Side of a map cell [m]."""
-    node_distance: float = 0.2
-    """A scan becomes a node once the robot is this far from the last one [m] ..."""
-    node_angle: float = 0.3
-    """... or has turned by this much since [rad]."""
-    match_every_scan: bool = False
-    """Whether scans between nodes are matched as well; needed where wheels slip."""
+    A scan that is integrated is a node; `min_travel_distance` and `min_travel_angle` lie between two of them.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
     submap_spacing: int = 20
     """A submap starts every so many nodes, and takes twice as many."""
-    residual_variance: float = 1.0
-    """Variance of the difference between field and 1 at a hit: weighs the scan against odometry."""
-    noise: MotionNoise = field(default_factory=MotionNoise)
-    """Of odometry."""
     correlation: float = 5.0
     """Factor of the covariance of a node in its submap: errors of neighbours are correlated."""
     node_sigma_xy: float = 0.03
@@ -65,7 +47,7 @@ class GraphSlamParams:
     """Most submaps that are searched at one node."""
     loop_scans: int = 5
     """Scans that are matched together."""
-    max_evaluations: int = 200_000
+    max_evaluations: int = 20_000
     """Most poses and groups of poses that a search scores."""
     max_rendered: int = 8
     """Finished submaps whose fields are kept; others are rendered when they are searched."""
@@ -78,12 +60,21 @@ class GraphSlamParams:
     urgent_correction: float = 0.1
     """Correction that starts the optimisation at once [m]."""
     max_iterations: int = 5
-    """Most iterations of one optimisation; one is done per scan."""
+    """Most iterations of one optimisation; one is done per key scan."""
     tolerance: float = 1e-4
     """Largest change that ends an optimisation [m or rad]."""
+    redraw_distance: float = 0.1
+    """The map is rendered anew once an optimisation has moved a node by more than this in it [m]"""
+    redraw_angle: float = 0.02
+    """... or turned one by more than this [rad]."""
+    cells_per_scan: int = 1_000_000
+    """Cells along the beams of nodes that are rendered into a corrected map at each key scan, and those of one node."""
+    final_passes: int = 1
+    """How often `finish` matches all nodes with the map that is rendered from them."""
 
     def __post_init__(self) -> None:
-        for name in ("resolution", "node_distance", "node_angle", "residual_variance", "correlation", "phi"):
+        HectorParams.__post_init__(self)
+        for name in ("correlation", "node_sigma_xy", "node_sigma_theta", "phi", "max_chi2", "tolerance"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
         for name in (
@@ -94,6 +85,19 @@ class GraphSlamParams:
             "max_rendered",
             "optimise_every",
             "max_iterations",
+            "cells_per_scan",
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")
+        if self.final_passes < 0:
+            raise ValueError(f"final_passes must not be negative, got {self.final_passes!r}")
+
+
+def load_graph_params(
+    preset: str | Path | GraphSlamParams, changes: Mapping[str, Any] | None = None
+) -> GraphSlamParams:
+    """Return params by the name of a preset or what else stands for them; see `load_hector_params`."""
+    found = resolve(preset, GRAPH_PRESETS, "preset of graph", files=True)
+    values = read_mapping(found) if isinstance(found, Path) else asdict(found)
+    source = str(found) if isinstance(found, Path) else "params"
+    return parse_record({**values, **(changes or {})}, source, GraphSlamParams)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..map_update import SIDE_START, walk
+from ..scans import beam_ends
 
 STAMP_BITS = 16
 """Bits of a word that hold the number of a scan."""
@@ -124,6 +125,49 @@ def integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp, new_ce
         index = new_cells[k, 0]
         new_cells[k, 0], new_cells[k, 1] = index // width, index % width
     return num_new
+
+
+@njit(cache=True, error_model="numpy")
+def scans_extent(ranges, poses, geometry, skip_exceeding, corner, ends):
+    """Return what `beam_ends` does, for scans, shape (n, num_beams), at poses of the base, shape (n, 3), map frame."""
+    col_min = row_min = np.int64(1) << 40
+    col_max = row_max = -(np.int64(1) << 40)
+    for i in range(ranges.shape[0]):
+        extent = _find_ends(ranges[i], poses[i], geometry, skip_exceeding, corner, ends)[2]
+        col_min, row_min = min(col_min, extent[0]), min(row_min, extent[1])
+        col_max, row_max = max(col_max, extent[2]), max(row_max, extent[3])
+    return col_min, row_min, col_max, row_max
+
+
+@njit(cache=True, error_model="numpy")
+def integrate_scans(level, ranges, poses, geometry, skip_exceeding, corner, model, stamp, ends, new_cells):
+    """Integrate scans into a level of a map that has room for them; what a scan makes known is not told.
+
+    Args:
+        level: words and occupancy of the level and its scale, see `integrate_log_odds`.
+        ranges: shape (n, num_beams), float32 [m].
+        poses: shape (n, 3), float64, of the base, map frame [m, m, rad].
+        geometry: `ScanGeometry`.
+        skip_exceeding: see `beam_ends`.
+        corner: column and row of the finest map's first cell, counted from the map frame's origin.
+        model: `LogOddsModel`.
+        stamp: number of the first scan; those after it have the next ones.
+        ends: shape (num_beams, 3), float64: room to work in.
+        new_cells: room to work in, see `integrate_log_odds`.
+    """
+    words, occupancy, scale = level
+    for i in range(ranges.shape[0]):
+        x, y, _ = _find_ends(ranges[i], poses[i], geometry, skip_exceeding, corner, ends)
+        integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp + i, new_cells)
+
+
+@njit(cache=True, error_model="numpy")
+def _find_ends(ranges, pose, geometry, skip_exceeding, corner, ends):
+    """Write where the beams of a scan end; return the position of the lidar [cells], and what `beam_ends` returns."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x = (pose[0] + c * geometry.mount_x - s * geometry.mount_y) / geometry.resolution - corner[0]
+    y = (pose[1] + s * geometry.mount_x + c * geometry.mount_y) / geometry.resolution - corner[1]
+    return x, y, beam_ends(ranges, geometry, skip_exceeding, x, y, c, s, ends)
 
 
 @njit(cache=True, error_model="numpy")

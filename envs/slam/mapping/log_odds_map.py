@@ -8,7 +8,14 @@ from envs.robots import LidarParams
 
 from ..hector_params import HectorParams
 from .growing_map import GrowingMap
-from .log_odds_kernels import MAX_STAMP, forget_stamps, integrate_log_odds, log_odds_model
+from .log_odds_kernels import (
+    MAX_STAMP,
+    forget_stamps,
+    integrate_log_odds,
+    integrate_scans,
+    log_odds_model,
+    scans_extent,
+)
 
 
 class LogOddsMap(GrowingMap):
@@ -38,10 +45,7 @@ class LogOddsMap(GrowingMap):
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
         """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base."""
         x, y, extent = self._make_room(ranges, pose)
-        if self._stamp == MAX_STAMP:
-            for words in self.words:
-                forget_stamps(words)
-            self._stamp = 1
+        self._free_stamps(1)
         self._stamp += 1
         # The finest level comes last, since its new cells are those that count.
         for k in reversed(range(len(self.words))):
@@ -49,6 +53,36 @@ class LogOddsMap(GrowingMap):
             over = (self._ends, 0.5**k, x, y, self.model, self._stamp, self._new_cells)
             count = integrate_log_odds(self.words[k], level, *over)
         return MapUpdate(self._new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
+
+    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> None:
+        """Integrate scans, shape (n, num_beams), float32 [m], at poses of the base, shape (n, 3), float64, map frame.
+
+        There must be fewer than `MAX_STAMP` of them.
+        """
+        if len(ranges) == 0:
+            return
+        over = (ranges, poses, self.geometry, self._skip_exceeding)
+        self.grow_to_hold(*scans_extent(*over, self.corner, self._ends))
+        self._free_stamps(len(ranges))
+        for k, (words, level) in enumerate(zip(self.words, self.levels)):
+            work = (self.model, self._stamp + 1, self._ends, self._new_cells)
+            integrate_scans((words, level, 0.5**k), *over, self.corner, *work)
+        self._stamp += len(ranges)
+
+    def take_cells(self, other: "LogOddsMap") -> None:
+        """Replace the cells by those of another map of the same params, which must not be used any more.
+
+        `grid` stays the same object.
+        """
+        self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
+        self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
+
+    def _free_stamps(self, count: int) -> None:
+        """Make the next `count` numbers of scans ones that no cell holds."""
+        if self._stamp + count > MAX_STAMP:
+            for words in self.words:
+                forget_stamps(words)
+            self._stamp = 1
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)

@@ -14,7 +14,7 @@ from ..motion_noise import NoiseRecord, motion_stds
 from ..scans import project_hits
 from .correlative import SearchWindow, search_window
 from .covariance import correct_covariance, invert, predict_covariance
-from .gauss_newton import Prior, refine
+from .gauss_newton import Fit, Prior, refine
 
 WINDOW = 2.0
 """Half width of the search window in standard deviations of the predicted pose."""
@@ -80,6 +80,12 @@ class Match(NamedTuple):
     """Whether enough hits fall in known cells to tell whether the scan fits; see `min_known_hits` of `HectorParams`."""
     fits: bool
     """Whether nothing speaks against the pose; see `min_known_score` of `HectorParams`."""
+    num_hits: int
+    """Hits of the scan."""
+    fit: Fit
+    """What they say at the pose."""
+    is_far: bool
+    """Whether the second search found the pose, of which odometry knew nothing; see `retry_below` of `HectorParams`."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,6 +155,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
         pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
     x, y, theta, fit = refine(levels, points, count, pose, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = known_score_at(levels[0], points, count, x, y, theta)
+    is_far = False
     if num_known >= params.min_known_hits and known_score < params.retry_below:
         # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
         # nothing: they would draw a search as wide as this one.
@@ -162,9 +169,11 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
             x, y, theta, fit = found
             num_known, known_score = there
             covariance[:] = wide
+            is_far = True
     is_judged = num_known >= params.min_known_hits
     fits = not is_judged or known_score >= params.min_known_score
     if fits:
         correct_covariance(covariance, fit, count, params.residual_variance, resolution)
     x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
-    return Match(x, y, wrap_angle(theta), fit.total / max(count, 1), num_known, known_score, is_judged, fits)
+    score = fit.total / max(count, 1)
+    return Match(x, y, wrap_angle(theta), score, num_known, known_score, is_judged, fits, count, fit, is_far)

@@ -15,6 +15,9 @@ from envs.geometry.lookup import load
 
 from .pyramid import FULL
 
+MAX_SHARE = 0.99
+"""Variances above this share of a flat surface's are taken for it."""
+
 
 class SurfaceParams(NamedTuple):
     """How scores around a match are evaluated, and what they mean."""
@@ -120,19 +123,29 @@ def second_moments(scores, params, step):
 def match_covariance(pyramid, points, pose, params):
     """Return the covariance of a match: shape (3, 3), float64, in the submap's frame [m^2, rad^2].
 
-    From the second moments the part that comes of the steps is subtracted, down to 0, and the least variance of a match
-    is added. For the arguments and errors see `surface_scores`.
+    From the second moments the part that comes of the steps is subtracted, down to 0. What the edge of the surface adds
+    to the information is taken off, P <- (P^-1 - U^-1)^-1 with the moments U of a flat surface: one that is flat, as
+    along a corridor, says nothing. Otherwise many such matches together would hold a robot where none of them can. The
+    least variance of a match is added. For the arguments and errors see `surface_scores`.
     """
     step = max(round(params.step / pyramid.resolution), 1) * pyramid.resolution
-    moments = second_moments(surface_scores(pyramid, points, pose, params), params, step)
+    scores = surface_scores(pyramid, points, pose, params)
+    moments = second_moments(scores, params, step)
+    flat = np.empty(3)
     for r in range(3):
+        reach, width = (scores.shape[1] // 2, step) if r < 2 else (scores.shape[0] // 2, params.turn_step)
+        flat[r] = width * math.sqrt(max(reach * (reach + 1), 1) / 3.0)
         moments[r, r] -= params.grid_sigma_theta**2 if r == 2 else params.grid_sigma_xy**2
+    for r in range(3):
+        for q in range(3):
+            moments[r, q] /= flat[r] * flat[q]
     values, vectors = np.linalg.eigh(moments)
     covariance = np.zeros((3, 3))
     for k in range(3):
+        share = min(max(values[k], 0.0), MAX_SHARE)
         for r in range(3):
             for q in range(3):
-                covariance[r, q] += max(values[k], 0.0) * vectors[r, k] * vectors[q, k]
+                covariance[r, q] += share / (1.0 - share) * flat[r] * flat[q] * vectors[r, k] * vectors[q, k]
     for r in range(3):
         covariance[r, r] += params.least_sigma_theta**2 if r == 2 else params.least_sigma_xy**2
     return covariance

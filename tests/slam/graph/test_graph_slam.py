@@ -1,15 +1,17 @@
+import dataclasses
 import itertools
 import math
 
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
-from envs.slam.graph.graph_slam import GraphTracker
-from envs.slam.graph.local_slam import LocalSlam, Match
+from envs.explore_team import ExploreTeamEnv
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams, OdometryNoise
+from envs.slam import GRAPH_PRESETS, GraphSlam, GraphSlamParams, load_graph_params, make_slam
+from envs.slam.graph.local_slam import LocalSlam
 from envs.slam.graph.nodes import NodeStore
-from envs.slam.graph.params import GraphSlamParams, MotionNoise
+from envs.slam.graph.rendering import MapRendering
 
 from ..matching.rooms import cast, rectangle
 
@@ -25,11 +27,18 @@ HALL = np.concatenate(
 )
 """A corridor around a block, with boxes on its outer wall, shape (24, 4) [m]."""
 LIDAR = LidarParams(num_beams=120, range_max=6.0)
-
-
-def trust_odometry(fields, points, predicted, prior):
-    """Match nothing."""
-    return Match(predicted, np.zeros((3, 3)), 1.0)
+STAY = Pose2D(0.0, 0.0, 0.0)
+NOTHING = np.full(120, np.inf, dtype=np.float32)
+NOISE = OdometryNoise(position_std=0.005, position_per_metre=0.03, heading_std=0.005, heading_per_metre=0.03)
+BLIND = GraphSlamParams(
+    loop_scans=4,
+    submap_spacing=10,
+    cells_per_scan=120_000,
+    odometry_noise=NOISE,
+    residual_variance=1e9,
+    retry_below=0.0,
+)
+"""Params with which poses follow odometry, and loop closures alone correct them."""
 
 
 def laps(count, step=0.25):
@@ -51,85 +60,176 @@ def drive():
     poses, rng = laps(2), np.random.default_rng(0)
     angles = np.arctan2(LIDAR.directions[1], LIDAR.directions[0])
     ranges = [(cast(HALL, pose, angles, 6.0) + 0.01 * rng.standard_normal(120)).astype(np.float32) for pose in poses]
-    motions = [Pose2D(0.0, 0.0, 0.0)]
+    motions = [STAY]
     for before, after in itertools.pairwise(poses):
         x, y, theta = before.between(after)
         motions.append(Pose2D(1.01 * x, y + 0.01 * x, theta + 0.004 * np.hypot(x, y) + 0.002 * rng.standard_normal()))
     return np.array([poses[0].between(pose) for pose in poses]), ranges, motions
 
 
-PARAMS = GraphSlamParams(
-    loop_scans=4,
-    submap_spacing=10,
-    noise=MotionNoise(position=0.005, position_per_metre=0.03, heading=0.005, heading_per_metre=0.03),
-)
+def run(drive, params=BLIND, watch=lambda slam: None):
+    slam = GraphSlam(LIDAR, params)
+    online = []
+    for scan, motion in zip(*drive[1:]):
+        online.append(slam.update(scan, motion).pose)
+        watch(slam)
+    return slam, np.array(online)
 
 
 def test_loop_closures_correct_the_drift_of_odometry(drive):
-    truth, ranges, motions = drive
-
-    def run():
-        tracker = GraphTracker(LIDAR, PARAMS, trust_odometry)
-        return tracker, np.array([tracker.update(scan, motion) for scan, motion in zip(ranges, motions)])
-
-    tracker, online = run()
-    tracker.finish()
-    drifted, corrected, final = (
-        np.hypot(*(poses - truth)[:, :2].T) for poses in (tracker.nodes.poses, online, tracker.graph.arrays.nodes)
-    )
+    truth = drive[0]
+    slam, online = run(drive)
+    drifted, corrected = (np.hypot(*(poses - truth)[:, :2].T) for poses in (slam.nodes.poses, online))
     assert drifted.max() > 1.0
-    assert corrected[-1] < 0.2
-    assert final.max() < 0.3
-    loops = tracker.graph.arrays.constraints.is_loop
-    assert loops.sum() > 20
-    assert tracker.num_corrections > 2
-    again, poses = run()
-    np.testing.assert_array_equal(poses, online)
+    assert corrected[-1] < 0.3
+    assert slam.loop_closures > 20
+    assert slam.num_corrections > 2
+    again, poses = run(drive)
+    assert poses.tobytes() == online.tobytes()
+    assert again.belief.grid.data.tobytes() == slam.belief.grid.data.tobytes()
+    slam.finish()
     again.finish()
-    assert again.graph.arrays.nodes.tobytes() == tracker.graph.arrays.nodes.tobytes()
+    assert np.hypot(*(slam.belief.path - truth)[:, :2].T).max() < 0.3
+    assert again.belief.path.tobytes() == slam.belief.path.tobytes()
+
+
+def test_a_corrected_map_replaces_the_live_one_when_it_is_complete(drive):
+    seen = []
+
+    def watch(slam):
+        belief, update = slam.belief, slam.belief.update
+        seen.append((belief.grid.data, update.redrawn, slam._rendering is not None))
+        if not update.redrawn:
+            assert update.correction is None
+            return
+        nodes = slam.graph.arrays.nodes
+        np.testing.assert_array_equal(belief.path, nodes)
+        np.testing.assert_array_equal(belief.path, update.correction.after)
+        assert update.correction.before.shape == nodes.shape
+        assert math.dist(belief.pose[:2], nodes[-1, :2]) < 0.05
+        assert slam.last_key_pose == belief.pose
+        expected = MapRendering(slam.params, LIDAR).map
+        for node, pose in enumerate(nodes.tolist()):
+            expected.integrate(slam.nodes.ranges[node], Pose2D(*pose))
+        np.testing.assert_array_equal(belief.grid.data, expected.grid.data)
+        assert belief.grid.origin == expected.grid.origin == update.origin
+        np.testing.assert_array_equal(update.new_cells, np.argwhere(belief.grid.data != UNKNOWN))
+
+    slam = GraphSlam(LIDAR, BLIND)
+    grid = slam.belief.grid
+    slam, _ = run(drive, watch=watch)
+    assert slam.num_redrawn >= 2
+    assert grid is not slam.belief.grid  # another object's; that of this one stays the same
+    kept = slam.belief.grid
+    slam.finish()
+    assert slam.belief.grid is kept is slam.map.grid
+    first = next(k for k, (_, redrawn, _) in enumerate(seen) if redrawn)
+    # While some 80 nodes are rendered, 120,000 cells at each scan, the live map goes on.
+    assert [is_rendering for _, _, is_rendering in seen[first - 4 : first + 1]] == [True] * 4 + [False]
+    assert seen[first][0] is not seen[first - 1][0]
+
+
+def test_a_match_with_the_map_corrects_odometry_before_any_loop(drive):
+    truth, _, motions = drive
+    slam, online = run(drive, load_graph_params("default"))
+    odometry = list(itertools.accumulate(motions, Pose2D.compose))
+    assert np.hypot(*(np.array(odometry) - truth)[:, :2].T).max() > 1.0
+    assert np.hypot(*(online - truth)[:, :2].T).max() < 0.15
+    assert 0.0 < slam.belief.covariance[0, 0] < 0.05**2
+    assert not slam.belief.is_lost
+
+
+def test_an_anchor_hangs_a_pose_on_its_node(drive):
+    slam, _ = run(drive)
+    slam.update(NOTHING, Pose2D(0.05, 0.01, 0.1))
+    node, relative = slam.anchor
+    assert node == len(slam.nodes) - 1
+    np.testing.assert_allclose(relative, (0.05, 0.01, 0.1), atol=1e-9)
+
+
+def test_the_pose_graph_names_submaps_and_nodes(drive):
+    slam, _ = run(drive)
+    graph = slam.pose_graph
+    constraints = slam.graph.arrays.constraints
+    assert len(graph.nodes) == slam.graph.num_submaps + slam.graph.num_nodes
+    assert len(graph.edges) == constraints.is_active.sum()
+    assert graph.loops.shape == (slam.loop_closures, 2, 2)
+    assert graph.loops[-1, 1].tolist() in slam.graph.arrays.nodes[:, :2].tolist()
+    assert constraints.is_active.all()
+    k = int(np.abs(constraints.information[:, 0, 1]).argmax())
+    first, second, motion, information = graph.edges[k]
+    found = Pose2D(*graph.nodes[first]).between(Pose2D(*graph.nodes[second]))
+    np.testing.assert_allclose(found, motion, atol=0.2)
+    # Information in the frame of the node: turned back into that of the submap it is what the graph has.
+    turn = np.array(Pose2D(0.0, 0.0, motion[2]).transform(np.eye(2))).T
+    np.testing.assert_allclose(turn @ information[:2, :2] @ turn.T, constraints.information[k, :2, :2], rtol=1e-9)
 
 
 def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
-    points = np.ones((50, 2), dtype=np.float32)
+    params = dataclasses.replace(BLIND, residual_variance=0.5, submap_spacing=20)
 
-    def covariance(curvature):
-        nodes = NodeStore(0.0, 0.0)
+    def covariance(scan):
+        nodes = NodeStore(LIDAR)
+        local = LocalSlam(params, LIDAR, nodes)
+        for k in range(11):
+            assert local.match(scan, Pose2D(0.3, 0.0, 0.0) if k else STAY)
+            local.add_node(scan)
+        return local.constraint_covariance(0)
 
-        def matcher(fields, points, predicted, prior):
-            return Match(predicted, np.array(curvature, dtype=float), 1.0)
-
-        local = LocalSlam(PARAMS, matcher, nodes)
-        for _ in range(11):
-            local.update(points, Pose2D(0.3, 0.0, 0.0))
-        assert len(nodes) == 11
-        return local.covariance(0)
-
-    free = covariance(np.zeros((3, 3)))
-    sigma_xy, sigma_theta = PARAMS.noise.sigmas(0.3, 0.0)
+    free = covariance(NOTHING)
+    sigma_xy, sigma_theta = 0.005 + 0.03 * 0.3, 0.005 + 0.03 * 0.3
     assert free[2, 2] == pytest.approx(5 * 10 * sigma_theta**2 + 0.008**2)
     assert free[0, 0] == pytest.approx(5 * 10 * sigma_xy**2 + 0.03**2)
     # Headings err before the robot drives on: sum of squared levers 0.3 m to 2.7 m.
     levers = sum((0.3 * k) ** 2 for k in range(1, 10))
     assert free[1, 1] == pytest.approx(5 * (10 * sigma_xy**2 + levers * sigma_theta**2) + 0.03**2)
 
-    noise = 0.02 * 50 / 0.05**2  # curvature along x and y that noise alone shows
-    along = covariance(np.diag([noise, noise + 1e6, 1e5]))
-    assert along[0, 0] > 0.8 * free[0, 0]
-    assert along[1, 1] == pytest.approx(0.03**2, rel=0.05)
-    assert along[2, 2] < 0.02 * free[2, 2]
+    sides = np.array([(-50.0, -1.0, 50.0, -1.0), (-50.0, 1.0, 50.0, 1.0)])
+    angles = np.arctan2(LIDAR.directions[1], LIDAR.directions[0])
+    along = covariance(cast(sides, STAY, angles, 6.0).astype(np.float32))
+    assert along[0, 0] > 0.2 * free[0, 0]
+    assert along[1, 1] < 0.1 * free[1, 1]
+    assert along[2, 2] < 0.1 * free[2, 2]
 
 
 def test_scans_without_hits_follow_odometry():
-    tracker = GraphTracker(LIDAR, PARAMS, trust_odometry)
-    nothing = np.full(120, np.inf, dtype=np.float32)
+    slam = GraphSlam(LIDAR, GraphSlamParams())
     for _ in range(90):
-        tracker.update(nothing, Pose2D(0.25, 0.0, 0.0))
-    assert tracker.pose.x == pytest.approx(22.5)
-    assert tracker.graph.num_nodes == 90
-    assert not tracker.graph.arrays.constraints.is_loop.any()
+        slam.update(NOTHING, Pose2D(0.25, 0.0, 0.0))
+    assert slam.belief.pose.x == pytest.approx(22.5)
+    assert slam.graph.num_nodes == 90
+    assert slam.loop_closures == 0
+
+
+def test_the_start_pose_is_that_of_the_first_node(drive):
+    _, ranges, motions = drive
+    start = Pose2D(3.0, -2.0, 1.0)
+    slam, at_origin = GraphSlam(LIDAR, BLIND), GraphSlam(LIDAR, BLIND)
+    slam.reset(np.random.default_rng(0), start)
+    for scan, motion in zip(ranges[:30], motions[:30]):
+        pose, other = slam.update(scan, motion).pose, at_origin.update(scan, motion).pose
+    np.testing.assert_allclose(pose, start.compose(other), atol=1e-6)
+    np.testing.assert_allclose(slam.graph.arrays.nodes[0], start)
+
+
+def test_maps_are_not_shared():
+    with pytest.raises(ValueError, match="cannot share a map"):
+        ExploreTeamEnv(world="turtlebot3_world", robot="turtlebot3_burger", slam="graph", num_robots=2)
+    slam = GraphSlam(LIDAR, GraphSlamParams())
+    with pytest.raises(ValueError, match="cannot go on with a map"):
+        slam.reset(np.random.default_rng(0), map=slam.map)
 
 
 @pytest.mark.parametrize("change", [{"resolution": 0.0}, {"submap_spacing": 0}, {"phi": math.nan}])
 def test_params_that_make_no_sense_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         GraphSlamParams(**change)
+
+
+def test_presets():
+    assert sorted(GRAPH_PRESETS) == ["default", "intel"]
+    assert load_graph_params("default") == GraphSlamParams()
+    assert load_graph_params("intel", {"loops": {"min_score": "0.6"}}).loops.min_score == 0.6
+    assert make_slam("graph", LIDAR, 0.1, odometry_noise=NOISE).params.odometry_noise == NOISE
+    with pytest.raises(ValueError, match="preset of graph"):
+        make_slam("graph", LIDAR, preset="faithful")

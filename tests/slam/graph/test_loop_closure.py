@@ -43,7 +43,7 @@ def test_hits_are_counted_by_what_they_fall_on():
     ("shares", "accepted"),
     [
         (HitShares(0.7, 0.9, 0.05), True),
-        (HitShares(0.49, 0.9, 0.05), False),  # beside the walls
+        (HitShares(0.39, 0.9, 0.05), False),  # beside the walls
         (HitShares(0.6, 0.45, 0.0), False),  # most is unknown
         (HitShares(0.6, 0.8, 0.16), False),  # too many in free space
         (HitShares(0.51, 0.52, 0.14), True),

@@ -1,16 +1,22 @@
 import numpy as np
 
 from envs.geometry import Pose2D
+from envs.robots import LidarParams
 from envs.slam.graph.nodes import NodeStore
 
 
 def store_of(poses, points):
-    store = NodeStore(0.0, 0.0)
+    store = NodeStore(LidarParams(num_beams=4, range_max=40.0))
     for k, (pose, some) in enumerate(zip(poses, points)):
         if k % 2 == 0:
             store.add_submap(float(k))
         submaps = [each for each in (k // 2 - 1, k // 2) if each >= 0]
-        store.add_node(np.array(some, dtype=np.float32).reshape(-1, 2), Pose2D(*pose), submaps)
+        store.add_node(
+            np.full(4, float(k), dtype=np.float32),
+            np.array(some, dtype=np.float32).reshape(-1, 2),
+            Pose2D(*pose),
+            submaps,
+        )
     return store
 
 
@@ -22,6 +28,7 @@ def test_submaps_hold_nodes_that_follow_one_another():
     assert store.travelled.tolist() == [0.0, 2.0, 4.0, 6.0]
     assert store.submap_pose(2) == (0.4, 1.0, 0.0)
     assert store.points(3).tolist() == [[1.0, 3.0]]
+    assert store.ranges.tolist() == [[float(k)] * 4 for k in range(7)]
 
 
 def test_a_field_is_rendered_in_the_frame_of_its_submap():

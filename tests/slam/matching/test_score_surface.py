@@ -84,8 +84,8 @@ def test_a_corridor_gives_an_ellipse_along_it(angle):
 def test_without_points_nothing_is_known():
     pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2)])
     covariance = match_covariance(pyramid, np.zeros((0, 2), np.float32), (2.0, 1.5, 0.2), PARAMS)
-    uniform = np.mean((np.arange(-10, 11) * 0.1) ** 2)
-    assert covariance[0, 0] == pytest.approx(uniform - 0.06**2 + 0.03**2)
+    assert covariance[0, 0] > 5.0**2
+    assert covariance[1, 1] > 5.0**2
 
 
 def test_surfaces_wider_than_the_pyramid_was_built_for_are_refused():
