@@ -27,6 +27,10 @@ class GraphSlamParams(HectorParams):
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 
+    min_travel_angle: float = 0.3
+    """See `HectorParams`, also the next two: submaps are smaller than maps, and less of a scan falls in known cells."""
+    retry_below: float = 0.4
+    min_known_score: float = 0.25
     submap_spacing: int = 20
     """A submap starts every so many nodes, and takes twice as many."""
     correlation: float = 5.0
