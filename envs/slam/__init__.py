@@ -9,6 +9,7 @@ from envs.estimation import Belief, Estimator
 from envs.files import resolve
 from envs.robots import LidarParams, OdometryNoise
 
+from .gmapping import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params
 from .hector import Hector
 from .hector_params import HECTOR_PRESETS, HectorParams, load_hector_params
 from .known_poses import KnownPoses
@@ -29,6 +30,7 @@ class Kind(NamedTuple):
 SLAMS: dict[str, Kind] = {
     "tinyslam": Kind(TinySlam, load_params),
     "hector": Kind(Hector, load_hector_params),
+    "gmapping": Kind(GMapping, load_gmapping_params),
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
@@ -40,7 +42,7 @@ def make_slam(
     name: Any,
     lidar: LidarParams,
     resolution: float = 0.05,
-    preset: str | TinySlamParams | HectorParams = "default",
+    preset: str | TinySlamParams | HectorParams | GMappingParams = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
     """Build a SLAM.
@@ -72,18 +74,22 @@ def make_slam(
 
 
 __all__ = [
+    "GMAPPING_PRESETS",
     "HECTOR_PRESETS",
     "PRESET_NAMES",
     "SLAMS",
     "SLAM_NAMES",
     "Belief",
     "Estimator",
+    "GMapping",
+    "GMappingParams",
     "Hector",
     "HectorParams",
     "KnownPoses",
     "MatcherObserver",
     "TinySlam",
     "TinySlamParams",
+    "load_gmapping_params",
     "load_hector_params",
     "load_params",
     "make_slam",

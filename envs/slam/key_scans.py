@@ -71,6 +71,7 @@ class KeyScanSlam(ABC):
         if self.params.match_every_scan or self.is_key_pose(predicted):
             return self.process_key_scan(ranges, predicted)
         self.belief.pose, self.belief.update = predicted, NO_UPDATE
+        self._pass_over(predicted)
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
@@ -98,6 +99,9 @@ class KeyScanSlam(ABC):
     def _predict(self, motion: Pose2D) -> Pose2D:
         """Return the pose after a motion."""
         return self.belief.pose.compose(motion)
+
+    def _pass_over(self, pose: Pose2D) -> None:  # noqa: B027
+        """Take note of the pose of a scan that is no key scan. Simulations that compose the motions do not call it."""
 
     def _last_matched_pose(self) -> Pose2D | None:
         """Return the pose of the last scan that was matched, while the next one is; None before the first."""
