@@ -57,16 +57,6 @@ def find_ends(ranges, geometry, skip_exceeding, poses, corner, ends, sensors):
 
 
 @njit(cache=True, error_model="numpy")
-def _observe_cell(pool, at, change, scan):
-    """Observe a cell, by its place in the flattened pool, unless the scan has done so before."""
-    words, occupancy = pool.words.ravel(), pool.occupancy.ravel()
-    word = words[at]
-    if word & MAX_STAMP != scan.stamp:
-        word = observe(word, change, scan.model.bound, scan.stamp)
-        words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
-
-
-@njit(cache=True, error_model="numpy")
 def integrate_level(pool, index, tiles_wide, ends, sensor, scan, level):
     """Integrate a scan into one level of a map, cell by cell as `integrate_log_odds` does.
 
@@ -86,14 +76,25 @@ def integrate_level(pool, index, tiles_wide, ends, sensor, scan, level):
     """
     bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
     mask = (1 << bits) - 1
+    # Handing arrays to a function costs more than what there is to do for a cell, or for a tile that is owned already.
+    words, occupancy = pool.words.ravel(), pool.occupancy.ravel()
+    references, written = pool.references, pool.written
+    hit, passed, bound = scan.model.hit, scan.model.passed, scan.model.bound
+    stamp, number = scan.stamp, scan.number
     for k in range(ends.shape[0]):
         if ends[k, 2] > 0.0 and not math.isnan(ends[k, 0]):
             row, col = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
-            slot = own_tile(pool, index, (row >> bits) * tiles_wide + (col >> bits), scan.number)
-            if slot < 0:
-                return False
-            at = slot * cells + start + ((row & mask) << bits) + (col & mask)
-            _observe_cell(pool, np.uint64(at), scan.model.hit, scan)
+            tile = (row >> bits) * tiles_wide + (col >> bits)
+            slot = index[tile]
+            if references[slot] != 1 or written[slot] != number:
+                slot = own_tile(pool, index, tile, number)
+                if slot < 0:
+                    return False
+            at = np.uint64(slot * cells + start + ((row & mask) << bits) + (col & mask))
+            word = words[at]
+            if word & MAX_STAMP != stamp:
+                word = observe(word, hit, bound, stamp)
+                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
     row_0, col_0 = math.floor(sensor[1] * scale), math.floor(sensor[0] * scale)
     for k in range(ends.shape[0]):
         if math.isnan(ends[k, 0]):
@@ -107,11 +108,17 @@ def integrate_level(pool, index, tiles_wide, ends, sensor, scan, level):
             row, col = both >> ROW_BITS, both & _COLUMN
             tile = (row >> bits) * tiles_wide + (col >> bits)
             if tile != last_tile:
-                slot = own_tile(pool, index, tile, scan.number)
-                if slot < 0:
-                    return False
+                slot = index[tile]
+                if references[slot] != 1 or written[slot] != number:
+                    slot = own_tile(pool, index, tile, number)
+                    if slot < 0:
+                        return False
                 last_tile, first_cell = tile, slot * cells + start
-            _observe_cell(pool, np.uint64(first_cell + ((row & mask) << bits) + (col & mask)), scan.model.passed, scan)
+            at = np.uint64(first_cell + ((row & mask) << bits) + (col & mask))
+            word = words[at]
+            if word & MAX_STAMP != stamp:
+                word = observe(word, passed, bound, stamp)
+                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
             base, side = base + step, side + slope
     return True
 
