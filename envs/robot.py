@@ -6,7 +6,7 @@ from envs.estimation import ORIGIN, Belief, Estimator
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import MotionSource
 from envs.estimation.peers import PeerFilter
-from envs.estimation.trail import Trail
+from envs.estimation.trail import Trail, interpolate
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -92,7 +92,9 @@ class Robot:
     def follow(self, belief: Belief) -> None:
         """Bring trail and pyramid up to date with the belief after a scan."""
         self.predicted_pose = belief.pose
-        if belief.update.redrawn and belief.path is not None:
+        if belief.update.redrawn and belief.key_poses is not None:
+            self.trail.replace(interpolate(belief.key_poses[:, :2]))
+        elif belief.update.redrawn and belief.path is not None:
             self.trail.replace(belief.path[:, :2])
         self.pyramid.update(belief.update)
         if self.trail.append(belief.pose):

@@ -60,3 +60,7 @@ class Belief:
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan [m, m, rad]; None
     otherwise."""
+    key_poses: np.ndarray | None = None
+    """Shape (m, 3), float64: of an estimator that processes key scans alone, with a map that was redrawn, the corrected
+    poses of these [m, m, rad]; None otherwise. Trails follow them instead of `path`, whose other poses simulations that
+    compose the motions between key scans do not know."""

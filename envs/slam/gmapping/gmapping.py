@@ -75,8 +75,9 @@ class GMapping(KeyScanSlam):
         return super().reset(rng, pose)
 
     def finish(self) -> None:
-        """Write the trajectory of the best particle to `belief.path`, one pose per scan."""
-        self.belief.path = self._followed.path(self._trajectories.trace(self.best))
+        """Write the trajectory of the best particle to the belief: `path`, one pose per scan, and `key_poses`."""
+        self.belief.key_poses = self._trajectories.trace(self.best)
+        self.belief.path = self._followed.path(self.belief.key_poses)
 
     def _make_map(self) -> ParticleMaps:
         return ParticleMaps(self.params, self._lidar)
@@ -88,7 +89,7 @@ class GMapping(KeyScanSlam):
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         last, belief = self.last_key_pose, self.belief
-        self._is_switched, belief.path = False, None
+        self._is_switched, belief.path, belief.key_poses = False, None, None
         parents = np.arange(len(self.poses))
         if last is None:
             self.poses[:] = predicted

@@ -33,12 +33,12 @@ class GMappingParams:
     """Variance of a hit's residual, 1 minus the occupancy where it falls: weighs the scan against the motion model in
     the proposal distribution, and particles against each other. The hits of a scan err together, and so this exceeds
     what a single one shows."""
-    likelihood_gain: float = 1.0
+    likelihood_gain: float = 0.2
     """Exponent of the likelihood in the importance weights, above 0 and not above 1: successive scans err together as
     well, and without it few particles would take all weight."""
     resample_below: float = 0.5
     """Effective sample size, as a fraction of the particles, below which they are resampled."""
-    switch_margin: float = 1.0
+    switch_margin: float = 2.0
     """Another particle becomes the best one if the log likelihood of all scans along its trajectory, times
     `likelihood_gain`, exceeds that of the best one by more than this."""
     num_levels: int = 3

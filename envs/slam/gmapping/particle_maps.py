@@ -56,6 +56,23 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     return num_new, (col_min, row_min, col_max, row_max)
 
 
+@njit(cache=True, error_model="numpy")
+def list_known(occupancy):
+    """Return row and column of all known cells, shape (k, 2), int32, row by row."""
+    count = 0
+    flat = occupancy.ravel()
+    for k in range(flat.shape[0]):
+        count += flat[k] >= 0
+    cells = np.empty((count, 2), dtype=np.int32)
+    count = 0
+    for row in range(occupancy.shape[0]):
+        for col in range(occupancy.shape[1]):
+            if occupancy[row, col] >= 0:
+                cells[count, 0], cells[count, 1] = row, col
+                count += 1
+    return cells
+
+
 class ParticleMaps(GrowingMap):
     """A map for each particle, which share tiles; `grid` is that of the particle rendered last."""
 
@@ -89,7 +106,7 @@ class ParticleMaps(GrowingMap):
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
         """Return the map of a particle at one level: shape of `grid` / 2^level, int8 [percent]."""
         maps = self.maps
-        out = np.empty([size >> level for size in self.grid.data.shape], dtype=np.int8)
+        out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
         unpack_level(TileMap(flat, cells, maps.index[particle], maps.tiles_wide, self._num_levels), level, out)
         return out
@@ -131,7 +148,7 @@ class ParticleMaps(GrowingMap):
         self._shown_number = self._number
         if is_switched:
             all_cells = Window(0, 0, data.shape[1] - 1, data.shape[0] - 1)
-            return MapUpdate(np.argwhere(data != UNKNOWN).astype(np.int32), all_cells, redrawn=True, origin=origin)
+            return MapUpdate(list_known(data), all_cells, redrawn=True, origin=origin)
         if window[0] > window[2]:
             return MapUpdate(NO_CELLS, None)
         return MapUpdate(new_cells[:count].copy(), Window(*window), origin=origin)

@@ -9,7 +9,7 @@ from numba import njit
 from envs.geometry.lookup import load
 
 from ..matching.gauss_newton import COARSE_STEP, MAX_TURN, SMALL_STEP, Fit, solve
-from .tiles import TILE, TILE_BITS, level_start
+from .tiles import EMPTY, TILE, TILE_BITS, level_start
 
 
 class TileMap(NamedTuple):
@@ -181,10 +181,12 @@ def judge(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def unpack_level(map, level, out):
-    """Write the occupancies of a level, with -1 for unknown cells, to an array that has its shape, int8."""
+    """Write the occupancies of a level to an array of its shape, int8, that is unknown (-1) throughout."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
     for tile in range(map.index.shape[0]):
+        if map.index[tile] == EMPTY:
+            continue
         row, col = tile // map.tiles_wide << bits, tile % map.tiles_wide << bits
         first = map.index[tile] * map.cells + start
         for i in range(side):
