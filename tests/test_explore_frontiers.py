@@ -17,7 +17,7 @@ from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import Hector, KnownPoses, TinySlam, load_hector_params, load_params
+from envs.slam import GMapping, Hector, KnownPoses, TinySlam, load_gmapping_params, load_hector_params, load_params
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -70,8 +70,15 @@ class OwnHector(Hector):
         return super().update(ranges, motion)
 
 
+class OwnGMapping(GMapping):
+    """The same of GMapping."""
+
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
+
+
 LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
-LOADERS[OwnHector] = ("hector", load_hector_params)
+LOADERS |= {OwnHector: ("hector", load_hector_params), OwnGMapping: ("gmapping", load_gmapping_params)}
 
 
 def make_own(kind, noise, lidar, resolution):

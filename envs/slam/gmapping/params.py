@@ -25,7 +25,7 @@ class GMappingParams:
 
     match_every_scan: ClassVar[bool] = False
     """Key scans alone are matched; see `KeyScanSlam`."""
-    num_particles: int = 15
+    num_particles: int = 20
     """Number of particles, each with a map of its own."""
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     """Standard deviations of odometry's motion from one key scan to the next: the motion model."""
@@ -41,7 +41,7 @@ class GMappingParams:
     switch_margin: float = 2.0
     """Another particle becomes the best one if the log likelihood of all scans along its trajectory, times
     `likelihood_gain`, exceeds that of the best one by more than this."""
-    num_levels: int = 3
+    num_levels: int = 2
     """Maps that the matcher works on, from the coarsest to the finest; each has cells twice as wide as the next."""
     iterations: int = 6
     """Greatest number of Gauss-Newton steps on the finest map."""
@@ -78,9 +78,9 @@ class GMappingParams:
     """Largest log odds of a cell, and with the opposite sign the least; at most 63."""
     skip_exceeding: bool = False
     """Whether beams without a return are left out of the map; else they clear it up to the lidar's range."""
-    min_travel_distance: float = 0.5
+    min_travel_distance: float = 0.3
     """A scan is a key scan once the robot is this far from where the last one was [m]."""
-    min_travel_angle: float = 0.5
+    min_travel_angle: float = 0.3
     """... or once it has turned by this much since [rad]."""
     map_width: float = 20.0
     """Extent of a new map along x [m]; it grows when needed."""
