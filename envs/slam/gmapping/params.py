@@ -55,7 +55,7 @@ class GMappingParams:
     """Mean occupancy of the known cells under the hits, from 0 to 1. If particles with half of the weight or more stay
     below, a second correlative search looks farther around; 0 for never."""
     retry_distance: float = 0.8
-    """Half width of the second search [m]."""
+    """Half width of the second search, and the farthest that any match may be off the pose by odometry [m]."""
     retry_angle: float = 0.35
     """Half width of the second search in heading [rad]."""
     retry_gain: float = 0.05
@@ -96,10 +96,12 @@ class GMappingParams:
 
         for name in ("search_distance", "search_angle"):
             require((getattr(self, name) or 0.0) >= 0, name, "must not be negative")
-        for name in ("min_travel_distance", "min_travel_angle", "retry_distance", "retry_angle", "retry_gain"):
+        for name in ("min_travel_distance", "min_travel_angle", "retry_gain"):
             require(0 <= getattr(self, name) < math.inf, name, "must not be negative")
         require(0 <= self.switch_margin < math.inf, "switch_margin", "must not be negative")
         for name in ("map_width", "map_height", "resolution", "residual_variance", "max_position_std"):
+            require(0 < getattr(self, name) < math.inf, name, "must be positive")
+        for name in ("retry_distance", "retry_angle"):
             require(0 < getattr(self, name) < math.inf, name, "must be positive")
         for name in ("num_particles", "num_levels", "iterations", "coarse_iterations", "lost_scans", "min_known_hits"):
             require(getattr(self, name) >= 1, name, "must be at least 1")

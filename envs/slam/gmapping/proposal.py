@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from envs.geometry import wrap_angle
-from envs.geometry.pose import compose
+from envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
 from ..matching.scan_matcher import make_prior
@@ -35,6 +35,8 @@ class ProposalParams(NamedTuple):
     coarse_iterations: int
     min_known_hits: int
     min_known_score: float
+    max_correction: float
+    """Farthest from the pose by odometry that a mode is believed [m]."""
 
     @classmethod
     def of(cls, params: GMappingParams) -> "ProposalParams":
@@ -45,6 +47,7 @@ class ProposalParams(NamedTuple):
             coarse_iterations=params.coarse_iterations,
             min_known_hits=params.min_known_hits,
             min_known_score=float(params.min_known_score),
+            max_correction=float(params.retry_distance),
         )
 
 
@@ -121,7 +124,7 @@ def prior_cost(prior, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def _propose(map, points, num_points, start, prior, params, covariance):
+def _propose(map, points, num_points, start, prior, params, max_correction):
     """Match a scan to the map of one particle.
 
     Args:
@@ -131,10 +134,11 @@ def _propose(map, points, num_points, start, prior, params, covariance):
         start: pose that the match starts from, x, y from the map's corner [cells] and heading [rad].
         prior: `Prior` by odometry.
         params: `ProposalParams`.
-        covariance: shape (3, 3), float64 [m, rad]: of the pose by odometry; written: of the proposal distribution.
+        max_correction: as in `ProposalParams` [cells].
 
     Returns:
-        Mode x, y from the map's corner [cells] and heading [rad], log likelihood, `Judgement`, and whether it fits.
+        Mode x, y from the map's corner [cells] and heading [rad], `Fit`, log likelihood but for the covariances,
+        `Judgement`, and whether it fits.
     """
     k = params.residual_variance
     x, y, theta, fit = refine_tiles(
@@ -142,6 +146,7 @@ def _propose(map, points, num_points, start, prior, params, covariance):
     )
     found = judge(map, points, num_points, x, y, theta)
     fits = found.num_known < params.min_known_hits or found.known_score >= params.min_known_score
+    fits &= distance(x - prior.x, y - prior.y) <= max_correction
     log_likelihood = -0.5 * (found.squares + prior_cost(prior, x, y, theta)) / k
     if not fits:
         x, y, theta = prior.x, prior.y, prior.theta
@@ -177,7 +182,7 @@ def propose(maps, poses, motion, points, num_points, params, out):
         start_theta = by_odometry[2] + wrap_angle(first[2] - by_odometry[2])
         start = (first[0] / resolution - col, first[1] / resolution - row, start_theta)
         x, y, theta, fit, log_likelihood, found, fits = _propose(
-            map, points, num_points, start, prior, params, covariance
+            map, points, num_points, start, prior, params, params.max_correction / resolution
         )
         if fits:
             before = determinant(covariance)
@@ -191,10 +196,10 @@ def propose(maps, poses, motion, points, num_points, params, out):
 
 @njit(cache=True, error_model="numpy")
 def take_better(proposals, others, least_gain):
-    """Replace proposals by others whose hits fall on occupancies that are greater by `least_gain` in sum."""
+    """Replace proposals by others that fit, and whose hits fall on occupancies greater by `least_gain` in sum."""
     for p in range(proposals.fits.shape[0]):
         before = proposals.num_known[p] * proposals.known_scores[p]
-        if others.num_known[p] * others.known_scores[p] > before + least_gain:
+        if others.fits[p] and others.num_known[p] * others.known_scores[p] > before + least_gain:
             proposals.modes[p], proposals.covariances[p] = others.modes[p], others.covariances[p]
             proposals.log_likelihoods[p], proposals.fits[p] = others.log_likelihoods[p], others.fits[p]
             proposals.num_known[p], proposals.known_scores[p] = others.num_known[p], others.known_scores[p]

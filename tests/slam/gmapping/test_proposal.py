@@ -75,7 +75,7 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     tiles, _ = make_maps(1)
     points, count = hits(POSES[1], tiles)
     k, stds = 1.0, (0.02, 0.02, 0.02)
-    params = ProposalParams(residual_variance=k, iterations=20, coarse_iterations=5, min_known_hits=20, min_known_score=0.25)
+    params = ProposalParams(residual_variance=k, iterations=20, coarse_iterations=5, min_known_hits=20, min_known_score=0.25, max_correction=0.8)
     by_odometry, out = (0.21, 0.09, 0.31), Proposals.make(1)
     propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
     steps = np.linspace(-0.02, 0.02, 11)
@@ -101,7 +101,7 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     tiles, _ = make_maps(1)
     points = np.zeros((2, 60), dtype=np.float32)
     points[0] = 8.0  # all hits in free space
-    params = ProposalParams(0.5, 6, 4, 20, 0.25)
+    params = ProposalParams(0.5, 6, 4, 20, 0.25, 0.8)
     out, motion = Proposals.make(1), (0.2, 0.1, 0.3)
     propose(tiles.maps, np.zeros((1, 3)), Motion(motion, motion, 0.001, 0.002), points, 60, params, out)
     assert not out.fits[0]
@@ -130,4 +130,7 @@ def test_the_better_proposal_is_taken_for_each_particle():
     other.modes[:], other.fits[:] = 7.0, True
     take_better(one, other, 5.0)
     assert one.fits.tolist() == [True, False, False]
+    assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
+    other.known_scores[:], other.fits[:] = 1.0, (True, False, False)
+    take_better(one, other, 5.0)
     assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
