@@ -100,6 +100,21 @@ def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
         assert a[1:-1] == pytest.approx(b[1:-1])
 
 
+def test_drives_by_a_kernel_equal_those_step_by_step_where_the_best_particle_changes():
+    slams, outs = [], []
+
+    def make(kind, lidar, resolution):
+        changes = {"resolution": resolution, "likelihood_gain": 1.0, "residual_variance": 0.02, "switch_margin": 0.0}
+        slams.append(kind(lidar, load_gmapping_params("default", changes)))
+        return slams[-1]
+
+    for kind in (GMapping, OwnGMapping):
+        env = ExploreFrontiersEnv(slam=partial(make, kind), **QUICK, time_limit=40.0)
+        outs.append(rollout(env, 3, 12))
+    assert slams[0].num_switches == slams[1].num_switches > 3
+    assert all(same(a[0], b[0]) for a, b in zip(*outs, strict=True))
+
+
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_same_seed_same_bytes(physics):
     arguments = {**QUICK, "physics": physics, "time_limit": 20.0}

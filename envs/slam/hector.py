@@ -1,7 +1,5 @@
 """Hector SLAM: match each scan to a log-odds map by Gauss-Newton steps, then integrate it."""
 
-import math
-
 import numpy as np
 
 from envs.estimation import ORIGIN, Belief, MapUpdate
@@ -11,6 +9,7 @@ from envs.robots import LidarParams
 from .hector_params import HectorParams
 from .key_scans import KeyScanSlam
 from .mapping.log_odds_map import LogOddsMap
+from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 
 
@@ -59,13 +58,9 @@ class Hector(KeyScanSlam):
         self.match = match
         if match.is_judged:
             self._mismatches = 0 if match.fits else self._mismatches + 1
-        belief.is_lost = self._mismatches >= params.lost_scans or self._position_std() > params.max_position_std
+        is_spread = position_std(belief.covariance) > params.max_position_std
+        belief.is_lost = is_spread or self._mismatches >= params.lost_scans
         # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
         if not match.fits or (self._mismatches >= params.lost_scans and not match.is_judged):
             return predicted, None
         return Pose2D(match.x, match.y, match.theta), 1.0
-
-    def _position_std(self) -> float:
-        """Return the standard deviation of the position along its worst direction [m]."""
-        (xx, xy, _), (_, yy, _), _ = self.belief.covariance.tolist()
-        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

@@ -11,6 +11,7 @@ from envs.robots import LidarParams
 
 from ..key_scans import KeyScanSlam
 from ..matching.correlative import SearchWindow, search_window
+from ..matching.covariance import position_std
 from ..matching.scan_matcher import WINDOW
 from ..motion_noise import NoiseRecord, motion_stds
 from ..scans import project_hits
@@ -100,7 +101,8 @@ class GMapping(KeyScanSlam):
         self._followed.append(len(self._trajectories) - 1, (0.0, 0.0, 0.0))
         weights, best = normalized_weights(self.log_weights), self.poses[self.best]
         belief.covariance = spread(self.poses, weights, best)
-        belief.is_lost = self._mismatches >= self.params.lost_scans or self._position_std() > self.params.max_position_std
+        is_spread = position_std(belief.covariance) > self.params.max_position_std
+        belief.is_lost = is_spread or self._mismatches >= self.params.lost_scans
         return Pose2D(*best.tolist()), 1.0
 
     def _propose(self, ranges: np.ndarray, motion: tuple[float, float, float]) -> None:
@@ -195,8 +197,3 @@ class GMapping(KeyScanSlam):
         if self._is_switched:
             self.finish()
         return self.map.render(self.best, self._is_switched)
-
-    def _position_std(self) -> float:
-        """Return the standard deviation of the position along its worst direction [m]."""
-        (xx, xy, _), (_, yy, _), _ = self.belief.covariance.tolist()
-        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

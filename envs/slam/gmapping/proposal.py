@@ -141,9 +141,7 @@ def _propose(map, points, num_points, start, prior, params, max_correction):
         `Judgement`, and whether it fits.
     """
     k = params.residual_variance
-    x, y, theta, fit = refine_tiles(
-        map, points, num_points, start, prior, params.iterations, params.coarse_iterations
-    )
+    x, y, theta, fit = refine_tiles(map, points, num_points, start, prior, params.iterations, params.coarse_iterations)
     found = judge(map, points, num_points, x, y, theta)
     fits = found.num_known < params.min_known_hits or found.known_score >= params.min_known_score
     fits &= distance(x - prior.x, y - prior.y) <= max_correction

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 NOISE_PER_HIT = 0.02
@@ -93,3 +94,9 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
     information[1, 2] += yt * per_cell
     information[2, 2] += fit.h_tt / residual_variance
     invert(information, p)
+
+
+def position_std(covariance: np.ndarray) -> float:
+    """Return the standard deviation of the position along its worst direction [m]; `covariance` as in `Belief`."""
+    (xx, xy, _), (_, yy, _), _ = covariance.tolist()
+    return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

@@ -20,7 +20,10 @@ POSES = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.2, 0.1, 0.3), Pose2D(-0.3, 0.2, -0.5)]
 
 def make_maps(count=2):
     rng = np.random.default_rng(4)
-    tiles, plain = ParticleMaps(GMappingParams(num_particles=count, **SIZE), LIDAR), LogOddsMap(HectorParams(**SIZE), LIDAR)
+    tiles, plain = (
+        ParticleMaps(GMappingParams(num_particles=count, **SIZE), LIDAR),
+        LogOddsMap(HectorParams(**SIZE), LIDAR),
+    )
     for pose in POSES:
         ranges = scan(pose, rng)
         tiles.integrate(ranges, np.tile(np.array(pose), (count, 1)), np.ones(count, dtype=np.bool_))
@@ -47,8 +50,12 @@ def test_fit_and_match_equal_those_on_one_array():
         at = np.array(plain.to_cells(x, y))
         for level in range(3):
             ours = evaluate_tiles(tile_map(tiles), level, points, count, *(at - apart), theta)
-            np.testing.assert_allclose(ours, evaluate(plain.levels[level], 0.5**level, points, count, *at, theta), rtol=1e-9)
-        ours = refine_tiles(tile_map(tiles), points, count, (*(at - apart), theta), Prior(*(at - apart), theta, *prior), 6, 4)
+            np.testing.assert_allclose(
+                ours, evaluate(plain.levels[level], 0.5**level, points, count, *at, theta), rtol=1e-9
+            )
+        ours = refine_tiles(
+            tile_map(tiles), points, count, (*(at - apart), theta), Prior(*(at - apart), theta, *prior), 6, 4
+        )
         theirs = refine(plain.levels, points, count, (*at, theta), Prior(*at, theta, *prior), 6, 4)
         np.testing.assert_allclose(np.add(ours[:2], apart), theirs[:2], atol=1e-6)
         np.testing.assert_allclose(ours[2], theirs[2], atol=1e-9)
@@ -75,7 +82,14 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     tiles, _ = make_maps(1)
     points, count = hits(POSES[1], tiles)
     k, stds = 1.0, (0.02, 0.02, 0.02)
-    params = ProposalParams(residual_variance=k, iterations=20, coarse_iterations=5, min_known_hits=20, min_known_score=0.25, max_correction=0.8)
+    params = ProposalParams(
+        residual_variance=k,
+        iterations=20,
+        coarse_iterations=5,
+        min_known_hits=20,
+        min_known_score=0.25,
+        max_correction=0.8,
+    )
     by_odometry, out = (0.21, 0.09, 0.31), Proposals.make(1)
     propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
     steps = np.linspace(-0.02, 0.02, 11)
