@@ -95,7 +95,7 @@ class GMapping(KeyScanSlam):
         if last is None:
             self.poses[:] = predicted
         else:
-            self._propose(ranges, tuple(last.between(predicted)))
+            self._propose(ranges, last.between(predicted))
             parents = self._weigh()
         self._trajectories.append(self.poses, parents)
         self._followed.append(len(self._trajectories) - 1, (0.0, 0.0, 0.0))
@@ -105,14 +105,14 @@ class GMapping(KeyScanSlam):
         belief.is_lost = is_spread or self._mismatches >= self.params.lost_scans
         return Pose2D(*best.tolist()), 1.0
 
-    def _propose(self, ranges: np.ndarray, motion: tuple[float, float, float]) -> None:
+    def _propose(self, ranges: np.ndarray, motion: Pose2D) -> None:
         """Find the proposal distribution of each particle after a motion by odometry, and draw poses."""
         params, resolution = self.params, self.params.resolution
-        position_std, heading_std = motion_stds(self._noise, travelled := distance(*motion[:2]), motion[2])
+        position_std, heading_std = motion_stds(self._noise, travelled := distance(motion.x, motion.y), motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
         start = motion
         if num_points and (
-            travelled > (params.search_distance or math.inf) or abs(motion[2]) > (params.search_angle or math.inf)
+            travelled > (params.search_distance or math.inf) or abs(motion.theta) > (params.search_angle or math.inf)
         ):
             stds = (position_std / resolution, heading_std)
             start = self._search(num_points, motion, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds, 50))
@@ -133,19 +133,17 @@ class GMapping(KeyScanSlam):
         noise[self.best] = 0.0
         draw_poses(found, noise, self.poses)
 
-    def _search(
-        self, num_points: int, motion: tuple[float, float, float], window: SearchWindow
-    ) -> tuple[float, float, float]:
+    def _search(self, num_points: int, motion: Pose2D, window: SearchWindow) -> Pose2D:
         """Return the motion after which a scan fits the map of the best particle, by a correlative search.
 
         What odometry errs is the same for all particles, so that one search serves them.
         """
         level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
-        predicted = before.compose(Pose2D(*motion))
+        predicted = before.compose(motion)
         pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)
         occupancy = self.map.occupancy(self.best, level)
         x, y, theta = search_window(occupancy, 0.5**level, self._points, num_points, pose, window)
-        return tuple(before.between(Pose2D(*self.map.to_metres(x, y), theta)))
+        return before.between(Pose2D(*self.map.to_metres(x, y), theta))
 
     def _judge(self, weights: np.ndarray) -> None:
         """Decide whether the scan matches the particles' maps, and into which of them it is integrated."""

@@ -39,7 +39,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     num_new = 0
     col_min, row_min, col_max, row_max = occupancy.shape[1], occupancy.shape[0], -1, -1
     for tile in range(shown.shape[0]):
-        slot = maps.index[particle, tile]
+        slot = maps.slots[particle, tile]
         if slot == shown[tile] and (slot == EMPTY or pool.written[slot] <= after):
             continue
         shown[tile] = slot
@@ -85,8 +85,8 @@ class ParticleMaps(GrowingMap):
         self._num_levels, count = params.num_levels, params.num_particles
         self._pool = make_pool(FIRST_CAPACITY, params.num_levels)
         self._tiles = tuple(size // TILE for size in self.grid.data.shape)
-        self._index = np.full((count, self._tiles[0] * self._tiles[1]), EMPTY, dtype=np.int32)
-        self._shown = np.full(self._index.shape[1], EMPTY, dtype=np.int32)
+        self._slots = np.full((count, self._tiles[0] * self._tiles[1]), EMPTY, dtype=np.int32)
+        self._shown = np.full(self._slots.shape[1], EMPTY, dtype=np.int32)
         self._all_ends = np.empty((count, lidar.num_beams, 3))
         self._sensors = np.empty((count, 2))
         self._number = self._shown_number = 0
@@ -96,7 +96,7 @@ class ParticleMaps(GrowingMap):
     def maps(self) -> Maps:
         """What matchers read; not valid any more once scans are integrated."""
         wide = self._tiles[1]
-        return Maps(self._pool, self._index, wide, self._num_levels, self.corner, self.grid.resolution)
+        return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
     @property
     def num_tiles(self) -> int:
@@ -108,12 +108,12 @@ class ParticleMaps(GrowingMap):
         maps = self.maps
         out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
-        unpack_level(TileMap(flat, cells, maps.index[particle], maps.tiles_wide, self._num_levels), level, out)
+        unpack_level(TileMap(flat, cells, maps.slots[particle], maps.tiles_wide, self._num_levels), level, out)
         return out
 
     def resample(self, parents: np.ndarray) -> None:
         """Replace the maps by copies of those of other particles, shape (num_particles,), int64."""
-        copy_maps(self._pool, self._index, parents)
+        copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:
         """Integrate a scan into the maps.
@@ -133,7 +133,7 @@ class ParticleMaps(GrowingMap):
         scan = Scan(self._model, self._number, self._stamp, self._num_levels)
         at = (self._tiles[1], self._all_ends, self._sensors, is_integrated, scan)
         particle = 0
-        while (particle := integrate_into_maps(self._pool, self._index, *at, particle)) < len(self._index):
+        while (particle := integrate_into_maps(self._pool, self._slots, *at, particle)) < len(self._slots):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
@@ -159,8 +159,8 @@ class ParticleMaps(GrowingMap):
         rows, cols = self._tiles
         around = ((low, high), (left, right))
 
-        def pad(index: np.ndarray) -> np.ndarray:
-            return np.pad(index.reshape(-1, rows, cols), ((0, 0), *around), constant_values=EMPTY)
+        def pad(slots: np.ndarray) -> np.ndarray:
+            return np.pad(slots.reshape(-1, rows, cols), ((0, 0), *around), constant_values=EMPTY)
 
-        self._index, self._shown = pad(self._index).reshape(len(self._index), -1), pad(self._shown).ravel()
+        self._slots, self._shown = pad(self._slots).reshape(len(self._slots), -1), pad(self._shown).ravel()
         self._tiles = (rows + low + high, cols + left + right)

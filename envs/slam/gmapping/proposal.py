@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import wrap_angle
+from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
@@ -55,8 +55,8 @@ class Maps(NamedTuple):
     """The maps of all particles."""
 
     pool: TilePool
-    index: np.ndarray
-    """Shape (num_particles, num_tiles), int32: slots of the maps."""
+    slots: np.ndarray
+    """Shape (num_particles, num_tiles), int32: where the tiles of the maps lie in the pool."""
     tiles_wide: int
     """Number of tiles in a row."""
     num_levels: int
@@ -69,9 +69,9 @@ class Maps(NamedTuple):
 class Motion(NamedTuple):
     """The motion since the last key scan, as seen from the pose then."""
 
-    odometry: tuple[float, float, float]
-    """By odometry, x, y, theta [m, m, rad]."""
-    start: tuple[float, float, float]
+    odometry: Pose2D
+    """By odometry."""
+    start: Pose2D
     """From where the matches start."""
     position_std: float
     """Standard deviation of odometry's position along either axis [m]."""
@@ -169,7 +169,7 @@ def propose(maps, poses, motion, points, num_points, params, out):
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
     for p in range(poses.shape[0]):
         x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
-        map = TileMap(occupancy, cells, maps.index[p], maps.tiles_wide, maps.num_levels)
+        map = TileMap(occupancy, cells, maps.slots[p], maps.tiles_wide, maps.num_levels)
         by_odometry = compose(x, y, theta, motion.odometry[0], motion.odometry[1], motion.odometry[2])
         first = compose(x, y, theta, motion.start[0], motion.start[1], motion.start[2])
         covariance = out.covariances[p]

@@ -19,8 +19,8 @@ class TileMap(NamedTuple):
     """Shape (capacity * cells,), int8: the flattened occupancies of the pool."""
     cells: int
     """Cells in a tile, of all levels."""
-    index: np.ndarray
-    """Shape (num_tiles,), int32: slots of the map."""
+    slots: np.ndarray
+    """Shape (num_tiles,), int32: where the tiles of the map lie in the pool."""
     tiles_wide: int
     """Number of tiles in a row."""
     num_levels: int
@@ -42,7 +42,7 @@ def _cell_at(map, level, row, col):
     """Return where a cell of a level lies in the flattened occupancies."""
     bits = TILE_BITS - level
     mask = (1 << bits) - 1
-    slot = map.index[(row >> bits) * map.tiles_wide + (col >> bits)]
+    slot = map.slots[(row >> bits) * map.tiles_wide + (col >> bits)]
     return np.uint64(slot * map.cells + level_start(level) + ((row & mask) << bits) + (col & mask))
 
 
@@ -83,7 +83,7 @@ def _interpolate(map, level, u, v):
 @njit(cache=True, error_model="numpy")
 def _size(map, level):
     """Return the number of columns and of rows of a level."""
-    tiles_high = map.index.shape[0] // map.tiles_wide
+    tiles_high = map.slots.shape[0] // map.tiles_wide
     return map.tiles_wide << (TILE_BITS - level), tiles_high << (TILE_BITS - level)
 
 
@@ -184,10 +184,10 @@ def unpack_level(map, level, out):
     """Write the occupancies of a level to an array of its shape, int8, that is unknown (-1) throughout."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
-    for tile in range(map.index.shape[0]):
-        if map.index[tile] == EMPTY:
+    for tile in range(map.slots.shape[0]):
+        if map.slots[tile] == EMPTY:
             continue
         row, col = tile // map.tiles_wide << bits, tile % map.tiles_wide << bits
-        first = map.index[tile] * map.cells + start
+        first = map.slots[tile] * map.cells + start
         for i in range(side):
             out[row + i, col : col + side] = map.occupancy[first + i * side : first + (i + 1) * side]

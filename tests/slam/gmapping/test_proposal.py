@@ -32,8 +32,8 @@ def make_maps(count=2):
 
 
 def tile_map(tiles, particle=0):
-    pool, index, wide, num_levels, *_ = tiles.maps
-    return TileMap(pool.occupancy.ravel(), pool.occupancy.shape[1], index[particle], wide, num_levels)
+    pool, slots, wide, num_levels, *_ = tiles.maps
+    return TileMap(pool.occupancy.ravel(), pool.occupancy.shape[1], slots[particle], wide, num_levels)
 
 
 def hits(pose, tiles):
@@ -90,7 +90,7 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
         min_known_score=0.25,
         max_correction=0.8,
     )
-    by_odometry, out = (0.21, 0.09, 0.31), Proposals.make(1)
+    by_odometry, out = Pose2D(0.21, 0.09, 0.31), Proposals.make(1)
     propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
     steps = np.linspace(-0.02, 0.02, 11)
     offsets = np.stack(np.meshgrid(steps, steps, 0.4 * steps, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -116,7 +116,7 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     points = np.zeros((2, 60), dtype=np.float32)
     points[0] = 8.0  # all hits in free space
     params = ProposalParams(0.5, 6, 4, 20, 0.25, 0.8)
-    out, motion = Proposals.make(1), (0.2, 0.1, 0.3)
+    out, motion = Proposals.make(1), Pose2D(0.2, 0.1, 0.3)
     propose(tiles.maps, np.zeros((1, 3)), Motion(motion, motion, 0.001, 0.002), points, 60, params, out)
     assert not out.fits[0]
     np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
