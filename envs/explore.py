@@ -72,7 +72,7 @@ class ExploreEnv(LidarEnv):
     | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures; one robot), `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
     | `control_hz` | `10.0` | steps per second |
     | `time_limit` | `None` | length of an episode [s]; `None` gives a time that grows with the explorable area |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |

@@ -6,7 +6,7 @@ from envs.estimation import ORIGIN, Belief, Estimator
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import MotionSource
 from envs.estimation.peers import PeerFilter
-from envs.estimation.trail import Trail
+from envs.estimation.trail import Trail, interpolate
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -93,7 +93,7 @@ class Robot:
         """Bring trail and pyramid up to date with the belief after a scan."""
         self.predicted_pose = belief.pose
         if belief.update.redrawn and belief.path is not None:
-            self.trail.replace(belief.path[:, :2])
+            self.trail.replace(interpolate(belief.path[:, :2]))
         self.pyramid.update(belief.update)
         if self.trail.append(belief.pose):
             self.pyramid.mark(belief.pose.x, belief.pose.y)

@@ -19,7 +19,17 @@ from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import GraphSlam, Hector, KnownPoses, TinySlam, load_graph_params, load_hector_params, load_params
+from envs.slam import (
+    GMapping,
+    GraphSlam,
+    Hector,
+    KnownPoses,
+    TinySlam,
+    load_gmapping_params,
+    load_graph_params,
+    load_hector_params,
+    load_params,
+)
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -110,8 +120,16 @@ class OwnJumping(Jumping):
         return super().update(ranges, motion)
 
 
+class OwnGMapping(GMapping):
+    """The same of GMapping."""
+
+    def update(self, ranges, motion):
+        return super().update(ranges, motion)
+
+
 LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
 LOADERS[OwnHector] = ("hector", load_hector_params)
+LOADERS[OwnGMapping] = ("gmapping", load_gmapping_params)
 LOADERS[OwnGraphSlam] = ("graph", load_graph_params)
 LOADERS[OwnJumping] = (lambda lidar, resolution: Jumping(lidar, load_params("default")), load_params)
 
@@ -134,6 +152,21 @@ def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
         assert same(info, other)
         assert a[1:-1] == pytest.approx(b[1:-1])
     assert own is not OwnJumping or Jumping.num_jumps > 4 < OwnJumping.num_jumps
+
+
+def test_drives_by_a_kernel_equal_those_step_by_step_where_the_best_particle_changes():
+    slams, outs = [], []
+
+    def make(kind, lidar, resolution):
+        changes = {"resolution": resolution, "likelihood_gain": 1.0, "residual_variance": 0.02, "switch_margin": 0.0}
+        slams.append(kind(lidar, load_gmapping_params("default", changes)))
+        return slams[-1]
+
+    for kind in (GMapping, OwnGMapping):
+        env = ExploreFrontiersEnv(slam=partial(make, kind), **QUICK, time_limit=40.0)
+        outs.append(rollout(env, 3, 12))
+    assert slams[0].num_switches == slams[1].num_switches > 3
+    assert all(same(a[0], b[0]) for a, b in zip(*outs, strict=True))
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])

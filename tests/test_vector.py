@@ -21,6 +21,7 @@ CASES = {
         {"world": "tugbot_warehouse", "robot": "tugbot", "slam": "odometry", "time_limit": 3.0},
     ),
     "key scans": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 8.0}),
+    "gmapping": ("lidarnaut/Explore-v0", {**QUICK, "slam": "gmapping"}),
     "bullet": ("lidarnaut/Explore-v0", {**QUICK, "physics": "bullet"}),
     "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 15.0}),
     "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2}),

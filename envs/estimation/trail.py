@@ -10,6 +10,18 @@ TRAIL_SPACING = 0.1
 """Distance between remembered positions of a trail [m]."""
 
 
+def interpolate(positions: np.ndarray) -> np.ndarray:
+    """Return positions on the straight lines between given ones, shape (n, 2), float64 [m].
+
+    They are `TRAIL_SPACING` apart or a little more, unless given ones are nearer to each other.
+    """
+    lengths = np.hypot(*np.diff(positions, axis=0).T)
+    counts = np.maximum(lengths // TRAIL_SPACING, 1.0).astype(np.int64)
+    along = np.concatenate([k + np.arange(n) / n for k, n in enumerate(counts.tolist())] + [[float(len(counts))]])
+    numbers = np.arange(len(positions))
+    return np.column_stack([np.interp(along, numbers, positions[:, axis]) for axis in (0, 1)])
+
+
 class Trail:
     """Positions passed, `TRAIL_SPACING` apart."""
 

@@ -109,8 +109,8 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
     """Run one SLAM with all seeds; print and save what it gives."""
     slam = _make_slam(name, options, log)
     slam.reset(np.random.default_rng(options.first_seed))
-    for ranges in log.ranges[:2]:  # compile the kernels, which must not be timed
-        slam.update(ranges, Pose2D(0.0, 0.0, 0.0))
+    for ranges in log.ranges[:8]:  # compile the kernels, which must not be timed, with motions that make key scans
+        slam.update(ranges, Pose2D(1.0, 0.0, 0.5))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     runs = []

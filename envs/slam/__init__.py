@@ -9,6 +9,7 @@ from envs.estimation import Belief, Estimator
 from envs.files import resolve
 from envs.robots import LidarParams, OdometryNoise
 
+from .gmapping import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params
 from .graph.graph_slam import GraphSlam
 from .graph.params import GRAPH_PRESETS, GraphSlamParams, load_graph_params
 from .graph.pose_graph_view import PoseGraphView
@@ -33,6 +34,7 @@ SLAMS: dict[str, Kind] = {
     "tinyslam": Kind(TinySlam, load_params),
     "hector": Kind(Hector, load_hector_params),
     "graph": Kind(GraphSlam, load_graph_params),
+    "gmapping": Kind(GMapping, load_gmapping_params),
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
@@ -46,7 +48,7 @@ def make_slam(
     name: Any,
     lidar: LidarParams,
     resolution: float = 0.05,
-    preset: str | TinySlamParams | HectorParams | GraphSlamParams = "default",
+    preset: str | TinySlamParams | HectorParams | GraphSlamParams | GMappingParams = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
     """Build a SLAM.
@@ -79,6 +81,7 @@ def make_slam(
 
 __all__ = [
     "DEFAULT_SLAM",
+    "GMAPPING_PRESETS",
     "GRAPH_PRESETS",
     "HECTOR_PRESETS",
     "PRESET_NAMES",
@@ -86,6 +89,8 @@ __all__ = [
     "SLAM_NAMES",
     "Belief",
     "Estimator",
+    "GMapping",
+    "GMappingParams",
     "GraphSlam",
     "GraphSlamParams",
     "Hector",
@@ -95,6 +100,7 @@ __all__ = [
     "PoseGraphView",
     "TinySlam",
     "TinySlamParams",
+    "load_gmapping_params",
     "load_graph_params",
     "load_hector_params",
     "load_params",

@@ -9,7 +9,7 @@ from envs.robots import LidarParams
 from .hector_params import HectorParams
 from .key_scans import KeyScanSlam
 from .mapping.log_odds_map import LogOddsMap
-from .matching.covariance import worst_position_std
+from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .relocalization import FOUND_STD, LossTracker
 
@@ -62,7 +62,7 @@ class Hector(KeyScanSlam):
         found = self._loss.update(ranges, predicted, match.fits if match.is_judged else None, belief.grid)
         if found is not None:
             belief.covariance = np.diag(FOUND_STD) ** 2
-        belief.is_lost = self._loss.is_lost or worst_position_std(belief.covariance) > params.max_position_std
+        belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > params.max_position_std
         # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
         if found is not None or not match.fits or (self._loss.is_lost and not match.is_judged):
             return found or predicted, None

@@ -1,7 +1,7 @@
 """What all SLAMs here share: which scans are matched and integrated, and which are passed over."""
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +18,15 @@ from .scans import check_scan
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
     """Tell whether two poses are `min_distance` [m] or `min_angle` [rad] or more apart."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
+
+
+class Anchor(NamedTuple):
+    """A pose by that of a key scan, with which corrections move it."""
+
+    key_scan: int
+    """Row of `Belief.path`."""
+    relative: Pose2D
+    """The pose as seen from the key scan."""
 
 
 class KeyScanSlam(ABC):

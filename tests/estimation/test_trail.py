@@ -1,6 +1,6 @@
 import numpy as np
 
-from envs.estimation.trail import Trail
+from envs.estimation.trail import TRAIL_SPACING, Trail, interpolate
 from envs.geometry import Pose2D
 
 
@@ -11,3 +11,15 @@ def test_trail_keeps_positions_apart_and_grows():
     steps = np.diff(trail.positions[:, 0])
     assert 500 <= len(trail.positions) <= 601
     assert steps.min() >= 0.1 - 1e-9
+
+
+def test_positions_between_far_ones_lie_on_straight_lines():
+    given = np.array([[0.0, 0.0], [0.33, 0.44], [0.33, 0.44], [0.35, 0.44], [0.35, -0.61]])
+    dense = interpolate(given)
+    np.testing.assert_array_equal(dense[[0, -1]], given[[0, -1]])
+    np.testing.assert_allclose(dense[:6], np.outer(np.arange(6) / 5, (0.33, 0.44)), atol=1e-12)
+    assert len(dense) == 5 + 1 + 1 + 10 + 1
+    np.testing.assert_array_equal(interpolate(given[:1]), given[:1])
+    trail = Trail()
+    trail.replace(interpolate(np.array([[0.0, 0.0], [0.0, 2.05]])))
+    assert np.diff(trail.positions[:, 1]).max() < 1.2 * TRAIL_SPACING

@@ -200,3 +200,13 @@ def test_intel_hector():
     assert run.error_unambiguous.translation < 0.03
     assert run.error.rotation < 1.5
     assert run.milliseconds < 1.0  # about 0.06 where nothing else runs
+
+
+@needs_data
+def test_intel_gmapping():
+    options = Options(DATA / "scans_2725.npz", slam="gmapping", relations=DATA / "intel.relations", first_seed=200)
+    run = main(options)[0]
+    assert run.error.translation < 0.09  # single seeds: 0.048 to 0.080
+    assert run.final_error.translation < 0.09
+    assert run.error.rotation < 2.5
+    assert run.milliseconds < 15.0  # about 1.4 where nothing else runs

@@ -186,7 +186,7 @@ def test_bad_input(name):
 
 
 def test_bad_params(tmp_path):
-    with pytest.raises(ValueError, match=r"unknown SLAM 'hectare'.*tinyslam, hector, graph, odometry, truth"):
+    with pytest.raises(ValueError, match=r"unknown SLAM 'hectare'.*tinyslam, hector, graph, gmapping, odometry, truth"):
         make_slam("hectare", LIDAR)
     with pytest.raises(ValueError, match="resolution must be positive, got -1"):
         make_slam("tinyslam", LIDAR, resolution=-1)

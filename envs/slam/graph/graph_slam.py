@@ -6,7 +6,6 @@ rendered from them anew, at several key scans; pose and map then change together
 """
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.hector import Hector
+from envs.slam.key_scans import Anchor
 from envs.slam.mapping.log_odds_map import LogOddsMap
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.posegraph.records import GrowingArray
@@ -27,15 +27,6 @@ from .nodes import NodeStore
 from .params import GraphSlamParams
 from .pose_graph_view import PoseGraphView
 from .rendering import MapRendering, has_moved, replace_cells
-
-
-class Anchor(NamedTuple):
-    """A pose by that of a node, with which corrections move it."""
-
-    node: int
-    """Row of `Belief.path`."""
-    relative: Pose2D
-    """The pose as seen from the node."""
 
 
 class GraphSlam(Hector):

@@ -8,7 +8,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.covariance import correct_covariance, predict_covariance, worst_position_std
+from envs.slam.matching.covariance import correct_covariance, position_std, predict_covariance
 from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
 from envs.slam.motion_noise import motion_stds
 from envs.slam.scans import ScanGeometry, project_hits
@@ -45,7 +45,7 @@ class LocalSlam:
     def is_lost(self) -> bool:
         """Whether scans in succession have not matched, or the position in the submap has become too uncertain."""
         params = self._params
-        return self._mismatches >= params.lost_scans or worst_position_std(self.covariance) > params.max_position_std
+        return self._mismatches >= params.lost_scans or position_std(self.covariance) > params.max_position_std
 
     @property
     def covariance(self) -> np.ndarray:

@@ -64,7 +64,7 @@ def percent(value):
 
 
 @njit(cache=True, error_model="numpy")
-def _observe(word, change, bound, stamp):
+def observe(word, change, bound, stamp):
     """Return the word of a cell after an observation."""
     value = min(max((word >> STAMP_BITS) + change, -bound), bound)
     return (value << STAMP_BITS) | stamp
@@ -102,7 +102,7 @@ def integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp, new_ce
                 if word & MAX_STAMP == 0:
                     new_cells[num_new, 0] = index
                     num_new += 1
-                word = _observe(word, model.hit, model.bound, stamp)
+                word = observe(word, model.hit, model.bound, stamp)
                 flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
     row_0, col_0 = math.floor(y * scale), math.floor(x * scale)
     for k in range(ends.shape[0]):
@@ -118,7 +118,7 @@ def integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp, new_ce
                 if word & MAX_STAMP == 0:
                     new_cells[num_new, 0] = index
                     num_new += 1
-                word = _observe(word, model.passed, model.bound, stamp)
+                word = observe(word, model.passed, model.bound, stamp)
                 flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
             base, side = base + step, side + slope
     for k in range(num_new):

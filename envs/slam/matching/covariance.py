@@ -96,7 +96,7 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
     invert(information, p)
 
 
-def worst_position_std(covariance: np.ndarray) -> float:
-    """Return the standard deviation of a position along its worst direction [m], of a covariance of shape (3, 3)."""
+def position_std(covariance: np.ndarray) -> float:
+    """Return the standard deviation of the position along its worst direction [m]; `covariance` as in `Belief`."""
     (xx, xy, _), (_, yy, _), _ = covariance.tolist()
     return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

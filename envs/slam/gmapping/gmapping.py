@@ -1,0 +1,197 @@
+"""GMapping: particles whose poses are drawn from scan-matched proposals, each with a map of its own."""
+
+import math
+
+import numpy as np
+
+from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from envs.geometry import Pose2D
+from envs.geometry.pose import distance
+from envs.robots import LidarParams
+
+from ..key_scans import Anchor, KeyScanSlam
+from ..matching.correlative import SearchWindow, search_window
+from ..matching.covariance import position_std
+from ..matching.scan_matcher import WINDOW
+from ..motion_noise import NoiseRecord, motion_stds
+from ..scans import project_hits
+from .params import GMappingParams
+from .particle_maps import ParticleMaps
+from .proposal import Motion, ProposalParams, Proposals, draw_poses, propose, take_better
+from .resampling import effective_sample_size, normalized_weights, spread, systematic_resample
+from .trajectories import Trajectories
+
+
+class GMapping(KeyScanSlam):
+    """SLAM by a Rao-Blackwellised particle filter.
+
+    Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
+    Each particle is a hypothesis of the trajectory with the map that follows from it. At a key scan its pose is drawn
+    from a proposal distribution around the pose where the scan fits its map, and its weight is multiplied by the
+    likelihood of the scan. Particles are resampled once the effective sample size is low.
+
+    Pose and map of the belief are those of the best particle: the one along whose trajectory the scans are most likely.
+    It takes the mode of its proposal distribution, the others draw. When another one becomes the best one, the map is
+    redrawn, and `belief.path` holds its trajectory.
+
+    `belief.covariance` is that of the particles. `belief.is_lost` says that scans in succession have not matched the
+    maps of particles with half of the weight, or that the particles' positions have spread too far.
+    """
+
+    params: GMappingParams
+    map: ParticleMaps
+    shares_maps = False
+
+    def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
+        """Build a SLAM for one lidar."""
+        self._noise = NoiseRecord.of(params.odometry_noise)
+        self._proposal_params = ProposalParams.of(params)
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
+        super().__init__(lidar, params)
+
+    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
+        """Start at a known pose with an unknown map; see `KeyScanSlam`.
+
+        Raises:
+            ValueError: if a map is given.
+        """
+        if map is not None:
+            raise ValueError("gmapping has a map for each particle, and cannot go on with a given one")
+        count = self.params.num_particles
+        self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
+        """Shape (num_particles, 3), float64: poses at the last key scan, map frame [m, m, rad]."""
+        self.log_weights = np.zeros(count)
+        """Shape (num_particles,), float64: logarithms of the importance weights since the last resampling."""
+        self.log_likelihoods = np.zeros(count)
+        """Shape (num_particles,), float64: the same since the reset, along each trajectory."""
+        self.best = 0
+        """Number of the best particle."""
+        self.num_switches = self.num_resamplings = 0
+        """How often another particle became the best one, and how often particles were resampled."""
+        self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
+        self._trajectories = Trajectories(count)
+        self._fits = np.ones(count, dtype=np.bool_)
+        self._mismatches = 0
+        self._is_switched = False
+        return super().reset(rng, pose)
+
+    def finish(self) -> None:
+        """Write the trajectory of the best particle to `belief.path`, one pose per key scan."""
+        self.belief.path = self._trajectories.trace(self.best)
+
+    @property
+    def anchor(self) -> Anchor | None:
+        """The last key scan, and the pose as seen from it; None before the first."""
+        if self.last_key_pose is None:
+            return None
+        return Anchor(len(self._trajectories) - 1, self.last_key_pose.between(self.belief.pose))
+
+    def _make_map(self) -> ParticleMaps:
+        return ParticleMaps(self.params, self._lidar)
+
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        last, belief = self.last_key_pose, self.belief
+        self._is_switched, belief.path = False, None
+        parents = np.arange(len(self.poses))
+        if last is None:
+            self.poses[:] = predicted
+        else:
+            self._propose(ranges, last.between(predicted))
+            parents = self._weigh()
+        self._trajectories.append(self.poses, parents)
+        weights, best = normalized_weights(self.log_weights), self.poses[self.best]
+        belief.covariance = spread(self.poses, weights, best)
+        is_spread = position_std(belief.covariance) > self.params.max_position_std
+        belief.is_lost = is_spread or self._mismatches >= self.params.lost_scans
+        return Pose2D(*best.tolist()), 1.0
+
+    def _propose(self, ranges: np.ndarray, motion: Pose2D) -> None:
+        """Find the proposal distribution of each particle after a motion by odometry, and draw poses."""
+        params, resolution = self.params, self.params.resolution
+        position_std, heading_std = motion_stds(self._noise, travelled := distance(motion.x, motion.y), motion.theta)
+        num_points = project_hits(ranges, self.map.geometry, self._points)
+        start = motion
+        if num_points and (
+            travelled > (params.search_distance or math.inf) or abs(motion.theta) > (params.search_angle or math.inf)
+        ):
+            stds = (position_std / resolution, heading_std)
+            start = self._search(num_points, motion, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds, 50))
+        over = (self._points, num_points, self._proposal_params)
+        found = self._proposals
+        propose(self.map.maps, self.poses, Motion(motion, start, position_std, heading_std), *over, found)
+        is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
+        weights = normalized_weights(self.log_weights)
+        if weights[is_poor].sum() >= 0.5:
+            # The motion model has failed, and with it the covariance that would hold the poses there.
+            far, around = params.retry_distance / resolution, params.retry_angle
+            start = self._search(num_points, motion, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
+            wide = Motion(motion, start, params.retry_distance, around)
+            propose(self.map.maps, self.poses, wide, *over, self._retried)
+            take_better(found, self._retried, params.retry_gain * num_points)
+        self._judge(weights)
+        noise = self.rng.standard_normal((len(self.poses), 3))
+        noise[self.best] = 0.0
+        draw_poses(found, noise, self.poses)
+
+    def _search(self, num_points: int, motion: Pose2D, window: SearchWindow) -> Pose2D:
+        """Return the motion after which a scan fits the map of the best particle, by a correlative search.
+
+        What odometry errs is the same for all particles, so that one search serves them.
+        """
+        level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
+        predicted = before.compose(motion)
+        pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)
+        occupancy = self.map.occupancy(self.best, level)
+        x, y, theta = search_window(occupancy, 0.5**level, self._points, num_points, pose, window)
+        return before.between(Pose2D(*self.map.to_metres(x, y), theta))
+
+    def _judge(self, weights: np.ndarray) -> None:
+        """Decide whether the scan matches the particles' maps, and into which of them it is integrated."""
+        found, params = self._proposals, self.params
+        is_judged = found.num_known >= params.min_known_hits
+        if weights[is_judged].sum() >= 0.5:
+            self._mismatches = 0 if weights[found.fits & is_judged].sum() >= 0.5 else self._mismatches + 1
+        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
+        self._fits = found.fits & (is_judged | (self._mismatches < params.lost_scans))
+
+    def _weigh(self) -> np.ndarray:
+        """Weigh the particles, find the best one, and resample if it is time; return the particles' parents."""
+        params, count = self.params, len(self.poses)
+        gained = params.likelihood_gain * self._proposals.log_likelihoods
+        self.log_weights += gained
+        self.log_likelihoods += gained
+        candidate = int(np.argmax(self.log_likelihoods))
+        before = self.best
+        if self.log_likelihoods[candidate] > self.log_likelihoods[before] + params.switch_margin:
+            self.best = candidate
+        parents = np.arange(count)
+        weights = normalized_weights(self.log_weights)
+        if effective_sample_size(weights) < params.resample_below * count:
+            parents = systematic_resample(weights, self.rng.random())
+            self._resample(parents)
+        self._is_switched = bool(parents[self.best] != before)
+        self.num_switches += self._is_switched
+        return parents
+
+    def _resample(self, parents: np.ndarray) -> None:
+        """Replace the particles by copies of others; the best one may be lost."""
+        self.poses, self._fits = self.poses[parents], self._fits[parents]
+        self.log_likelihoods = self.log_likelihoods[parents]
+        self.log_weights = np.zeros(len(parents))
+        copies = np.flatnonzero(parents == self.best)
+        self.best = int(copies[0]) if len(copies) else int(np.argmax(self.log_likelihoods))
+        self.map.resample(parents)
+        self.num_resamplings += 1
+
+    def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
+        if len(self._trajectories) == 1:
+            # All particles are alike: one map serves them, until they differ.
+            self.map.integrate(ranges, self.poses, np.arange(len(self.poses)) == 0)
+            self.map.resample(np.zeros(len(self.poses), dtype=np.int64))
+        elif self._fits.any():
+            self.map.integrate(ranges, self.poses, self._fits)
+        elif not self._is_switched:
+            return NO_UPDATE
+        if self._is_switched:
+            self.finish()
+        return self.map.render(self.best, self._is_switched)

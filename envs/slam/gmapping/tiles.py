@@ -1,0 +1,124 @@
+"""Maps that share tiles until one of them is written: copy-on-write.
+
+All tiles of all maps lie in one pool with reference counts. A map is an index: for each tile of the map the slot in the
+pool that holds it. To copy a map is to copy its index and to count the references; a tile that several maps refer to is
+copied when one of them is to be written.
+
+A tile holds `TILE` x `TILE` cells of the finest level, and the cells of the coarser levels that cover the same square,
+one level after the other. A cell is the word of `mapping.log_odds_kernels`, and its occupancy in percent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import UNKNOWN
+
+TILE_BITS = 5
+TILE = 1 << TILE_BITS
+"""Cells of the finest level along a side of a tile."""
+EMPTY = 0
+"""Slot of a tile without any known cell, which all maps share and none writes."""
+
+
+class TilePool(NamedTuple):
+    """Tiles, each in a slot."""
+
+    words: np.ndarray
+    """Shape (capacity, cells), int32."""
+    occupancy: np.ndarray
+    """Shape (capacity, cells), int8: -1 unknown, 0 to 100 [percent]."""
+    references: np.ndarray
+    """Shape (capacity,), int32: how many maps refer to a slot; `EMPTY` is not counted."""
+    written: np.ndarray
+    """Shape (capacity,), int64: number of the scan that was last integrated into a slot."""
+    free: np.ndarray
+    """Shape (capacity,), int32: slots that no map refers to; the first `num_free[0]` of them count."""
+    num_free: np.ndarray
+    """Shape (1,), int64."""
+
+
+@njit(cache=True, error_model="numpy")
+def level_start(level):
+    """Return where the cells of a level begin in a tile."""
+    whole = 4 << (2 * TILE_BITS)
+    return (whole - (whole >> (2 * level))) // 3
+
+
+def make_pool(capacity: int, num_levels: int) -> TilePool:
+    """Return a pool without tiles but the empty one."""
+    cells = level_start(num_levels)
+    words, occupancy = np.empty((capacity, cells), dtype=np.int32), np.empty((capacity, cells), dtype=np.int8)
+    words[EMPTY], occupancy[EMPTY] = 0, UNKNOWN
+    references, written = np.zeros(capacity, dtype=np.int32), np.zeros(capacity, dtype=np.int64)
+    free = np.arange(capacity, 0, -1, dtype=np.int32) - 1  # the low ones are taken first
+    return TilePool(words, occupancy, references, written, free, np.array([capacity - 1]))
+
+
+def enlarge_pool(pool: TilePool) -> TilePool:
+    """Return a pool of twice the capacity with the same tiles in the same slots."""
+    capacity, num_free = len(pool.words), int(pool.num_free[0])
+
+    def pad(array: np.ndarray) -> np.ndarray:
+        return np.concatenate([array, np.zeros_like(array)])
+
+    free = np.empty(2 * capacity, dtype=np.int32)
+    free[:capacity] = np.arange(2 * capacity - 1, capacity - 1, -1)
+    free[capacity : capacity + num_free] = pool.free[:num_free]
+    words, occupancy, references, written = map(pad, pool[:4])
+    return TilePool(words, occupancy, references, written, free, np.array([capacity + num_free]))
+
+
+@njit(cache=True, error_model="numpy")
+def own_tile(pool, index, tile, number):
+    """Return the slot of a tile that is to be written, after copying it if other maps refer to it.
+
+    Args:
+        pool: `TilePool`, written.
+        index: shape (num_tiles,), int32: slots of a map, written.
+        tile: number of the tile in the map.
+        number: of the scan that will be integrated.
+
+    Returns:
+        The slot; -1, and nothing is changed, if a copy is needed and the pool is full.
+    """
+    slot = index[tile]
+    if slot == EMPTY or pool.references[slot] > 1:
+        if pool.num_free[0] == 0:
+            return -1
+        pool.num_free[0] -= 1
+        copy = pool.free[pool.num_free[0]]
+        pool.words[copy], pool.occupancy[copy] = pool.words[slot], pool.occupancy[slot]
+        if slot != EMPTY:
+            pool.references[slot] -= 1
+        pool.references[copy], index[tile] = 1, copy
+        slot = copy
+    pool.written[slot] = number
+    return slot
+
+
+@njit(cache=True, error_model="numpy")
+def copy_maps(pool, index, parents):
+    """Replace maps by copies of others.
+
+    Args:
+        pool: `TilePool`, written.
+        index: shape (num_maps, num_tiles), int32: slots of the maps, written.
+        parents: shape (num_maps,), int64: number of the map that each becomes a copy of.
+    """
+    before = index.copy()
+    for p in range(index.shape[0]):
+        for tile in range(index.shape[1]):
+            slot = before[parents[p], tile]
+            index[p, tile] = slot
+            if slot != EMPTY:
+                pool.references[slot] += 1
+    for p in range(index.shape[0]):
+        for tile in range(index.shape[1]):
+            slot = before[p, tile]
+            if slot != EMPTY:
+                pool.references[slot] -= 1
+                if pool.references[slot] == 0:
+                    pool.free[pool.num_free[0]] = slot
+                    pool.num_free[0] += 1

@@ -1,0 +1,150 @@
+"""Matching on tiles and proposal distributions, against the matcher on one array and against sampled poses."""
+
+import math
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.slam import GMappingParams, HectorParams
+from envs.slam.gmapping.particle_maps import ParticleMaps
+from envs.slam.gmapping.proposal import Motion, ProposalParams, Proposals, draw_poses, propose, take_better
+from envs.slam.gmapping.tile_matching import TileMap, evaluate_tiles, judge, refine_tiles
+from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.matching.gauss_newton import Prior, evaluate, refine
+from envs.slam.scans import project_hits
+from tests.slam.rooms import LIDAR, scan
+
+SIZE = {"map_width": 16.0, "map_height": 16.0, "num_levels": 3}
+POSES = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.2, 0.1, 0.3), Pose2D(-0.3, 0.2, -0.5)]
+
+
+def make_maps(count=2):
+    rng = np.random.default_rng(4)
+    tiles, plain = (
+        ParticleMaps(GMappingParams(num_particles=count, **SIZE), LIDAR),
+        LogOddsMap(HectorParams(**SIZE), LIDAR),
+    )
+    for pose in POSES:
+        ranges = scan(pose, rng)
+        tiles.integrate(ranges, np.tile(np.array(pose), (count, 1)), np.ones(count, dtype=np.bool_))
+        plain.integrate(ranges, pose)
+    return tiles, plain
+
+
+def tile_map(tiles, particle=0):
+    pool, slots, wide, num_levels, *_ = tiles.maps
+    return TileMap(pool.occupancy.ravel(), pool.occupancy.shape[1], slots[particle], wide, num_levels)
+
+
+def hits(pose, tiles):
+    points = np.empty((2, LIDAR.num_beams), dtype=np.float32)
+    return points, project_hits(scan(pose), tiles.geometry, points)
+
+
+def test_fit_and_match_equal_those_on_one_array():
+    tiles, plain = make_maps()
+    points, count = hits(POSES[1], tiles)
+    apart = np.subtract(tiles.corner, plain.corner)
+    prior = (0.5, 0.1, 0.02, 0.4, 0.03, 60.0)
+    for x, y, theta in [(0.2, 0.1, 0.3), (0.33, -0.04, 0.2), (6.5, 0.0, 1.0), (-30.0, 2.0, 0.0)]:
+        at = np.array(plain.to_cells(x, y))
+        for level in range(3):
+            ours = evaluate_tiles(tile_map(tiles), level, points, count, *(at - apart), theta)
+            np.testing.assert_allclose(
+                ours, evaluate(plain.levels[level], 0.5**level, points, count, *at, theta), rtol=1e-9
+            )
+        ours = refine_tiles(
+            tile_map(tiles), points, count, (*(at - apart), theta), Prior(*(at - apart), theta, *prior), 6, 4
+        )
+        theirs = refine(plain.levels, points, count, (*at, theta), Prior(*at, theta, *prior), 6, 4)
+        np.testing.assert_allclose(np.add(ours[:2], apart), theirs[:2], atol=1e-6)
+        np.testing.assert_allclose(ours[2], theirs[2], atol=1e-9)
+
+
+def test_judgement_by_hand():
+    tiles, _ = make_maps()
+    points, count = hits(POSES[1], tiles)
+    x, y = tiles.to_cells(0.2, 0.1)
+    found = judge(tile_map(tiles), points, count, x, y, 0.3)
+    occupancy = tiles.occupancy(0).astype(float)
+    c, s = math.cos(0.3), math.sin(0.3)
+    p_x, p_y = points.astype(float)
+    u, v = c * p_x - s * p_y + x, s * p_x + c * p_y + y
+    values = occupancy[v[:count].astype(int), u[:count].astype(int)]
+    assert found.num_known == np.count_nonzero(values >= 0)
+    np.testing.assert_allclose(found.known_score, 0.01 * values[values >= 0].mean())
+    total = evaluate_tiles(tile_map(tiles), 0, points, count, x, y, 0.3).total
+    assert (count - total) ** 2 / count <= found.squares <= count - total  # Cauchy and Schwarz; 0 <= M <= 1
+
+
+def test_mode_covariance_and_weight_are_those_of_the_posterior():
+    """Against the posterior summed over a grid of poses (Grisetti et al., 2007, equations 14 to 19)."""
+    tiles, _ = make_maps(1)
+    points, count = hits(POSES[1], tiles)
+    k, stds = 1.0, (0.02, 0.02, 0.02)
+    params = ProposalParams(
+        residual_variance=k,
+        iterations=20,
+        coarse_iterations=5,
+        min_known_hits=20,
+        min_known_score=0.25,
+        max_correction=0.8,
+    )
+    by_odometry, out = Pose2D(0.21, 0.09, 0.31), Proposals.make(1)
+    propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
+    steps = np.linspace(-0.02, 0.02, 11)
+    offsets = np.stack(np.meshgrid(steps, steps, 0.4 * steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    poses = out.modes[0] + offsets
+    logs = np.empty(len(poses))
+    for n, (x, y, theta) in enumerate(poses):
+        squares = judge(tile_map(tiles), points, count, *tiles.to_cells(x, y), theta).squares
+        logs[n] = -0.5 * squares / k - 0.5 * np.square((poses[n] - by_odometry) / stds).sum()
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    mean = weights @ poses
+    sampled = np.sqrt(weights @ np.square(poses - mean))
+    assert out.fits[0]
+    np.testing.assert_allclose(out.modes[0], mean, atol=0.003)
+    np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), sampled, rtol=0.5)
+    cell = (steps[1] - steps[0]) ** 3 * 0.4
+    integral = logs.max() + math.log(np.exp(logs - logs.max()).sum() * cell / ((2 * math.pi) ** 1.5 * np.prod(stds)))
+    assert abs(out.log_likelihoods[0] - integral) < 1.0
+
+
+def test_a_scan_that_fits_nothing_leaves_the_motion_model():
+    tiles, _ = make_maps(1)
+    points = np.zeros((2, 60), dtype=np.float32)
+    points[0] = 8.0  # all hits in free space
+    params = ProposalParams(0.5, 6, 4, 20, 0.25, 0.8)
+    out, motion = Proposals.make(1), Pose2D(0.2, 0.1, 0.3)
+    propose(tiles.maps, np.zeros((1, 3)), Motion(motion, motion, 0.001, 0.002), points, 60, params, out)
+    assert not out.fits[0]
+    np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), [0.001, 0.001, 0.002])
+    squares = judge(tile_map(tiles), points, 60, *tiles.to_cells(0.2, 0.1), 0.3).squares
+    np.testing.assert_allclose(out.log_likelihoods[0], -squares)  # 2 k is 1
+
+
+def test_poses_are_drawn_with_the_covariance():
+    rng, count = np.random.default_rng(0), 20000
+    proposals, root = Proposals.make(count), rng.normal(size=(3, 3)) * 0.1
+    proposals.modes[:], proposals.covariances[:] = (1.0, 2.0, 0.3), root @ root.T
+    poses = np.empty((count, 3))
+    draw_poses(proposals, rng.standard_normal((count, 3)), poses)
+    np.testing.assert_allclose(poses.mean(axis=0), (1.0, 2.0, 0.3), atol=0.01)
+    np.testing.assert_allclose(np.cov(poses.T), root @ root.T, atol=0.002)
+    draw_poses(proposals, np.zeros((count, 3)), poses)
+    np.testing.assert_allclose(poses, proposals.modes, rtol=1e-15)
+
+
+def test_the_better_proposal_is_taken_for_each_particle():
+    one, other = Proposals.make(3), Proposals.make(3)
+    one.num_known[:], one.known_scores[:] = 100, 0.3
+    other.num_known[:], other.known_scores[:] = (100, 100, 50), (0.5, 0.31, 0.5)
+    other.modes[:], other.fits[:] = 7.0, True
+    take_better(one, other, 5.0)
+    assert one.fits.tolist() == [True, False, False]
+    assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
+    other.known_scores[:], other.fits[:] = 1.0, (True, False, False)
+    take_better(one, other, 5.0)
+    assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]

@@ -1,0 +1,153 @@
+"""Maps that share tiles, against maps that are copied as a whole."""
+
+import numpy as np
+import pytest
+
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams, Mount
+from envs.slam import GMappingParams, HectorParams
+from envs.slam.gmapping.particle_maps import ParticleMaps
+from envs.slam.gmapping.tiles import EMPTY, TILE, copy_maps, enlarge_pool, level_start, make_pool, own_tile
+from envs.slam.mapping.log_odds_kernels import MAX_STAMP
+from envs.slam.mapping.log_odds_map import LogOddsMap
+
+LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
+SHARED = {"resolution": 0.05, "map_width": 3.0, "map_height": 3.0, "num_levels": 3, "max_log_odds": 5.0}
+
+
+def random_scan(rng):
+    ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
+    ranges[:4] = np.nan, np.inf, 0.06, 1.0
+    return ranges
+
+
+def cut(occupancy, corner, level):
+    """Return known cells by (row, column) from the map frame's origin."""
+    rows, cols = np.nonzero(occupancy != UNKNOWN)
+    values = occupancy[rows, cols].tolist()
+    keys = zip((rows + corner[1] // 2**level).tolist(), (cols + corner[0] // 2**level).tolist())
+    return dict(zip(keys, values))
+
+
+@pytest.mark.parametrize("skip_exceeding", [False, True])
+def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
+    rng, count = np.random.default_rng(5), 4
+    params = GMappingParams(num_particles=count, skip_exceeding=skip_exceeding, **SHARED)
+    ours = ParticleMaps(params, LIDAR)
+
+    def replayed(scans):
+        """A map of its own of a particle's scans."""
+        plain = LogOddsMap(HectorParams(skip_exceeding=skip_exceeding, **SHARED), LIDAR)
+        for ranges, pose in scans:
+            plain.integrate(ranges, pose)
+        return plain
+
+    scans = [[] for _ in range(count)]
+    for k in range(12):
+        ranges, is_integrated = random_scan(rng), rng.random(count) < 0.8
+        poses = rng.uniform(-0.8, 0.8, (count, 3)) * (1.0 + 0.4 * k, 1.0, 4.0)
+        ours.integrate(ranges, poses, is_integrated)
+        for p in np.flatnonzero(is_integrated).tolist():
+            scans[p].append((ranges, Pose2D(*poses[p].tolist())))
+        if k % 3 == 2:
+            parents = np.sort(rng.integers(0, count, count))
+            ours.resample(parents)
+            scans = [list(scans[p]) for p in parents.tolist()]
+        for p in range(count):
+            plain = replayed(scans[p])
+            for level in range(3):
+                expected = cut(plain.levels[level], plain.corner, level)
+                assert cut(ours.occupancy(p, level), ours.corner, level) == expected
+    assert ours.grid.data.shape[1] > 64  # it had to grow
+
+
+def test_the_grid_follows_the_particle_that_is_rendered():
+    rng, count = np.random.default_rng(8), 3
+    ours = ParticleMaps(GMappingParams(num_particles=count, **SHARED), LIDAR)
+    grid, shown = ours.grid, 0
+    for k in range(30):
+        poses = rng.uniform(-0.8, 0.8, (count, 3)) + (0.1 * k, 0.0, 0.0)
+        ours.integrate(random_scan(rng), poses, rng.random(count) < 0.7)
+        if k % 4 == 3:
+            ours.resample(parents := np.sort(rng.integers(0, count, count)))
+            copies = np.flatnonzero(parents == shown)
+            particle, is_switched = (int(copies[0]), False) if len(copies) else (0, True)
+        else:
+            particle = int(rng.integers(count)) if k % 5 == 4 else shown
+            is_switched = particle != shown
+        before = cut(grid.data, ours.corner, 0)
+        update, shown = ours.render(particle, is_switched), particle
+        assert ours.grid is grid
+        np.testing.assert_array_equal(grid.data, ours.occupancy(particle))
+        after = cut(grid.data, ours.corner, 0)
+        new = set(map(tuple, (update.new_cells + ours.corner[::-1]).tolist()))
+        assert update.redrawn == is_switched
+        assert new == (after.keys() if is_switched else after.keys() - before.keys())
+        if not is_switched and update.window is not None:
+            col_min, row_min, col_max, row_max = update.window
+            for row, col in (cell for cell in after if after[cell] != before.get(cell)):
+                assert col_min <= col - ours.corner[0] <= col_max
+                assert row_min <= row - ours.corner[1] <= row_max
+
+
+def test_a_tile_is_copied_only_when_others_refer_to_it():
+    pool = make_pool(8, 2)
+    assert pool.words.shape == (8, TILE * TILE * 5 // 4) == (8, level_start(2))
+    index = np.full((3, 2), EMPTY, dtype=np.int32)
+    first = own_tile(pool, index[0], 0, 1)
+    pool.words[first] = 7
+    assert own_tile(pool, index[0], 0, 2) == first
+    assert pool.written[first] == 2
+    copy_maps(pool, index, np.array([0, 0, 0]))
+    assert index[:, 0].tolist() == [first] * 3
+    assert (pool.references[first], pool.num_free[0]) == (3, 6)
+    second = own_tile(pool, index[1], 0, 3)
+    assert second != first
+    assert (pool.words[second] == 7).all()
+    assert (pool.references[first], pool.references[second]) == (2, 1)
+    copy_maps(pool, index, np.array([1, 1, 1]))
+    assert (pool.references[first], pool.references[second], pool.num_free[0]) == (0, 3, 6)
+    assert own_tile(pool, index[0], 1, 4) == first  # free again, and empty
+    assert (pool.words[first] == 0).all()
+    assert (pool.occupancy[first] == UNKNOWN).all()
+
+
+def test_a_pool_that_is_full_changes_nothing_and_can_be_enlarged():
+    pool, index = make_pool(2, 1), np.full(3, EMPTY, dtype=np.int32)
+    slot = own_tile(pool, index, 0, 1)
+    pool.words[slot] = 5
+    assert own_tile(pool, index, 1, 2) == -1
+    assert index.tolist() == [slot, EMPTY, EMPTY]
+    pool = enlarge_pool(pool)
+    assert own_tile(pool, index, 0, 3) == slot
+    others = {own_tile(pool, index, 1, 3), own_tile(pool, index, 2, 3)}
+    assert others == {2, 3}
+    assert (pool.words[slot] == 5).all()
+
+
+def test_a_scan_for_which_the_pool_is_enlarged_midway_is_integrated_once():
+    lidar = LidarParams(num_beams=60, range_max=30.0)
+    params = GMappingParams(num_particles=2, map_width=70.0, map_height=70.0, num_levels=2)
+    small, large = ParticleMaps(params, lidar), ParticleMaps(params, lidar)
+    small._pool, large._pool = make_pool(5, 2), make_pool(4096, 2)
+    poses, rng = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 1.0]]), np.random.default_rng(0)
+    for _ in range(2):
+        ranges = rng.uniform(5.0, 31.0, 60).astype(np.float32)
+        for maps in (small, large):
+            maps.integrate(ranges, poses, np.ones(2, dtype=np.bool_))
+    assert len(small._pool.words) > 100
+    for p in range(2):
+        for level in range(2):
+            np.testing.assert_array_equal(small.occupancy(p, level), large.occupancy(p, level))
+
+
+def test_numbers_of_scans_start_again():
+    counted, plain = (ParticleMaps(GMappingParams(num_particles=2, **SHARED), LIDAR) for _ in range(2))
+    counted._stamp = MAX_STAMP - 2
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        ranges, poses = random_scan(rng), rng.uniform(-0.5, 0.5, (2, 3))
+        for maps in (counted, plain):
+            maps.integrate(ranges, poses, np.ones(2, dtype=np.bool_))
+    np.testing.assert_array_equal(counted.occupancy(1), plain.occupancy(1))
+    assert counted._stamp < 10
