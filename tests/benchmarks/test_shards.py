@@ -11,6 +11,7 @@ from benchmarks.arena.publish import publish
 from benchmarks.arena.runner import NOT_RUN, Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from envs.files import parse_record, read_record
+from envs.slam import SLAM_NAMES
 from envs.worlds import FAMILIES, WORLD_NAMES
 from evaluate import main
 
@@ -159,7 +160,7 @@ def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
     assert set(settings.worlds) == {*WORLD_NAMES, *FAMILIES}
     assert set(settings.policies) == set(baselines.EXPLORERS)
-    assert set(settings.slam_axis.slam) == {"truth", "odometry", "tinyslam", "hector"}
+    assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 
 @pytest.mark.parametrize(
