@@ -28,6 +28,9 @@ from .params import GraphSlamParams
 from .pose_graph_view import PoseGraphView
 from .rendering import MapRendering, has_moved, replace_cells
 
+FINAL_ITERATIONS = 10
+"""Most iterations of the last optimisation."""
+
 
 class Anchor(NamedTuple):
     """A pose by that of a node, with which corrections move it."""
@@ -124,7 +127,7 @@ class GraphSlam(Hector):
         """
         while self.search.num_waiting:
             self._close_loop()
-        self._iterations = self._iterations or self.params.max_iterations
+        self._iterations = FINAL_ITERATIONS
         while self._iterations:
             self._optimise_once()
         poses = self.graph.arrays.nodes
