@@ -89,7 +89,7 @@ class Settings(Section):
     physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
     """`bullet`, `kinematic`."""
     slam: tuple[str, ...] = Field(default=("tinyslam",), min_length=1)
-    """`tinyslam`, `odometry`, `truth`, or `module:attribute`."""
+    """`tinyslam`, `hector`, `graph`, `odometry`, `truth`, or `module:attribute`."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True
