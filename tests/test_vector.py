@@ -20,6 +20,7 @@ CASES = {
         "lidarnaut/Explore-v0",
         {"world": "tugbot_warehouse", "robot": "tugbot", "slam": "odometry", "time_limit": 3.0},
     ),
+    "graph": ("lidarnaut/Explore-v0", {**QUICK, "slam": "graph"}),
     "bullet": ("lidarnaut/Explore-v0", {**QUICK, "physics": "bullet"}),
     "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 15.0}),
     "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2}),

@@ -1,8 +1,8 @@
 """Graph SLAM: local SLAM builds submaps, loop closures and a pose graph correct where they lie.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections: the pose in
-the map frame is its pose, moved by a correction. The scans of all nodes are kept, and after a correction the map is
-rendered from them anew, at several key scans; pose and map then change together.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections. The scans of
+all nodes are kept, and after a correction the map is rendered from them anew, at several key scans; pose and map then
+change together.
 """
 
 from functools import cache
@@ -48,9 +48,9 @@ class GraphSlam(Hector):
     and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
     a map is rendered; the loop closures found meanwhile wait for the next one.
 
-    `belief.covariance` is that of the pose in the submap that scans are matched with, turned into the map frame. What
-    the graph does not know of where that submap lies is not part of it. `belief.is_lost` says, as Hector's does, that
-    scans in succession have not matched, or that the position has become too uncertain.
+    The robot's pose is that of Hector in the live map; local SLAM, with the same matcher on submaps, gives the graph its
+    constraints. So does a map that bends not get into them. `belief.covariance` and `belief.is_lost` are Hector's: they
+    are relative to the live map, and leave out by how much the graph may still move it.
     """
 
     shares_maps = False
