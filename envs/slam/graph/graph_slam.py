@@ -48,8 +48,8 @@ class GraphSlam(Hector):
     and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
     a map is rendered; the loop closures found meanwhile wait for the next one.
 
-    The robot's pose is that of Hector in the live map; local SLAM, with the same matcher on submaps, gives the graph its
-    constraints. So does a map that bends not get into them. `belief.covariance` and `belief.is_lost` are Hector's: they
+    The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
+    constraints, which a bent map therefore cannot spoil. `belief.covariance` and `belief.is_lost` are Hector's: they
     are relative to the live map, and leave out by how much the graph may still move it.
     """
 
