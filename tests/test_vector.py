@@ -22,6 +22,7 @@ CASES = {
     ),
     "key scans": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 8.0}),
     "gmapping": ("lidarnaut/Explore-v0", {**QUICK, "slam": "gmapping"}),
+    "graph": ("lidarnaut/Explore-v0", {**QUICK, "slam": "graph"}),
     "bullet": ("lidarnaut/Explore-v0", {**QUICK, "physics": "bullet"}),
     "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 15.0}),
     "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2}),

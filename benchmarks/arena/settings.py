@@ -90,7 +90,7 @@ class Settings(Section):
     physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
     """`bullet`, `kinematic`."""
     slam: tuple[str, ...] = Field(default=(DEFAULT_SLAM,), min_length=1)
-    """`hector`, `tinyslam`, `odometry`, `truth`, or `module:attribute`."""
+    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True

@@ -13,8 +13,10 @@ from PIL import Image
 from envs.estimation import MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.logs.g2o import load_g2o
+from envs.logs.log import load_log
 from envs.logs.pictures import picture
 from envs.logs.replay import Options, main
+from envs.logs.runs import replay
 from envs.slam import SLAM_NAMES, Belief
 
 ROOT = Path(__file__).parents[2]
@@ -69,6 +71,25 @@ class ClosingSlam(TurningSlam):
 
     def _finish(self):
         self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
+
+
+class AnchoredSlam(TurningSlam):
+    """Corrects a path that holds the first scan alone, on which the others hang."""
+
+    @property
+    def anchor(self):
+        return 0, Pose2D(self.theta, 0.0, 0.0)
+
+    def finish(self):
+        self.belief.path = np.array([[10.0, 20.0, 0.5 * math.pi]])
+
+
+def test_final_poses_hang_on_the_poses_of_a_path_with_key_scans_alone(log):
+    loaded = load_log(log)
+    final = replay(loaded, AnchoredSlam(loaded.lidar, 0.1), 0).final
+    turns = 0.5 * math.pi * np.arange(1, len(loaded.ranges) + 1)
+    expected = np.column_stack([np.full_like(turns, 10.0), 20.0 + turns, np.full_like(turns, 0.5 * math.pi)])
+    np.testing.assert_allclose(final, expected, atol=1e-9)
 
 
 @pytest.fixture
@@ -210,3 +231,13 @@ def test_intel_gmapping():
     assert run.final_error.translation < 0.09
     assert run.error.rotation < 2.5
     assert run.milliseconds < 15.0  # about 1.4 where nothing else runs
+
+
+@needs_data
+def test_intel_graph():
+    run = main(Options(DATA / "scans_2725.npz", slam="graph", relations=DATA / "intel.relations"))[0]
+    assert run.final_error.translation < 0.041
+    assert run.final_error_unambiguous.translation < 0.024
+    assert run.error.translation < 0.06
+    assert run.milliseconds < 5.0  # about 1 on one core
+    assert run.loop_closures > 300

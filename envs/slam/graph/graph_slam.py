@@ -1,8 +1,8 @@
 """Graph SLAM: local SLAM builds submaps, loop closures and a pose graph correct where they lie.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections: the pose in
-the map frame is its pose, moved by a correction. The scans of all nodes are kept, and after a correction the map is
-rendered from them anew, at several key scans; pose and map then change together.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections. The scans of
+all nodes are kept, and after a correction the map is rendered from them anew, at several key scans; pose and map then
+change together.
 """
 
 from functools import cache
@@ -28,6 +28,9 @@ from .params import GraphSlamParams
 from .pose_graph_view import PoseGraphView
 from .rendering import MapRendering, has_moved, replace_cells
 
+FINAL_ITERATIONS = 10
+"""Most iterations of the last optimisation."""
+
 
 class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
@@ -36,9 +39,9 @@ class GraphSlam(Hector):
     and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
     a map is rendered; the loop closures found meanwhile wait for the next one.
 
-    `belief.covariance` is that of the pose in the submap that scans are matched with, turned into the map frame. What
-    the graph does not know of where that submap lies is not part of it. `belief.is_lost` says, as Hector's does, that
-    scans in succession have not matched, or that the position has become too uncertain.
+    The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
+    constraints, which a bent map therefore cannot spoil. `belief.covariance` and `belief.is_lost` are Hector's: they
+    are relative to the live map, and leave out by how much the graph may still move it.
     """
 
     shares_maps = False
@@ -115,7 +118,7 @@ class GraphSlam(Hector):
         """
         while self.search.num_waiting:
             self._close_loop()
-        self._iterations = self._iterations or self.params.max_iterations
+        self._iterations = FINAL_ITERATIONS
         while self._iterations:
             self._optimise_once()
         poses = self.graph.arrays.nodes

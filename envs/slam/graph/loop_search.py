@@ -65,10 +65,12 @@ class LoopSearch:
         arrays = self._graph.arrays
         lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
         near = []
-        for submap, least in enumerate(least_distances(arrays.nodes, nodes.spans[:count], node).tolist()):
+        distances = least_distances(arrays.nodes, nodes.spans[:count], node)
+        farthest = params.loops.max_distance + 0.5 * params.loops.max_half_width
+        for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window = search_window(float(lengths[submap]), params.loops)
+            window, least = search_window(float(lengths[submap]), params.loops), float(distances[submap])
             if least <= params.loops.max_distance + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
