@@ -22,8 +22,9 @@ from .scans import ScanGeometry, project_hits
 
 NUM_SCANS = 10
 """Key scans that are searched together."""
-LEAST_SCANS, SEARCH_EVERY = 4, 2
-"""Key scans since the loss before the first search, and between two searches."""
+LEAST_SCANS, SEARCH_EVERY, SEARCH_SELDOM = 4, 2, 32
+"""Key scans since the loss before the first search, and between two searches; after a search in vain twice as many as
+before, up to the last number: a search costs as much as a hundred matches."""
 COARSE_CELL = 0.1
 """Side of the cells of the search over the whole map [m]."""
 NUM_LEVELS = 6
@@ -98,7 +99,7 @@ class Relocalizer:
     def reset(self) -> None:
         """Forget all scans: the robot is not lost, or no longer."""
         self._scans: deque[tuple[np.ndarray, Pose2D]] = deque(maxlen=NUM_SCANS)
-        self._count = 0
+        self._next, self._interval, self._count = LEAST_SCANS, SEARCH_EVERY, 0
         self._found: list[tuple[Pose2D, Pose2D]] = []
 
     def add(self, points: np.ndarray, pose: Pose2D) -> None:
@@ -108,9 +109,11 @@ class Relocalizer:
 
     def update(self, grid: OccupancyGrid) -> Pose2D | None:
         """Search when it is due; return the pose at the last key scan, map frame, once searches in succession agree."""
-        if self._count < LEAST_SCANS or self._count % SEARCH_EVERY:
+        if self._count < self._next:
             return None
         found, by_odometry = self.search(grid), self._scans[-1][1]
+        self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, SEARCH_SELDOM)
+        self._next = self._count + self._interval
         if found is None:
             self._found.clear()
             return None

@@ -22,6 +22,8 @@ from .scans import project_hits
 
 LOST_SCANS = 3
 """Key scans in succession that do not fit, after which the robot is lost."""
+WIDE = (0.3, 0.2)
+"""Spread of candidates where a scan does not fit near the predicted pose, as after wheels have slipped [m], [rad]."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE = 20, 0.25
 """Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit."""
 
@@ -37,6 +39,7 @@ class TinySlam(KnownPoses):
         """Build a SLAM for one lidar. Observers are notified of the matcher's work, which then runs in Python."""
         self.observers = tuple(observers)
         self._search = search_params(params)
+        self._wide_search = self._search._replace(sigma_xy=WIDE[0] / params.resolution, sigma_theta=WIDE[1])
         self._loss = LossTracker(lidar, LOST_SCANS)
         self._noise = np.empty((params.max_tries, 3))
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
@@ -55,6 +58,10 @@ class TinySlam(KnownPoses):
         pose = self._search_pose(ranges, predicted)
         if not params.match_every_scan:
             fits, belief = self._fits(ranges, pose), self.belief
+            if fits is False:
+                wide = self._search_pose(ranges, predicted, self._wide_search)
+                if self._fits(ranges, wide):
+                    pose, fits = wide, True
             found = self._loss.update(ranges, predicted, fits, belief.grid)
             belief.is_lost = self._loss.is_lost
             if found is not None or fits is False or (fits is None and belief.is_lost):
@@ -79,9 +86,9 @@ class TinySlam(KnownPoses):
             wrap_angle(pose.theta + motion.theta),
         )
 
-    def _search_pose(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
+    def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
-        grid_map, points, search = self.map, self._points, self._weighted_search(predicted)
+        grid_map, points, search = self.map, self._points, search or self._weighted_search(predicted)
         self.rng.standard_normal(out=self._noise)
         if self.observers:
             count = project_hits(ranges, grid_map.geometry, points)
