@@ -101,13 +101,15 @@ class Recorder:
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:
-        """Keep the times under their cells when the map has grown."""
+        """Keep the times under their cells when the map has grown, or was redrawn with other borders."""
         if self._known_since.shape == grid.data.shape and self._origin == grid.origin:
             return
         grown: np.ndarray = np.full(grid.data.shape, np.inf, dtype=np.float32)
         col, row = (round((old - new) / grid.resolution) for old, new in zip(self._origin, grid.origin, strict=True))
-        height, width = self._known_since.shape
-        grown[row : row + height, col : col + width] = self._known_since
+        before = self._known_since[max(-row, 0) :, max(-col, 0) :]
+        row, col = max(row, 0), max(col, 0)
+        into = grown[row : row + before.shape[0], col : col + before.shape[1]]
+        into[:] = before[: into.shape[0], : into.shape[1]]
         self._known_since, self._origin = grown, grid.origin
 
 

@@ -35,8 +35,12 @@ MAX_EVALUATIONS = 500_000
 """Nodes that a search scores at most."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the search in the map's own cells around what the coarse one found."""
-CONFIRMATIONS = 3
-"""Searches in succession that must agree: places that look alike seldom do for so long."""
+NEAR = 2.0
+"""Distance from the pose by odometry up to which a pose is near: maps that bend make robots lost more often than
+kidnappers do [m]."""
+CONFIRMATIONS, FAR_CONFIRMATIONS = 3, 8
+"""Searches in succession that must agree on a pose that is near, and on another one: places that look alike seldom do
+for so long."""
 SAME_PLACE, SAME_HEADING = 0.3, 0.1
 """By how much poses that agree differ at most [m], [rad]."""
 LEAST_LEAD = 0.02
@@ -120,11 +124,12 @@ class Relocalizer:
         if self._found:
             before, there = self._found[-1]
             expected = before.compose(there.between(by_odometry))
-            is_near = distance(found.x - expected.x, found.y - expected.y) <= SAME_PLACE
-            if not (is_near and abs(wrap_angle(found.theta - expected.theta)) <= SAME_HEADING):
+            is_same = distance(found.x - expected.x, found.y - expected.y) <= SAME_PLACE
+            if not (is_same and abs(wrap_angle(found.theta - expected.theta)) <= SAME_HEADING):
                 self._found.clear()
         self._found.append((found, by_odometry))
-        return found if len(self._found) >= CONFIRMATIONS else None
+        is_near = distance(found.x - by_odometry.x, found.y - by_odometry.y) <= NEAR
+        return found if len(self._found) >= (CONFIRMATIONS if is_near else FAR_CONFIRMATIONS) else None
 
     def search(self, grid: OccupancyGrid) -> Pose2D | None:
         """Return the pose of the robot at the last key scan, map frame; None where no pose or more than one will do."""

@@ -24,8 +24,9 @@ LOST_SCANS = 3
 """Key scans in succession that do not fit, after which the robot is lost."""
 WIDE = (0.3, 0.2)
 """Spread of candidates where a scan does not fit near the predicted pose, as after wheels have slipped [m], [rad]."""
-LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE = 20, 0.25
-"""Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit."""
+LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
+"""Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit near the
+predicted pose, and farther around."""
 
 
 class TinySlam(KnownPoses):
@@ -60,7 +61,7 @@ class TinySlam(KnownPoses):
             fits, belief = self._fits(ranges, pose), self.belief
             if fits is False:
                 wide = self._search_pose(ranges, predicted, self._wide_search)
-                if self._fits(ranges, wide):
+                if self._fits(ranges, wide, LEAST_WIDE_SCORE):
                     pose, fits = wide, True
             found = self._loss.update(ranges, predicted, fits, belief.grid)
             belief.is_lost = self._loss.is_lost
@@ -68,12 +69,12 @@ class TinySlam(KnownPoses):
                 return found or predicted, None
         return pose, params.raw_quality if pose is predicted else params.quality
 
-    def _fits(self, ranges: np.ndarray, pose: Pose2D) -> bool | None:
+    def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:
         """Tell whether the hits of a scan fall on occupied cells at a pose; None where too few cells are known."""
         count = project_hits(ranges, self.map.geometry, self._points)
         x, y = self.map.to_cells(pose.x, pose.y)
         num_known, score = known_score_at(self.map.grid.data, self._points, count, x, y, pose.theta)
-        return score >= LEAST_KNOWN_SCORE if num_known >= LEAST_KNOWN_HITS else None
+        return score >= least_score if num_known >= LEAST_KNOWN_HITS else None
 
     def _predict(self, motion: Pose2D) -> Pose2D:
         pose = self.belief.pose
