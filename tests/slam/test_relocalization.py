@@ -35,7 +35,7 @@ def points_at(pose):
 @pytest.mark.parametrize("start", [Pose2D(-1.5, 1.5, 2.0), Pose2D(2.0, -1.0, -2.8), Pose2D(0.2, 2.0, 0.7)])
 def test_the_pose_is_found_wherever_the_robot_was_put(grid, start):
     relocalizer, pose, by_odometry = Relocalizer(), start, STAY
-    for _ in range(10):
+    for _ in range(30):
         relocalizer.add(points_at(pose), by_odometry)
         found = relocalizer.update(grid)
         if found is not None:
@@ -47,7 +47,7 @@ def test_the_pose_is_found_wherever_the_robot_was_put(grid, start):
 
 def test_another_room_is_not_taken_for_this_one(grid):
     relocalizer = Relocalizer()
-    for k in range(12):
+    for k in range(40):
         walls = [(0.4 * x0, 1.3 * y0, 0.4 * x1, 1.3 * y1) for x0, y0, x1, y1 in ROOM]
         ranges = scan(Pose2D(0.02 * k, 0.0, 0.0), walls=walls)
         relocalizer.add((ranges[:, None] * LIDAR.directions.T).astype(np.float32), Pose2D(0.02 * k, 0.0, 0.0))
