@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
@@ -14,6 +14,7 @@ from baselines.episode import run_episode
 from envs.explore import ExploreEnv
 from envs.geometry.polyline import lengths_along
 from envs.rendering import style
+from envs.slam import DEFAULT_SLAM
 
 HOLD = 3.0
 """Time for which a film shows its last picture [s]."""
@@ -96,6 +97,9 @@ def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None
 def main(
     world: str = "turtlebot3_house",
     explorer: str = "frontier",
+    slam: str = DEFAULT_SLAM,
+    robot: str | None = None,
+    physics: Literal["bullet", "kinematic"] = "bullet",
     seed: int = 0,
     every: float = 4.0,
     film: Path = Path("docs/images/exploring.gif"),
@@ -106,12 +110,15 @@ def main(
     Args:
         world: Library world, procedural family, or path of a world YAML or map_server YAML.
         explorer: One of the classic explorers.
+        slam: SLAM by name; with "graph", the film shows how loops are closed.
+        robot: Library robot, or path of a robot YAML; the world's usual one if not given.
+        physics: Simulator.
         seed: Seed of world, start and noise.
         every: Simulated time between two pictures of the film [s].
         film: Where the film goes.
         picture: Where the picture goes.
     """
-    env = ExploreEnv(world=world, start="spawn", render_mode="rgb_array")
+    env = ExploreEnv(world=world, start="spawn", slam=slam, robot=robot, physics=physics, render_mode="rgb_array")
     taken = Film(env, every)
     episode = run_episode(env, make_explorer(explorer), seed, taken.shoot)
     taken.finish()
