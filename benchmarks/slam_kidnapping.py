@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
     """Time until the SLAM said that it was lost [s]; infinite if it never did."""
     found_after: float
     """Time until its position was right, and stayed so, without `is_lost` [s]; infinite if it never was."""
-    is_misled: bool
+    is_wrong: bool
     """Whether it ends without `is_lost` at a wrong position."""
 
 
@@ -81,7 +81,7 @@ def main(
     """
     tasks = [(slam, world, robot, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
     outcomes = run_each(kidnap, tasks, jobs, desc="kidnapped robots")
-    table = Table("SLAM", "world", "say that they are lost", "after [s]", "find themselves", "after [s]", "misled")
+    table = Table("SLAM", "world", "report is_lost", "after [s]", "relocalized", "after [s]", "wrong, not reported")
     for slam in slams:
         for world in (*worlds, "all"):
             some = [o for task, o in zip(tasks, outcomes) if task[0] == slam and world in (task[1], "all")]
@@ -94,7 +94,7 @@ def _cells(outcomes: list[Outcome]) -> list[str]:
     for times in ([o.lost_after for o in outcomes], [o.found_after for o in outcomes]):
         finite = [time for time in times if np.isfinite(time)]
         cells += [f"{len(finite)} of {len(times)}", f"{np.median(finite):.0f}" if finite else ""]
-    return [*cells, str(sum(o.is_misled for o in outcomes))]
+    return [*cells, str(sum(o.is_wrong for o in outcomes))]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Drives of one robot, stepped by a kernel up to what needs the objects of the environment or of the navigator."""
+"""Drives of one robot, stepped by a kernel until the environment's or the navigator's objects are needed."""
 
 import math
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ class Passed(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, shapes, setup, navigator, noise, passed, check_from):
-    """Drive the first robot up to a key scan, until the noise is used up, or until the drive calls for a look.
+    """Drive the first robot up to a key scan, until the noise is used up, or until its progress is to be judged.
 
     Args:
         rows: `Rows`, written.
@@ -47,7 +47,7 @@ def drive(rows, shapes, setup, navigator, noise, passed, check_from):
         check_from: control period of the drive from which on the navigator's objects check each one.
 
     Returns:
-        Control periods, and the progress: `UNCHECKED` after the first two, else as `check_progress` returns it.
+        Control periods, and the progress as `check_progress` returns it; `UNCHECKED` in the first two cases.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     pose, twist, state, others = rows.pose[0], rows.twist[0], rows.states[0, 0], rows.others[0, 0]
@@ -108,7 +108,7 @@ class FusedDrive:
         circles = np.array(env.simulator.circles)
         self._shapes = Shapes((np.array(env.world.segments),), (circles,), (circles,))
 
-    def advance(self, check_from: float) -> tuple[int, int, int, int]:
+    def advance(self, check_from: float) -> tuple[int, int, int, bool]:
         """Drive for one or more control periods, and bring all objects up to date.
 
         The task processes the last one; those before it gained nothing.

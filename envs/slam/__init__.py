@@ -41,7 +41,7 @@ SLAMS: dict[str, Kind] = {
 """By name. "odometry" and "truth" map at the poses that follow from odometry and from ground truth."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""What environments use: the SLAM with which explorers finish most; docs/slam.md has the figures."""
+"""What environments use: fast, deterministic, and robots of a team can share its map; docs/slam.md compares."""
 
 
 def make_slam(

@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import ConfigDict
 
-from envs.files import parse_record, read_mapping, resolve
 from envs.robots import OdometryNoise
 
-HECTOR_PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets" / "hector").glob("*.yaml"))}
+from .preset_files import find_presets, load_preset
+
+HECTOR_PRESETS = find_presets("hector")
 """Files of the presets by name."""
 
 
@@ -102,16 +103,5 @@ class HectorParams:
 
 
 def load_hector_params(preset: str | Path | HectorParams, changes: Mapping[str, Any] | None = None) -> HectorParams:
-    """Return params by the name of a preset, by the path of a YAML file, by `module:attribute`, or as they are.
-
-    `changes` are values to replace; text that reads as a number is taken for it.
-
-    Raises:
-        ValueError: the name is unknown, or the file has an unknown key or a value that makes no sense; the message
-            names file and key.
-        FileNotFoundError: there is no file at the path.
-    """
-    found = resolve(preset, HECTOR_PRESETS, "preset of hector", files=True)
-    values = read_mapping(found) if isinstance(found, Path) else asdict(found)
-    source = str(found) if isinstance(found, Path) else "params"
-    return parse_record({**values, **(changes or {})}, source, HectorParams)
+    """Return params by the name of a preset or what else stands for them; see `load_preset`."""
+    return load_preset(HectorParams, preset, HECTOR_PRESETS, "preset of hector", changes)

@@ -3,16 +3,17 @@
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict
 
-from envs.files import parse_record, read_mapping, resolve
 from envs.robots import OdometryNoise
 
-PRESETS = {path.stem: path for path in sorted((Path(__file__).parent / "presets").glob("*.yaml"))}
+from .preset_files import find_presets, load_preset
+
+PRESETS = find_presets()
 """Files of the presets by name."""
 PRESET_NAMES = tuple(PRESETS)
 """Presets that `load_params` accepts by name."""
@@ -111,16 +112,13 @@ def load_params(preset: str | Path | TinySlamParams, changes: Mapping[str, Any] 
     if preset == "seed1":
         warnings.warn("TinySLAM's preset 'seed1' is now called 'robot_vacuum'", DeprecationWarning, stacklevel=2)
         preset = "robot_vacuum"
-    found = resolve(preset, PRESETS, "preset", files=True)
-    values = read_mapping(found) if isinstance(found, Path) else asdict(found)
-    source = str(found) if isinstance(found, Path) else "params"
-    return parse_record(_renamed({**values, **(changes or {})}), source, TinySlamParams)
+    return load_preset(TinySlamParams, preset, PRESETS, "preset", changes, _renamed)
 
 
 def _renamed(values: dict[str, Any]) -> dict[str, Any]:
     """Return values with the keys of today for those of before."""
     for old, new in (("draw_distance", "min_travel_distance"), ("draw_angle", "min_travel_angle")):
         if old in values:
-            warnings.warn(f"TinySLAM's {old!r} is now called {new!r}", DeprecationWarning, stacklevel=3)
+            warnings.warn(f"TinySLAM's {old!r} is now called {new!r}", DeprecationWarning, stacklevel=4)
             values[new] = values.pop(old)
     return values

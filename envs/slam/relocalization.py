@@ -22,7 +22,7 @@ from .scans import ScanGeometry, project_hits
 
 NUM_SCANS = 10
 """Key scans that are searched together."""
-LEAST_SCANS, SEARCH_EVERY, SEARCH_SELDOM = 4, 2, 32
+LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 32
 """Key scans since the loss before the first search, and between two searches; after a search in vain twice as many as
 before, up to the last number: a search costs as much as a hundred matches."""
 COARSE_CELL = 0.1
@@ -36,8 +36,8 @@ MAX_EVALUATIONS = 500_000
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the search in the map's own cells around what the coarse one found."""
 NEAR = 2.0
-"""Distance from the pose by odometry up to which a pose is near: maps that bend make robots lost more often than
-kidnappers do [m]."""
+"""Distance from the pose by odometry up to which a pose is near [m]: a robot is lost more often because its map bends
+than because it was kidnapped."""
 CONFIRMATIONS, FAR_CONFIRMATIONS = 3, 8
 """Searches in succession that must agree on a pose that is near, and on another one: places that look alike seldom do
 for so long."""
@@ -72,7 +72,7 @@ class LossTracker:
         return self._mismatches >= self._lost_scans
 
     def update(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None, grid: OccupancyGrid) -> Pose2D | None:
-        """Process a key scan; return the pose of a lost robot that has found itself again.
+        """Process a key scan; return the pose of a lost robot once it is relocalized.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
@@ -116,7 +116,7 @@ class Relocalizer:
         if self._count < self._next:
             return None
         found, by_odometry = self.search(grid), self._scans[-1][1]
-        self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, SEARCH_SELDOM)
+        self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, MAX_INTERVAL)
         self._next = self._count + self._interval
         if found is None:
             self._found.clear()

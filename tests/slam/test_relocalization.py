@@ -68,4 +68,4 @@ def test_a_kidnapped_robot_says_so_and_finds_itself(slam):
     outcome = kidnap(slam, "turtlebot3_house", "turtlebot3_burger", 0, 8.0, 60.0)
     assert outcome.lost_after < 10.0
     assert outcome.found_after < 40.0
-    assert not outcome.is_misled
+    assert not outcome.is_wrong

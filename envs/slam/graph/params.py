@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import ConfigDict
 
-from envs.files import parse_record, read_mapping, resolve
 from envs.slam.hector_params import HectorParams
 from envs.slam.matching.score_surface import SurfaceParams
+from envs.slam.preset_files import find_presets, load_preset
 
 from .loop_closure import LoopClosureParams
 
-GRAPH_PRESETS = {path.stem: path for path in sorted((Path(__file__).parents[1] / "presets" / "graph").glob("*.yaml"))}
+GRAPH_PRESETS = find_presets("graph")
 """Files of the presets by name."""
 
 
@@ -100,8 +100,5 @@ class GraphSlamParams(HectorParams):
 def load_graph_params(
     preset: str | Path | GraphSlamParams, changes: Mapping[str, Any] | None = None
 ) -> GraphSlamParams:
-    """Return params by the name of a preset or what else stands for them; see `load_hector_params`."""
-    found = resolve(preset, GRAPH_PRESETS, "preset of graph", files=True)
-    values = read_mapping(found) if isinstance(found, Path) else asdict(found)
-    source = str(found) if isinstance(found, Path) else "params"
-    return parse_record({**values, **(changes or {})}, source, GraphSlamParams)
+    """Return params by the name of a preset or what else stands for them; see `load_preset`."""
+    return load_preset(GraphSlamParams, preset, GRAPH_PRESETS, "preset of graph", changes)
