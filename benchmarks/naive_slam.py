@@ -1,6 +1,6 @@
 """TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `envs.slam`.
 
-Key scans are matched, with odometry as a prior; others are passed over.
+Key scans are matched, with odometry as a prior; others are passed over. A robot that is lost is not relocalized.
 """
 
 import math
