@@ -4,6 +4,7 @@ from envs.files import resolve
 
 from .explorer import Explorer, Omniscient
 from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
+from .frontier.gain_over_cost import GainOverCostExplorer, GainOverCostParams
 from .frontier.greedy_gain import GreedyGainExplorer
 from .frontier.nearest import NearestExplorer, NearestParams
 from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
@@ -21,6 +22,7 @@ EXPLORERS: dict[str, type[Explorer]] = {
     "frontier": FrontierExplorer,
     "tour": TourExplorer,
     "explore_lite": ExploreLiteExplorer,
+    "gain_over_cost": GainOverCostExplorer,
     "greedy_gain": GreedyGainExplorer,
     "next_best_view": NextBestViewExplorer,
     "wall_follower": WallFollower,
@@ -47,6 +49,8 @@ __all__ = [
     "Explorer",
     "FrontierExplorer",
     "FrontierParams",
+    "GainOverCostExplorer",
+    "GainOverCostParams",
     "GreedyGainExplorer",
     "NearestExplorer",
     "NearestParams",

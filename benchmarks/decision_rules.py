@@ -14,9 +14,9 @@ from baselines.episode import run, run_episode
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
-from envs.navigation.candidate_features import HALF_COST
+from envs.navigation.candidate_features import HALF_AREA, HALF_COST
 
-GAIN, COST, FAILURES = (FEATURES.index(name) for name in ("gain", "cost", "failures"))
+VISIBLE, COST, FAILURES = (FEATURES.index(name) for name in ("visible", "cost", "failures"))
 WORLDS = {
     "rooms 10 m x 10 m": ({"world": "rooms", "world_size": (10.0, 10.0), "split": "test"}, 8),
     "turtlebot3_house": ({"world": "turtlebot3_house"}, 6),
@@ -35,10 +35,11 @@ def nearest(observation: dict[str, np.ndarray]) -> np.int64:
 
 
 def gain_over_cost(observation: dict[str, np.ndarray]) -> np.int64:
-    """Take the candidate with the greatest gain over cost; those that failed come last."""
+    """Take the candidate with the most unknown area in view over its cost; those that failed come last."""
     features, mask = observation["candidates"], observation["action_mask"] == 1
     cost = HALF_COST * features[:, COST] / (1.0 - features[:, COST])
-    utility = (features[:, GAIN] + 0.1) / (cost + 2.0) - 10.0 * (features[:, FAILURES] > 0)
+    visible = HALF_AREA * features[:, VISIBLE] / (1.0 - features[:, VISIBLE])
+    utility = (visible + 0.3) / (cost + 3.0) - 1000.0 * (features[:, FAILURES] > 0)
     return np.int64(np.where(mask, utility, -np.inf).argmax())
 
 

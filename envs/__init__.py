@@ -15,6 +15,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, object]]] = {
     "lidarnaut/ExploreAisles-v0": ("envs.explore:ExploreEnv", {"world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": ("envs.explore:ExploreEnv", {"world": "caves"}),
     "lidarnaut/ExploreFrontiers-v0": ("envs.explore_frontiers:ExploreFrontiersEnv", {}),
+    "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
     "lidarnaut/ExploreTeam-v0": ("envs.explore_team:ExploreTeamEnv", {}),
     "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
     "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),

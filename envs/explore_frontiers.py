@@ -12,9 +12,9 @@ from envs.compilation import announce_compilation
 from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.fused import UNCHECKED, FusedDrive, is_fusible
-from envs.navigation import FEATURES, Candidates, FrontierNavigator
+from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator
 from envs.navigation.candidates import find_candidates
-from envs.observations import FAR_PIXEL, MapCrop, make_parts
+from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
 
 RESET, EPISODE_END = "reset", "episode_end"
@@ -41,24 +41,31 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     | key | space | meaning |
     |---|---|---|
-    | `candidates` | `Box(-1, 1, (max_candidates, 10), float32)` | a row per candidate; rows without one are 0 |
+    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | a row per candidate; rows without one are 0 |
+    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
+    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between the candidates; h = 5 m |
     | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
     | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `ExploreEnv` |
-    | `motion` | `Box(-1, 1, (6,), float32)` | as `ExploreEnv`'s |
+    | `robot` | `Box(0, 1, (3,), float32)` | range of the lidar, h = 10 m; radius, h = 0.5 m; speed, h = 1 m/s |
 
-    Features of a candidate, with x / (x + h) for lengths, costs and times without an end:
+    Nothing tells the time or the size of the world. Lengths, areas and times without an end are given as x / (x + h).
+    Views end at the lidar's range, and at 8 m; sectors go counter-clockwise from the direction in which most unknown
+    area lies. Features of a candidate:
 
     | column | meaning |
     |---|---|
-    | 0 `gain` | share of the area within 1 m of the frontier that is unknown |
-    | 1 `cost` | length of the path, weighted by nearness to obstacles; h = 5 m |
-    | 2 `turn` | from the robot's heading to the beginning of the path, counter-clockwise, over pi |
-    | 3 `size` | length of the frontier; h = 2 m |
-    | 4 `clearance` | distance from obstacles at the viewpoint, over that from which they cost nothing |
-    | 5 `age` | time for which there has been a candidate within 0.5 m, also while it moved on; h = 60 s |
-    | 6 `ahead`, 7 `left` | where the frontier lies, in the robot's frame, over 16 m |
-    | 8 `failures` | attempts to get here that failed, over the three after which it is no longer offered |
-    | 9 `chosen` | 1 for the one nearest to the frontier that the last decision was for, and within 0.5 m of it |
+    | 0 `visible` | unknown area in view of the viewpoint, if nothing unknown blocks the view; h = 10 m2 |
+    | 1 `unknown_1m`, 2 `unknown_2m`, 3 `unknown_4m` | share of the area around the frontier that is unknown |
+    | 4 `cost` | length of the path, weighted by nearness to obstacles; h = 5 m |
+    | 5 `cost_ratio` | 1 m and the cost of the cheapest, over 1 m and the cost of this one |
+    | 6 `rank` | row, over `max_candidates` |
+    | 7 `turn` | from the robot's heading to the beginning of the path, counter-clockwise, over pi |
+    | 8 `size` | length of the frontier; h = 2 m |
+    | 9 `clearance` | distance from obstacles at the viewpoint, over that from which they cost nothing |
+    | 10 `age` | time for which there has been a candidate within 0.5 m, also while it moved on; h = 60 s |
+    | 11 `ahead`, 12 `left` | where the frontier lies, in the robot's frame, over 16 m |
+    | 13 `failures` | attempts to get here that failed, over the three after which it is no longer offered |
+    | 14 `chosen` | 1 for the one nearest to the frontier that the last decision was for, and within 0.5 m of it |
 
     Frontiers longer than 2 m are split. If there are more than `max_candidates`, the cheapest to get to are offered.
     Frontiers that the robot has looked at from as near as it gets, and which are there still, are not offered again.
@@ -92,7 +99,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     | argument | default | meaning |
     |---|---|---|
-    | `max_candidates` | `24` | frontiers that are offered at most |
+    | `max_candidates` | `48` | frontiers that are offered at most |
     | `max_decision_time` | `4.0` | longest drive, but for recoveries and looking around [s] |
     | `control_hz` | `5.0` | control steps per second |
 
@@ -105,7 +112,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def __init__(
         self,
         *,
-        max_candidates: int = 24,
+        max_candidates: int = 48,
         max_decision_time: float = 4.0,
         control_hz: float = 5.0,
         **arguments: Any,
@@ -128,14 +135,20 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.metadata = env.metadata
         self._max_candidates = max_candidates
         self._fused: FusedDrive | None = None
-        self._parts = make_parts({"map": {"resolution": FAR_PIXEL}, "motion": None}, {"map": MapCrop})
+        self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
-        own: dict[str, spaces.Space[Any]] = {
-            "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
-            "action_mask": spaces.MultiBinary(max_candidates),
-        }
+        robot = env.robot
+        sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
+        self._robot_features = sizes / (sizes + halves)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
-            own | {name: part.space(env.robot) for name, part in self._parts.items()}
+            {
+                "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
+                "sectors": spaces.Box(0.0, 1.0, (max_candidates, 2 * NUM_SECTORS), np.float32),
+                "gaps": spaces.Box(0.0, 1.0, (max_candidates, max_candidates), np.float32),
+                "action_mask": spaces.MultiBinary(max_candidates),
+                "map": self._map.space(robot),
+                "robot": spaces.Box(0.0, 1.0, (3,), np.float32),
+            }
         )
 
     def reset(
@@ -191,10 +204,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if out is None:
             spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
             out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
-        self.navigator.write_features(self.belief.pose, out["candidates"])
+        self.navigator.write_features(self.belief.pose, out["candidates"], out["sectors"], out["gaps"])
         out["action_mask"][...] = self._mask()
-        for name, part in self._parts.items():
-            part.write(self.explore.robots[0], out[name])
+        self._map.write(self.explore.robots[0], out["map"])
+        out["robot"][...] = self._robot_features
         return dict(out)
 
     def action_masks(self) -> np.ndarray:

@@ -11,7 +11,6 @@ import numpy as np
 
 from baselines.frontier.explorer import COMMITTED, RuleExplorer, least
 from baselines.frontier.nearest import CELL
-from baselines.frontier.visible_gain import visible_gains
 from envs.estimation import Belief
 from envs.navigation import Candidates, PlanningParams
 from envs.robots import RobotParams
@@ -28,8 +27,6 @@ class NextBestViewParams:
     """Viewpoints that are valued at most, drawn from all candidates."""
     discount: float = 0.5
     """Rate at which a gain loses its value along the path [1/m] (the paper's lambda)."""
-    max_range: float = 8.0
-    """How far a view is taken to reach at most, where the lidar sees farther [m]."""
     sizes: tuple[int, ...] = (8, 3)
     """See `NearestParams`."""
 
@@ -38,8 +35,6 @@ class NextBestViewParams:
             raise ValueError(f"num_samples must be at least 1, got {self.num_samples}")
         if not self.discount >= 0:
             raise ValueError(f"discount must not be negative, got {self.discount}")
-        if not self.max_range > 0:
-            raise ValueError(f"max_range must be positive, got {self.max_range}")
         if not self.sizes or min(self.sizes) < 1:
             raise ValueError(f"sizes must be at least 1, got {self.sizes}")
 
@@ -51,16 +46,15 @@ class NextBestView:
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        self._range = min(robot.lidar.range_max, self._params.max_range)
         self._rng = rng
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
         values, drawn = np.full(len(candidates), np.inf), np.arange(len(candidates))
         if len(drawn) > self._params.num_samples:
             drawn = np.sort(self._rng.choice(drawn, self._params.num_samples, replace=False))
-        gains = visible_gains(candidates.costmap.grid, candidates.viewpoints[drawn], self._range)
         # The logarithm orders alike and does not underflow at the far end of a large world.
-        values[drawn] = self._params.discount * candidates.costs[drawn] - np.log(np.maximum(gains, 1e-9))
+        gains = np.log(np.maximum(candidates.visible[drawn], 1e-9))
+        values[drawn] = self._params.discount * candidates.costs[drawn] - gains
         return least(values, candidates)
 
 

@@ -1,6 +1,7 @@
 """Costmaps, frontiers and path planning on the estimated map."""
 
 from .candidate_features import FEATURES, Candidates
+from .candidate_views import NUM_SECTORS
 from .checks import check_goal, is_path_valid
 from .costmap import (
     COST_FREE,
@@ -34,6 +35,7 @@ __all__ = [
     "COST_UNKNOWN",
     "FEATURES",
     "NO_POINTS",
+    "NUM_SECTORS",
     "Candidates",
     "Costmap",
     "CostmapParams",

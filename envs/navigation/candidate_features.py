@@ -1,4 +1,4 @@
-"""Features of each candidate, for rules and policies. Kernels, and the record that rules get."""
+"""What rules and policies know of each candidate. Kernels, and the record that rules get."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,41 @@ from numba import njit
 
 from envs.geometry.pose import wrap_angle
 from envs.navigation.astar import SCALE, STRAIGHT
+from envs.navigation.candidate_views import (
+    NUM_RAYS,
+    NUM_SECTORS,
+    SHARE_RADII,
+    cast_view,
+    fill_sectors,
+    ray_directions,
+    unknown_share,
+)
 from envs.navigation.costmap import Costmap
-from envs.navigation.frontiers import OCCUPIED_FROM, count_unknown
+from envs.navigation.frontiers import OCCUPIED_FROM
 from envs.navigation.paths import walk_back
 
-FEATURES = ("gain", "cost", "turn", "size", "clearance", "age", "ahead", "left", "failures", "chosen")
+FEATURES = (
+    "visible",
+    "unknown_1m",
+    "unknown_2m",
+    "unknown_4m",
+    "cost",
+    "cost_ratio",
+    "rank",
+    "turn",
+    "size",
+    "clearance",
+    "age",
+    "ahead",
+    "left",
+    "failures",
+    "chosen",
+)
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
+NUM_FEATURES = len(FEATURES)
 CHOSEN = FEATURES.index("chosen")
+HALF_AREA = 10.0
+"""Visible unknown area that counts as one half [m2]."""
 HALF_COST = 5.0
 """Travel cost that counts as one half [m]."""
 HALF_SIZE = 2.0
@@ -29,7 +57,9 @@ CANDIDATE = np.dtype(
         ("frontier", np.float64, 2),
         ("cost", np.float64),
         ("size", np.float64),
-        ("gain", np.float64),
+        ("visible", np.float64),
+        ("unknown", np.float64, len(SHARE_RADII)),
+        ("sectors", np.float32, 2 * NUM_SECTORS),
         ("clearance", np.float64),
         ("turn", np.float64),
         ("age", np.float64),
@@ -55,8 +85,15 @@ class Candidates:
     """Shape (k,), int64: which frontier it is part of; long frontiers are split into several candidates."""
     group_sizes: np.ndarray
     """Shape (k,), float64: length of that frontier as a whole [m]."""
-    gains: np.ndarray
-    """Shape (k,), float64: share of the area within 1 m of the frontier that is unknown."""
+    visible: np.ndarray
+    """Shape (k,), float64: unknown area in view of the viewpoint, within the lidar's range and 8 m [m2]; nothing but
+    occupied cells blocks the view."""
+    unknown: np.ndarray
+    """Shape (k, 3), float64: share of the area within 1 m, 2 m and 4 m of the frontier that is unknown."""
+    sectors: np.ndarray
+    """Shape (k, 48), float32: for each of 24 sectors around the viewpoint, counter-clockwise from the direction in
+    which most unknown area lies, the free range over the longest; then for each the share that is unknown and in view.
+    """
     clearances: np.ndarray
     """Shape (k,), float64: distance from the viewpoint to obstacles, over that from which they cost nothing."""
     turns: np.ndarray
@@ -109,10 +146,6 @@ def _nearest_within(points, x, y, radius):
     return nearest
 
 
-TABLE_COLUMNS = 11
-VIEW_X, VIEW_Y, THERE_X, THERE_Y, LENGTH, EXTENT, GAIN, CLEARANCE, TURN, AGE, FAILURES = range(TABLE_COLUMNS)
-
-
 @njit(cache=True, error_model="numpy")
 def _clearance(joined, row, col, reach):
     """Return the distance from a cell to the nearest occupied one, at most `reach` [cells]."""
@@ -149,7 +182,8 @@ def describe(raster, found, tables, frame, theta, now, past):
     left, low, side = frame
     before, failures, chosen, radius = past
     table, seen = np.empty(len(found), dtype=CANDIDATE), np.empty((len(found), 3))
-    full_gain = math.pi * tables.gain_radius**2
+    reach, directions = tables.view_reach, ray_directions()
+    free, unknown = np.empty(NUM_RAYS), np.empty(NUM_RAYS)
     for k in range(len(found)):
         cell, out = found[k], table[k]
         goal_row, goal_col = cell.goal
@@ -159,7 +193,11 @@ def describe(raster, found, tables, frame, theta, now, past):
         out.frontier[0], out.frontier[1] = x, y
         seen[k, 0], seen[k, 1], seen[k, 2] = x, y, _since(before, x, y, radius, now)
         out.cost, out.size = cell.cost * side / (STRAIGHT * SCALE), cell.size * side
-        out.gain = min(count_unknown(joined, row, col, tables.gain_radius) / full_gain, 1.0)
+        for i in range(len(SHARE_RADII)):
+            out.unknown[i] = unknown_share(joined, row, col, SHARE_RADII[i] / side)
+        outward = cast_view(joined, goal_row, goal_col, reach, directions, free, unknown)
+        out.visible = unknown.sum() * side * side
+        fill_sectors(free, unknown, outward, reach, out.sectors)
         out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
         path = walk_back(predecessor, goal_row, goal_col)
         # On the viewpoint already, the path on is the one to what is to be seen.
@@ -173,8 +211,8 @@ def describe(raster, found, tables, frame, theta, now, past):
 
 
 @njit(cache=True, error_model="numpy")
-def fill_features(table, chosen, x, y, theta, max_failures, features):
-    """Write the features of candidates as policies see them.
+def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
+    """Write what policies see of candidates; see `ExploreFrontiersEnv`. Rows without a candidate are 0.
 
     Args:
         table: shape (k,), `CANDIDATE`.
@@ -183,21 +221,32 @@ def fill_features(table, chosen, x, y, theta, max_failures, features):
         y: estimated position, map frame [m].
         theta: estimated heading [rad].
         max_failures: number of failures that counts as one.
-        features: shape (n, 10), float32, n >= k, written: see `ExploreFrontiersEnv`; 0 in rows without a candidate.
+        features: shape (n, NUM_FEATURES), float32, n >= k, written.
+        sectors: shape (n, 2 * NUM_SECTORS), float32, written.
+        gaps: shape (n, n), float32, written.
     """
     c, s = math.cos(theta), math.sin(theta)
-    features[:] = 0.0
-    for k in range(len(table)):
-        row = table[k]
+    features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0
+    count = len(table)
+    for k in range(count):
+        row, out = table[k], features[k]
         dx, dy = row.frontier[0] - x, row.frontier[1] - y
-        features[k, 0] = row.gain
-        features[k, 1] = row.cost / (row.cost + HALF_COST)
-        features[k, 2] = row.turn / math.pi
-        features[k, 3] = row.size / (row.size + HALF_SIZE)
-        features[k, 4] = row.clearance
-        features[k, 5] = row.age / (row.age + HALF_AGE)
-        features[k, 6] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
-        features[k, 7] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
-        features[k, 8] = min(row.failures / max_failures, 1.0)
+        out[0] = row.visible / (row.visible + HALF_AREA)
+        for i in range(len(SHARE_RADII)):
+            out[1 + i] = row.unknown[i]
+        out[4] = row.cost / (row.cost + HALF_COST)
+        out[5] = (table[0].cost + 1.0) / (row.cost + 1.0)
+        out[6] = k / len(features)
+        out[7] = row.turn / math.pi
+        out[8] = row.size / (row.size + HALF_SIZE)
+        out[9] = row.clearance
+        out[10] = row.age / (row.age + HALF_AGE)
+        out[11] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
+        out[12] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
+        out[13] = min(row.failures / max_failures, 1.0)
+        sectors[k] = row.sectors
+        for i in range(k):
+            gap = math.hypot(row.frontier[0] - table[i].frontier[0], row.frontier[1] - table[i].frontier[1])
+            gaps[k, i] = gaps[i, k] = gap / (gap + HALF_COST)
     if chosen >= 0:
         features[chosen, CHOSEN] = 1.0

@@ -107,9 +107,10 @@ class FrontierNavigator:
         is_still = self._now - self._still[2] > self.params.still_time
         return "stuck" if not self._has_start or is_still else "no_reachable_frontier"
 
-    def write_features(self, pose: Pose2D, features: np.ndarray) -> None:
-        """Write the candidates' features, shape (max_candidates, 10), float32; see `fill_features`."""
-        fill_features(self._table, self.candidates.chosen, *pose, self.params.max_failures, features)
+    def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
+        """Write what policies see of the candidates; see `fill_features`."""
+        chosen, max_failures = self.candidates.chosen, self.params.max_failures
+        fill_features(self._table, chosen, *pose, max_failures, features, sectors, gaps)
 
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
@@ -303,7 +304,9 @@ class FrontierNavigator:
             sizes=table["size"],
             groups=own[:, 3],
             group_sizes=own[:, 2] * planning.side,
-            gains=table["gain"],
+            visible=table["visible"],
+            unknown=table["unknown"],
+            sectors=table["sectors"],
             clearances=table["clearance"],
             turns=table["turn"],
             ages=table["age"],

@@ -32,8 +32,8 @@ class PlanningParams:
     """Distances of viewpoints from a frontier; the first one from which it can be seen is taken [m]."""
     detour: float = 3.0
     """The next view distance is taken, too, where the first costs this much more to get to [m]."""
-    gain_radius: float = 1.0
-    """Unknown area is counted this far around a frontier [m]."""
+    view_range: float = 8.0
+    """Unknown area in view of a viewpoint is counted up to this distance, where the lidar sees as far [m]."""
     heading_distance: float = 0.6
     """Heading changes are those towards the point of the path this far from its start [m]."""
 

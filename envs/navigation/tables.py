@@ -40,8 +40,8 @@ class PlanningTables(NamedTuple):
     """[travel cost]"""
     first_limit: int
     """Travel cost up to which the search for candidates expands at first; doubled until enough are known."""
-    gain_radius: float
-    """[cells]"""
+    view_reach: int
+    """How far rays look for unknown area [cells]."""
     heading_steps: int
     """[cells]"""
     robot_radius: float
@@ -72,7 +72,7 @@ def tables_of(params: PlanningParams, robot: RobotParams, resolution: float) -> 
             views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
             detour=round(params.detour / side * STRAIGHT * SCALE),
             first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
-            gain_radius=params.gain_radius / side,
+            view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
             heading_steps=max(1, round(params.heading_distance / side)),
             robot_radius=radius,
         )

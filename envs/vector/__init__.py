@@ -8,6 +8,7 @@ import gymnasium
 from .vector_env import LidarVectorEnv
 
 __all__ = [
+    "ExploreFrontiersAbstractVectorEnv",
     "ExploreFrontiersVectorEnv",
     "ExploreTeamVectorEnv",
     "ExploreVectorEnv",
@@ -29,6 +30,7 @@ def _vector_of(entry_point: str) -> Callable[..., LidarVectorEnv]:
 
 ExploreVectorEnv = _vector_of("envs.explore:ExploreEnv")
 ExploreFrontiersVectorEnv = _vector_of("envs.explore_frontiers:ExploreFrontiersEnv")
+ExploreFrontiersAbstractVectorEnv = _vector_of("envs.abstract:ExploreFrontiersAbstractEnv")
 ExploreTeamVectorEnv = _vector_of("envs.explore_team:ExploreTeamEnv")
 NavigateVectorEnv = _vector_of("envs.navigate:NavigateEnv")
 TrackVectorEnv = _vector_of("envs.track:TrackEnv")

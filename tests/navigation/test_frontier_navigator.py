@@ -9,6 +9,7 @@ from envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate, Window
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import (
     FEATURES,
+    NUM_SECTORS,
     CostmapParams,
     FrontierNavigator,
     NavigatorParams,
@@ -103,7 +104,8 @@ def test_candidates_are_the_frontiers_by_the_cost_of_their_paths():
     np.testing.assert_allclose(found.costs, field.cost(navigator.map.grid.cells(found.viewpoints)))
     cells = navigator.map.grid.cells(found.frontiers)
     assert frontier_mask(navigator.map.grid)[cells[:, 0], cells[:, 1]].all()
-    assert (found.gains > 0.0).all()
+    assert (found.visible > 0.0).all()
+    assert (found.unknown > 0.0).all()
     assert len(offered(data, 2.7, 1.0, max_candidates=1).candidates) == 1
 
 
@@ -152,10 +154,10 @@ def test_gaps_that_only_a_smaller_robot_would_pass_come_last():
 
 def test_features_say_where_and_since_when():
     robot = Robot(held=True, max_time=4.0)
-    features = np.ones((5, len(FEATURES)), dtype=np.float32)
+    features, sectors, gaps = (np.ones((5, *n), dtype=np.float32) for n in ((len(FEATURES),), (2 * NUM_SECTORS,), (5,)))
     for _ in range(2):
         assert robot.decide() == "time_up"
-    robot.navigator.write_features(robot.belief.pose, features)
+    robot.navigator.write_features(robot.belief.pose, features, sectors, gaps)
     named = dict(zip(FEATURES, features[0].tolist(), strict=True))
     x, y = robot.navigator.candidates.frontiers[0]
     assert named["ahead"] == pytest.approx((x - 1.0) / 16.0)
@@ -164,7 +166,24 @@ def test_features_say_where_and_since_when():
     assert named["chosen"] == 1.0
     # The path to a door ahead on the left turns counter-clockwise.
     assert 0.0 < named["turn"] < 0.5
-    assert (features[1:] == 0.0).all()
+    assert named["cost_ratio"] == 1.0
+    assert named["rank"] == 0.0
+    assert not features[1:].any()
+    assert not sectors[1:].any()
+    assert not gaps.any()
+    np.testing.assert_array_equal(sectors[0], robot.navigator.candidates.sectors[0])
+
+
+def test_gaps_are_distances_between_frontiers():
+    navigator = offered(room(doors=((0.5, 1.3), (2.8, 3.6))), 2.7, 1.0)
+    gaps = np.ones((3, 3), dtype=np.float32)
+    features, sectors = np.zeros((3, len(FEATURES)), np.float32), np.zeros((3, 2 * NUM_SECTORS), np.float32)
+    navigator.write_features(Pose2D(2.7, 1.0, 0.0), features, sectors, gaps)
+    distance = math.dist(*navigator.candidates.frontiers.tolist())
+    expected = np.zeros((3, 3))
+    expected[0, 1] = expected[1, 0] = distance / (distance + 5.0)
+    np.testing.assert_allclose(gaps, expected, rtol=1e-6)
+    assert features[1, FEATURES.index("cost_ratio")] < 1.0
 
 
 def test_only_the_candidate_nearest_to_the_last_choice_is_marked():

@@ -11,6 +11,8 @@ from baselines import (
     ExploreLiteExplorer,
     ExploreLiteParams,
     FrontierExplorer,
+    GainOverCostExplorer,
+    GainOverCostParams,
     GreedyGainExplorer,
     NearestExplorer,
     NextBestViewExplorer,
@@ -19,12 +21,10 @@ from baselines import (
     make_explorer,
 )
 from baselines.explorer import to_action
-from baselines.frontier.visible_gain import visible_gains
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.geometry import OccupancyGrid
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
-NAMES = ["nearest", "frontier", "explore_lite", "greedy_gain", "next_best_view", "tour"]
+NAMES = ["nearest", "frontier", "explore_lite", "gain_over_cost", "greedy_gain", "next_best_view", "tour"]
 
 
 def explore(name, *, seed, max_time, **kwargs):
@@ -123,26 +123,6 @@ def test_what_failed_comes_last():
     assert candidates.frontiers[other][0] > 10.0
 
 
-def test_visible_gain_equals_a_look_along_every_ray():
-    rng = np.random.default_rng(0)
-    data = rng.choice(np.array([-1, 0, 100], dtype=np.int8), p=[0.5, 0.45, 0.05], size=(40, 50))
-    grid, reach = OccupancyGrid(data, 0.1, (0.0, 0.0)), 12
-    cells = np.array([[20, 25], [3, 4], [39, 49]])
-    expected = []
-    for row, col in cells:
-        seen = set()
-        for angle in np.arange(76) * 2.0 * np.pi / 76:
-            for step in range(1, reach + 1):
-                r, c = int(np.floor(row + step * np.sin(angle) + 0.5)), int(np.floor(col + step * np.cos(angle) + 0.5))
-                inside = 0 <= r < 40 and 0 <= c < 50
-                if inside and data[r, c] == 100:
-                    break
-                if not inside or data[r, c] < 0:
-                    seen.add((r, c))
-        expected.append(0.01 * len(seen))
-    np.testing.assert_allclose(visible_gains(grid, grid.centers(cells), 1.2), expected)
-
-
 def test_explore_lite_weighs_three_metres_against_nine_cells():
     # Frontiers of 60 cells 4 m to the left, and of more cells than that farther away to the right.
     def goal_x(right, more):
@@ -167,6 +147,15 @@ def test_greedy_gain_goes_far_for_more_and_next_best_view_does_not():
     assert first_choice(undiscounted, 8.0, -0.5, grid)[0] > 14.0
 
 
+def test_gain_over_cost_weighs_what_is_in_view_against_the_path():
+    # A crack 1 m away, and a wide opening 6 m away.
+    grid = corridor((180, 183), (300, 340))
+    assert first_choice(GainOverCostExplorer(), 8.0, -0.5, grid)[0] > 14.0
+    # The less is added to the cost, the more the nearest counts; a high least gain makes all views alike.
+    near = GainOverCostExplorer(GainOverCostParams(least_gain=100.0, least_cost=0.1))
+    assert first_choice(near, 8.0, -0.5, grid)[0] < 10.0
+
+
 def test_frontier_prefers_the_greater_gain_at_equal_distance():
     assert first_choice(FrontierExplorer(), 5.0, 0.0)[0] > 10.0
     # Far nearer to the small opening, the gain no longer pays the distance.
@@ -183,6 +172,8 @@ def test_frontier_prefers_the_greater_gain_at_equal_distance():
         (ExploreLiteParams, {"min_cells": 0}),
         (NextBestViewParams, {"num_samples": 0}),
         (NextBestViewParams, {"discount": -0.1}),
+        (GainOverCostParams, {"least_gain": 0.0}),
+        (GainOverCostParams, {"least_cost": -1.0}),
     ],
 )
 def test_params_refuse_nonsense(params_type, wrong):

@@ -1,0 +1,216 @@
+"""Exploration by decisions without driving: the robot slides along its path. For training and for tuning of rules."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, cast
+
+import numpy as np
+
+from envs.arguments import check_positive
+from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from envs.geometry import Pose2D, wrap_angle
+from envs.navigation.records import DRIVING, FAILED, REACHED, SPUN, TIME_UP
+from envs.simulation import KinematicSimulator
+from envs.simulation.state import THETA, X, Y
+from envs.slam import KnownPoses
+
+SPEED_SHARE = 0.97
+"""Speed along a path over the robot's greatest: navigators slow down in bends and near obstacles."""
+TURN_SHARE = 1.0
+"""Mean yaw rate of a turn on the spot over the greatest: it begins and ends at rest."""
+MAX_ARC = 1.6
+"""Changes of heading up to this angle are made while driving [rad]."""
+HEADING_DISTANCE = 0.4
+"""The robot turns on the spot towards the point of the path this far from its start [m]."""
+DRIFT_LENGTH = 8.0
+"""Distance over which the error of the pose forgets its past [m]."""
+
+
+def _segment(lengths: np.ndarray, length: float) -> int:
+    """Return which segment of a path holds the point at a length, by the lengths up to its points, shape (n,) [m]."""
+    return max(min(int(np.searchsorted(lengths, length)), len(lengths) - 1) - 1, 0)
+
+
+class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
+    """Explore by choosing frontiers, with a robot that slides along its path.
+
+    ## Description
+    The decisions of `ExploreFrontiersEnv` in a simulator two to three times as fast: candidates, map, lidar,
+    worlds, reward and ends of episodes are the same, but between decisions the robot is moved along the planned path,
+    and its scan is integrated at intervals, at an estimated pose whose error drifts. There are no wheels, no contacts,
+    no scan matching and no recoveries. What is learned or tuned here is to be measured in `ExploreFrontiersEnv`;
+    docs/explore_frontiers.md tells how well the two agree.
+
+    ## Action Space
+    That of `ExploreFrontiersEnv`.
+
+    ## Observation Space
+    That of `ExploreFrontiersEnv`.
+
+    ## Rewards
+    That of `ExploreFrontiersEnv`. There are no collisions.
+
+    ## Starting State
+    That of `ExploreFrontiersEnv`.
+
+    ## Episode End
+    That of `ExploreFrontiersEnv`.
+
+    ## Arguments
+    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed, and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `physics` | `"kinematic"` | no other |
+    | `slam` | `"truth"` | no other |
+    | `map_resolution` | `0.2` | side of a map cell [m] |
+    | `scan_distance` | `0.4` | path between two scans that are integrated [m] |
+    | `drift` | `(0.03, 0.005)` | standard deviation of the estimated pose's error: position [m], heading [rad] |
+    | `false_returns` | `0.0002` | share of beams that end early by mistake |
+
+    ## Version History
+    * v0: first version
+    """
+
+    def __init__(
+        self,
+        *,
+        physics: str = "kinematic",
+        slam: str = "truth",
+        map_resolution: float = 0.2,
+        scan_distance: float = 0.4,
+        drift: tuple[float, float] = (0.03, 0.005),
+        false_returns: float = 0.0002,
+        **arguments: Any,
+    ) -> None:
+        """See the class for the arguments.
+
+        Raises:
+            ValueError: if an argument is not among the allowed values; the message names it and them.
+        """
+        for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
+            if value != allowed:
+                raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
+        check_positive(scan_distance=scan_distance)
+        if len(drift) != 2 or not min(drift) >= 0.0:
+            raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")
+        if not 0.0 <= false_returns < 1.0:
+            raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
+        super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
+        robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
+        self._simulator = cast(KinematicSimulator, self.explore.simulator)
+        self._mapping = cast(KnownPoses, self.explore.slam)
+        self._drift = np.array([drift[0], drift[0], drift[1]])
+        self._speed, self._turn_rate = SPEED_SHARE * robot.max_v, TURN_SHARE * robot.max_w
+        self._sees_around = bool(self.navigator.navigator.numbers["sees_around"])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start an episode; see `ExploreFrontiersEnv`."""
+        self._error = np.zeros(3)
+        started = super().reset(seed=seed, options=options)
+        # Obstacles of the scan lie in the base frame, and nothing moves them here: plans follow the map alone.
+        record = self.navigator.navigator.record
+        record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
+        return started
+
+    def _fuse(self) -> None:
+        """Return None: control periods are passed over."""
+        return None
+
+    def _drive(self) -> str:
+        """Slide along the path until a decision is due, and return why."""
+        explore, navigator = self.explore, self.navigator
+        robot, plan = explore.robots[0], navigator.plan
+        slide = None if plan is None else self._slide_along(plan)
+        explore.plan = plan
+        for pose, count, progress in slide or self._spin():
+            if not self._scan(pose, count):
+                progress = FAILED
+            navigator.integrate(robot.belief)
+            if any(explore.is_over):
+                navigator.find_candidates(robot.reading, robot.belief)
+                return EPISODE_END
+            result = navigator.conclude(progress, robot.reading, robot.belief)
+            if result is not None:
+                return result
+        # No candidates are left: the navigator wants to look around.
+        return self._drive()
+
+    def _slide_along(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
+        """Yield the poses of scans along a path, control periods since the scan before, and the progress."""
+        start, period, record = self.belief.pose, self.explore.control_period, self.navigator.navigator.record
+        max_steps = int(self.navigator.navigator.numbers["max_steps"])
+        path = np.vstack([start[:2], plan])
+        steps = np.diff(path, axis=0)
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+        headings = np.arctan2(steps[:, 1], steps[:, 0])
+        ahead = headings[_segment(lengths, HEADING_DISTANCE)]
+        turn = max(abs(wrap_angle(ahead - start.theta)) - MAX_ARC, 0.0) / self._turn_rate
+        farthest = max((max_steps * period - turn) * self._speed, 0.0)
+        end, length, count = min(lengths[-1], farthest), 0.0, 0
+        while True:
+            length = min(length + self._scan_distance, end)
+            x, y = np.interp(length, lengths, path[:, 0]), np.interp(length, lengths, path[:, 1])
+            heading = headings[_segment(lengths, length)]
+            before, count = count, max(round((turn + length / self._speed) / period), 1)
+            record["steps"], progress = count, DRIVING
+            if length >= end:
+                progress = REACHED if lengths[-1] <= farthest else TIME_UP
+            if progress == REACHED and not self._sees_around:
+                target = self.navigator.target or (x, y)
+                heading = math.atan2(target[1] - y, target[0] - x) - self.robot.lidar.mount.yaw
+            yield Pose2D(float(x), float(y), wrap_angle(float(heading))), count - before, progress
+            if length >= end:
+                return
+
+    def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
+        """Yield what a turn on the spot comes to, with a scan for each quarter where the lidar does not see around."""
+        navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
+        navigator.stop()
+        parts = 1 if self._sees_around else 4
+        count = math.ceil(2.0 * math.pi / float(navigator.numbers["spin_rate"]) / self.explore.control_period / parts)
+        for k in range(parts):
+            heading = wrap_angle(theta + 2.0 * math.pi * (k + 1) / parts)
+            yield Pose2D(x, y, heading), count, SPUN if k == parts - 1 else DRIVING
+
+    def _scan(self, pose: Pose2D, count: int) -> bool:
+        """Move the robot to an estimated pose, `count` control periods later, and integrate the scan that it takes.
+
+        Returns:
+            False if it cannot be there, and stays where it was.
+        """
+        explore = self.explore
+        simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]
+        sensors, rng, before, segments = simulator.sensors, simulator.rngs[0], robot.belief.pose, explore.world.segments
+        kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
+        self._error = kept * self._error + math.sqrt(1.0 - kept * kept) * self._drift * rng.standard_normal(3)
+        error = Pose2D(*self._error.tolist())
+        true_pose = explore.map_pose.compose(pose).compose(error)
+        is_free = self._is_free(true_pose)
+        if not is_free:
+            true_pose = truth.state.pose
+            pose = explore.map_pose.between(true_pose.compose(error.inverse()))
+        simulator.rows[0, [X, Y, THETA]] = true_pose
+        simulator.go_to(simulator.steps + count)
+        if explore.world.movers:
+            simulator.circles = explore.world.circles_at(simulator.steps * explore.control_period)
+        sensors.draw([rng])
+        sensors.sense(simulator.rows, segments, simulator.circles)
+        reading = sensors.readings(simulator.steps * explore.control_period)[0]
+        if self._false_returns > 0.0:
+            beams = rng.integers(len(reading.ranges), size=rng.binomial(len(reading.ranges), self._false_returns))
+            reading.ranges[beams] = np.fmin(reading.ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
+        robot.reading = reading
+        truth.update(simulator.states[0])
+        robot.follow(self._mapping.process_key_scan(reading.ranges, pose))
+        explore.task.update(simulator.states, explore.robots, explore.control_period)
+        self._note(count, 0)
+        return is_free
+
+    def _is_free(self, pose: Pose2D) -> bool:
+        """Tell whether the robot can be at a true pose, or in a cell of the raster beside it."""
+        area = self.explore.coverage.area
+        row, col = area.walls.cells(np.array(pose[:2])).tolist()
+        return bool(area.traversable[max(row - 1, 0) : max(row + 2, 0), max(col - 1, 0) : max(col + 2, 0)].any())

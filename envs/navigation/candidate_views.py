@@ -1,0 +1,113 @@
+"""What a lidar may see from a viewpoint: rays over the planning cells, for rules and policies. Kernels.
+
+Unknown cells are taken to be free, as most of them are: a ray ends at an occupied cell or at the end of its range
+(González-Baños and Latombe, "Navigation strategies for exploring indoor environments", 2002).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.navigation.frontiers import OCCUPIED_FROM
+
+NUM_RAYS = 48
+"""Rays from a viewpoint."""
+NUM_SECTORS = 24
+"""Sectors in which they are joined."""
+PER_SECTOR = NUM_RAYS // NUM_SECTORS
+SHARE_RADII = (1.0, 2.0, 4.0)
+"""Radii of the discs around a frontier whose unknown share is told [m]."""
+SHARE_STEPS = 10
+"""Sampled cells per radius of such a disc."""
+
+
+@njit(cache=True, error_model="numpy")
+def ray_directions():
+    """Return the directions of rays, shape (NUM_RAYS, 2): rows and columns per cell of length."""
+    directions = np.empty((NUM_RAYS, 2))
+    for k in range(NUM_RAYS):
+        angle = 2.0 * math.pi * k / NUM_RAYS
+        directions[k, 0], directions[k, 1] = math.sin(angle), math.cos(angle)
+    return directions
+
+
+@njit(cache=True, error_model="numpy")
+def cast_view(joined, row, col, reach, directions, free, unknown):
+    """Cast the rays from the centre of a cell.
+
+    Args:
+        joined: shape (height, width), int8, occupancy; what lies outside is unknown.
+        row: row of the viewpoint.
+        col: column of the viewpoint.
+        reach: length of the rays [cells].
+        directions: see `ray_directions`.
+        free: shape (NUM_RAYS,), float64, written: length of each ray up to an occupied cell [cells].
+        unknown: shape (NUM_RAYS,), float64, written: unknown area that it sweeps before that [cells].
+
+    Returns:
+        Direction of the first ray of the sector in which most unknown area lies, from 0 to NUM_RAYS - 1.
+    """
+    height, width = joined.shape
+    per_cell = 2.0 * math.pi / NUM_RAYS
+    up, right = 0.0, 0.0
+    for k in range(NUM_RAYS):
+        d_row, d_col = directions[k]
+        y, x, area, length = row + 0.5, col + 0.5, 0.0, reach
+        for step in range(1, reach + 1):
+            y += d_row
+            x += d_col
+            r, c = math.floor(y), math.floor(x)
+            if r < 0 or r >= height or c < 0 or c >= width:
+                # Nothing is known from here on.
+                area += 0.5 * (reach * (reach + 1) - step * (step - 1))
+                break
+            occupancy = joined[r, c]
+            if occupancy >= OCCUPIED_FROM:
+                length = step - 1
+                break
+            if occupancy < 0:
+                area += step
+        free[k], unknown[k] = length, area * per_cell
+        up += d_row * area
+        right += d_col * area
+    return round((math.atan2(up, right) % (2.0 * math.pi)) / per_cell) % NUM_RAYS
+
+
+@njit(cache=True, error_model="numpy")
+def fill_sectors(free, unknown, first, reach, sectors):
+    """Write free range and unknown share of the sectors around a viewpoint, counter-clockwise.
+
+    Args:
+        free: see `cast_view`.
+        unknown: see `cast_view`.
+        first: ray on which the first sector begins.
+        reach: length of the rays [cells].
+        sectors: shape (2 * NUM_SECTORS,), float32, written: the shortest ray of each over `reach`; then the unknown
+            area that the rays of each sweep, over what they could.
+    """
+    full = math.pi * reach * (reach + 1) / NUM_RAYS
+    for k in range(NUM_SECTORS):
+        nearest, area = float(reach), 0.0
+        for j in range(PER_SECTOR):
+            ray = (first + PER_SECTOR * k + j) % NUM_RAYS
+            nearest = min(nearest, free[ray])
+            area += unknown[ray]
+        sectors[k], sectors[NUM_SECTORS + k] = nearest / reach, area / (PER_SECTOR * full)
+
+
+@njit(cache=True, error_model="numpy")
+def unknown_share(joined, row, col, radius):
+    """Return the share of the disc of `radius` [cells] around a cell that is unknown, by samples on a lattice."""
+    height, width = joined.shape
+    step = max(radius / SHARE_STEPS, 1.0)
+    num = int(radius / step)
+    unknown = count = 0
+    for i in range(-num, num + 1):
+        for j in range(-num, num + 1):
+            if i * i + j * j > num * num:
+                continue
+            r, c = round(row + i * step), round(col + j * step)
+            count += 1
+            unknown += r < 0 or r >= height or c < 0 or c >= width or joined[r, c] < 0
+    return unknown / count

@@ -1,0 +1,103 @@
+"""The simulator that slides the robot along its path."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import envs  # noqa: F401
+from baselines.frontier.gain_over_cost import GainOverCost
+from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.explore_frontiers import ExploreFrontiersEnv
+
+QUICK = {"world": "rooms", "world_size": (8.0, 8.0), "target_coverage": 0.95}
+
+
+def explore(env, seed):
+    """Explore by a rule; return the last info, and all positions."""
+    rule = GainOverCost()
+    env.reset(seed=seed)
+    positions = [env.explore.truths[0].state.pose[:2]]
+    while True:
+        _, _, terminated, truncated, info = env.step(np.int64(rule(env.candidates, env.belief)))
+        positions.append(env.explore.truths[0].state.pose[:2])
+        if terminated or truncated:
+            return info, np.array(positions)
+
+
+def test_the_environment_passes_the_check():
+    check_env(gymnasium.make("lidarnaut/ExploreFrontiersAbstract-v0", **QUICK).unwrapped, skip_render_check=True)
+
+
+def test_spaces_are_those_of_the_real_one():
+    abstract, real = ExploreFrontiersAbstractEnv(**QUICK), ExploreFrontiersEnv(physics="kinematic", **QUICK)
+    assert abstract.observation_space == real.observation_space
+    assert abstract.action_space == real.action_space
+
+
+def test_worlds_are_explored_in_about_the_time_of_the_real_one():
+    times = []
+    abstract = ExploreFrontiersAbstractEnv(**QUICK, map_resolution=0.1)
+    for env in (abstract, ExploreFrontiersEnv(physics="kinematic", slam="truth", **QUICK)):
+        infos = [explore(env, seed)[0] for seed in range(6)]
+        assert all(info["end_reason"] == "covered" for info in infos)
+        times.append(np.mean([info["time"] for info in infos]))
+    assert times[0] == pytest.approx(times[1], rel=0.3)
+
+
+def test_the_robot_is_no_faster_than_it_is():
+    env = ExploreFrontiersAbstractEnv(**QUICK)
+    info, positions = explore(env, 3)
+    assert info["path_length"] <= env.robot.max_v * info["time"] + 1e-6
+    area = env.explore.coverage.area
+    cells = area.walls.cells(positions)
+    near = np.array([area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
+    assert near.all()
+
+
+def test_the_pose_drifts_as_asked_and_no_more():
+    for drift, least, most in (((0.0, 0.0), 0.0, 1e-9), ((0.05, 0.02), 0.005, 0.25)):
+        env = ExploreFrontiersAbstractEnv(**QUICK, drift=drift)
+        info, _ = explore(env, 0)
+        error, turn = info["pose_error"]
+        assert least <= error <= most
+        assert turn <= 0.1
+
+
+def test_same_seed_same_episode():
+    def episode():
+        env = ExploreFrontiersAbstractEnv(**QUICK)
+        info, positions = explore(env, 5)
+        return info["time"], positions.tobytes(), env.belief.grid.data.tobytes()
+
+    assert episode() == episode()
+
+
+def test_a_lidar_that_looks_ahead_looks_around():
+    env = ExploreFrontiersAbstractEnv(world="rooms", world_size=(8.0, 8.0), robot="raspimouse", target_coverage=0.8)
+    info, _ = explore(env, 1)
+    assert info["explored_fraction"] > 0.5
+
+
+def test_vector_environment():
+    env = gymnasium.make_vec("lidarnaut/ExploreFrontiersAbstract-v0", 3, "vector_entry_point", num_workers=0, **QUICK)
+    observations, _ = env.reset(seed=0)
+    single = ExploreFrontiersAbstractEnv(**QUICK)
+    alone, _ = single.reset(seed=1)
+    np.testing.assert_array_equal(observations["candidates"][1], alone["candidates"])
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"physics": "bullet"}, "physics must be 'kinematic'"),
+        ({"slam": "hector"}, "slam must be 'truth'"),
+        ({"scan_distance": 0.0}, "scan_distance"),
+        ({"drift": (0.1, -0.1)}, "drift"),
+        ({"false_returns": 1.0}, "false_returns"),
+    ],
+)
+def test_arguments_are_checked(wrong, named):
+    with pytest.raises(ValueError, match=named):
+        ExploreFrontiersAbstractEnv(**QUICK, **wrong)
