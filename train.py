@@ -1,6 +1,7 @@
 """Train an explorer.
 
 python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--ppo.learning-rate 1e-3] ...
+python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
 python train.py --resume runs/rooms_small__1__20250101-120000
 """
 
@@ -12,9 +13,9 @@ from typing import Any
 import gymnasium
 import tyro
 
-from agents.config import TrainingConfig
-from agents.run_folder import CheckpointError, find_checkpoint
-from envs.files import read_record
+from agents.config import EvolutionConfig, TrainingConfig
+from agents.run_folder import CheckpointError, find_config
+from envs.files import read_mapping, read_record
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -25,18 +26,24 @@ def main(arguments: list[str] | None = None) -> int:
     where.add_argument("--resume", type=Path)
     given, overrides = parser.parse_known_args(arguments)
     try:
-        start: TrainingConfig | Any = tyro.MISSING
-        if given.resume:
-            start = read_record(find_checkpoint(given.resume).parent.parent / "config.yaml", TrainingConfig)
-        elif given.config:
-            start = read_record(given.config, TrainingConfig)
+        kind: Any = TrainingConfig
+        start: Any = tyro.MISSING
+        if given.resume or given.config:
+            path = find_config(given.resume) if given.resume else given.config
+            kind = EvolutionConfig if read_mapping(path).get("algorithm") == "evolution" else TrainingConfig
+            start = read_record(path, kind)
         else:
             overrides = ["--help"]
-        config = tyro.cli(TrainingConfig, default=start, args=overrides, prog="train.py", description=__doc__)
+        config = tyro.cli(kind, default=start, args=overrides, prog="train.py", description=__doc__)
+        # Torch takes seconds to load: mistakes above are reported at once.
+        if isinstance(config, EvolutionConfig):
+            from agents.frontiers.evolution import evolve
 
-        from agents.training import train  # torch takes seconds to load: mistakes above are reported at once
+            run = evolve(config, resume=given.resume)
+        else:
+            from agents.training import train
 
-        run = train(config, resume=given.resume)
+            run = train(config, resume=given.resume)
     except KeyboardInterrupt:
         print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
         return 130

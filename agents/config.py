@@ -139,6 +139,33 @@ class CheckpointConfig(Section):
     """Newest checkpoints that are kept."""
 
 
+class EvolutionConfig(Section):
+    """Evolution of a frontier score by CMA-ES; see `agents.frontiers.evolution`."""
+
+    algorithm: Literal["evolution"]
+    """Tells this configuration from that of PPO."""
+    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
+    """Name, the first part of the run folder's."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of everything."""
+    generations: PositiveInt = 100
+    """Generations to train for."""
+    population: int = Field(default=14, ge=4)
+    """Individuals of a generation."""
+    tasks: PositiveInt = 24
+    """Episodes that every individual of a generation explores."""
+    sigma: PositiveFloat = 0.2
+    """First standard deviation of every weight."""
+    families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
+    """Procedural families of the training worlds."""
+    validation_tasks: PositiveInt = 240
+    """Episodes, the same ones each time, by which the policy is selected."""
+    validate_every: PositiveInt = 10
+    """Generations between two validations."""
+    num_workers: PositiveInt | None = None
+    """Processes; null takes as many as there are cores."""
+
+
 class TrainingConfig(Section):
     """An experiment."""
 

@@ -12,12 +12,16 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from agents.config import TrainingConfig
+from agents.config import EvolutionConfig, TrainingConfig
 from agents.curves import Row, draw_learning_curve
 from envs.files import dump_record, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
+
+
+GENERATIONS = "generations.csv"
+"""File of a run of evolution: the values of all individuals."""
 
 
 class CheckpointError(RuntimeError):
@@ -44,6 +48,18 @@ def find_checkpoint(path: str | Path) -> Path:
     raise CheckpointError(f"{path} {what}; a run folder has checkpoints/step_<number>/ in it")
 
 
+def find_config(path: str | Path) -> Path:
+    """Return the configuration of the run that `path` means: a run folder, or a checkpoint folder in it.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    path = Path(path)
+    if (path / GENERATIONS).exists():
+        return path / "config.yaml"
+    return find_checkpoint(path).parent.parent / "config.yaml"
+
+
 def new_run(config: TrainingConfig, run: Path | None) -> Path:
     """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
 
@@ -54,6 +70,26 @@ def new_run(config: TrainingConfig, run: Path | None) -> Path:
     if list_checkpoints(run):
         raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
     (run / "checkpoints").mkdir(parents=True, exist_ok=True)
+    _record(run, config)
+    return run
+
+
+def open_run(config: EvolutionConfig, run: Path | None, resume: Path | None) -> Path:
+    """Create a run folder, or take one that is to go on; None makes `runs/<experiment>__<seed>__<time>`.
+
+    Raises:
+        ValueError: if a new folder is in use already.
+        CheckpointError: if there is no run to go on with.
+    """
+    if resume is not None:
+        if not (resume / "config.yaml").exists():
+            raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
+        run = resume
+    else:
+        run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
+        if (run / "config.yaml").exists():
+            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+        run.mkdir(parents=True, exist_ok=True)
     _record(run, config)
     return run
 
@@ -82,7 +118,7 @@ def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     draw_learning_curve({"PPO": rows}, title, run / "learning_curve.png")
 
 
-def _record(run: Path, config: TrainingConfig) -> None:
+def _record(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))

@@ -18,7 +18,7 @@ Info = dict[str, Any]
 """What an environment returns beside the observation."""
 Observation = dict[str, np.ndarray]
 """What an environment returns to an explorer or a policy."""
-Decide = Callable[[Observation], np.ndarray | str]
+Decide = Callable[[Observation], np.ndarray | np.integer | str]
 """Returns the action for an observation, or the reason to stop."""
 Watch = Callable[[Info], None]
 """Is called with `info` after the reset and after every step."""
@@ -157,7 +157,8 @@ def begin_episode(
 def decide_with(explorer: Explorer | ObservationPolicy, env: ExploreEnv) -> Decide:
     """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw."""
 
-    def decide(observation: Observation) -> np.ndarray | str:
+    def decide(observation: Observation) -> np.ndarray | np.integer | str:
+        action: np.ndarray | np.integer
         if hasattr(explorer, "act"):
             action = to_action(explorer.act(env.reading, env.belief), env.robot)
         else:

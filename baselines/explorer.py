@@ -49,8 +49,8 @@ class Explorer(Agent, Protocol):
 class ObservationPolicy(Agent, Protocol):
     """Chooses actions from an environment's observations, as learned policies do."""
 
-    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the action for an observation."""
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray | np.integer:
+        """Return the action for an observation: an array, or the index of a frontier."""
 
 
 @runtime_checkable

@@ -1,6 +1,5 @@
 """Policies by the names that a command line gives them."""
 
-import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,9 +33,9 @@ class Policy:
     def make(self, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
         """Make the policy for an action space."""
         if self.checkpoint:
-            from agents.explorer import PPOExplorer
+            from agents.learned import load_policy
 
-            return PPOExplorer.load(self.checkpoint)
+            return load_policy(Path(self.checkpoint))
         return make_policy(resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given, space)
 
 
@@ -44,7 +43,8 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
     """Read a name, and make the policy once to see that it can be made.
 
     Args:
-        name: a classic explorer, `ppo:PATH`, `module:attribute`, or `LABEL=` before one of the latter two.
+        name: a classic explorer, `ppo:PATH` (`learned:PATH` is the same), `module:attribute`, or `LABEL=` before one of
+            the latter two. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`.
         given: policies by further names.
 
     Raises:
@@ -60,14 +60,13 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
             f"policy {name!r}: only ppo:PATH and module:attribute can have names of their own, as LABEL=ppo:PATH, and "
             f"not that of a classic explorer ({', '.join(EXPLORERS)})"
         )
-    if kind == "ppo" and rest:
-        from agents.checkpoint import POLICY_FILE
-        from agents.run_folder import find_checkpoint
+    if kind in ("ppo", "learned") and rest:
+        from agents.learned import find_policy, fingerprint
 
-        folder = find_checkpoint(Path(rest)).resolve()
-        policy = Policy(label, kind, str(folder))
-        policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
-        return replace(policy, fingerprint=hashlib.sha256((folder / POLICY_FILE).read_bytes()).hexdigest())
+        folder = find_policy(rest).resolve()
+        policy = Policy(label, "ppo", str(folder))
+        made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
+        return replace(policy, fingerprint=fingerprint(folder), level=level_of(made))
     if what in EXPLORERS:
         return Policy(label, what)
     if not rest:

@@ -47,14 +47,15 @@ class WorldTask(Task):
         self._start = read_start(start, num_robots)
         self._split: Literal["train", "test"] = split
         self._size = world_size
-        self._sample = world_sampler(world, split=split, size=world_size)
+        self._sample = world_sampler(world, split=split, size=world_size, radius=robot.radius)
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
         sample = self._sample
         if world is not None:
             is_family = isinstance(world, str) and world in FAMILIES
-            sample = world_sampler(world, split=self._split, size=self._size if is_family else None)
+            size = self._size if is_family else None
+            sample = world_sampler(world, split=self._split, size=size, radius=self._robot.radius)
         drawn = sample(rng)
         explorable_area(drawn, self._robot, self._resolution)
         return drawn

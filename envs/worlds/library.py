@@ -58,7 +58,11 @@ def _read(path: Path, modified: int) -> World:
 
 
 def world_sampler(
-    world: str | Path | World | WorldSampler, *, split: Split = "train", size: tuple[float, float] | None = None
+    world: str | Path | World | WorldSampler,
+    *,
+    split: Split = "train",
+    size: tuple[float, float] | None = None,
+    radius: float = 0.0,
 ) -> WorldSampler:
     """Return a function that gives the world of the next episode.
 
@@ -68,6 +72,7 @@ def world_sampler(
             give the same object each time.
         split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
         size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
+        radius: of the robot that a family's worlds are to fit [m].
 
     Raises:
         ValueError: for an unknown world, split or size, or a world that leaks; names the allowed values.
@@ -77,8 +82,8 @@ def world_sampler(
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
     if isinstance(world, str) and world in FAMILIES:
-        FAMILIES[world](0, size)  # a size that the family refuses should fail here, not at the first reset
-        return partial(_draw, world, split == "test", size)
+        FAMILIES[world](0, size, radius)  # a size that the family refuses should fail here, not at the first reset
+        return partial(_draw, world, split == "test", size, radius)
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
     found: Any = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
@@ -86,8 +91,10 @@ def world_sampler(
 
 
 # Functions of the module and not closures, so that environments can be pickled.
-def _draw(family: str, is_test: bool, size: tuple[float, float] | None, rng: np.random.Generator) -> World:
-    return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size)
+def _draw(
+    family: str, is_test: bool, size: tuple[float, float] | None, radius: float, rng: np.random.Generator
+) -> World:
+    return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size, radius)
 
 
 def _same(world: World, rng: np.random.Generator) -> World:

@@ -1,7 +1,7 @@
 """Worlds as data: walls, movers, spawns."""
 
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -65,6 +65,17 @@ class World:
     """Licence of the source, as its authors state it."""
     notes: str = ""
     """What was chosen, closed or left out when the source became this world."""
+
+    def scaled(self, factor: float) -> "World":
+        """Return the world enlarged by a factor in the plane, with movers that take as long for a round."""
+        return replace(
+            self,
+            segments=factor * self.segments,
+            circles=factor * self.circles,
+            spawns=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.spawns),
+            bounds=tuple(factor * side for side in self.bounds),  # type: ignore[arg-type]
+            movers=tuple(Mover(factor * m.radius, factor * m.waypoints, factor * m.speed) for m in self.movers),
+        )
 
     def circles_at(self, time: float) -> np.ndarray:
         """Return the static circles followed by the movers at `time` [s]: shape (m + movers, 3), float64 [m]."""

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from envs.worlds import FAMILIES, check_world, reachable, world_sampler
+from envs.robots import load_robot
+from envs.worlds import FAMILIES, check_world, explorable_area, free_area, reachable, world_sampler
 
 SMALLEST = {"rooms": 4.0, "maze": 3.0, "warehouse": 6.0, "caves": 4.0}
 
@@ -65,3 +66,23 @@ def test_bad_sizes_are_refused(family):
     for size in ((2.0, 10.0), (10.0, -1.0), (1e9, 10.0), (10.0,)):
         with pytest.raises(ValueError, match="size must be"):
             FAMILIES[family](0, size)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_worlds_fit_their_robot(family):
+    tugbot, burger = load_robot("tugbot"), load_robot("turtlebot3_burger")
+    for seed in range(3):
+        size = (30.0, 22.0)
+        world = FAMILIES[family](seed, size, tugbot.radius)
+        assert np.subtract(world.bounds[2:], world.bounds[:2]) == pytest.approx(size, abs=0.2)
+        area, free = explorable_area(world, tugbot, 0.1).area, free_area(world)
+        assert area > 0.85 * free
+        # What fits a small robot stays as it is.
+        same = FAMILIES[family](seed, size, burger.radius)
+        assert same.segments.tobytes() == FAMILIES[family](seed, size).segments.tobytes()
+
+
+def test_a_size_too_small_for_the_robot_is_refused():
+    assert FAMILIES["rooms"](0, (4.5, 4.5)).name == "rooms-0"
+    with pytest.raises(ValueError, match="for a robot of a radius of"):
+        FAMILIES["rooms"](0, (4.5, 4.5), 0.5)

@@ -17,27 +17,40 @@ _FAMILIES: dict[str, tuple[Callable[[str, np.random.Generator, Size], World], fl
     "caves": (caves.build, 4.0, (9.0, 9.0), (16.0, 16.0)),
 }
 """What makes a world from its name, a generator and its outer size; the smallest side, and the range of sizes [m]."""
+FITTING_RADIUS = 0.25
+"""Robots up to this radius get everywhere in a plan [m]; see `plan.REACH`."""
 
 
-def _generate(family: str, seed: int, size: Size | None = None) -> World:
+def _generate(family: str, seed: int, size: Size | None = None, radius: float = 0.0) -> World:
     """Return a world of a family.
+
+    A robot of a radius of 0.25 m fits everywhere that it should. For a larger one everything is larger, but for the
+    outer size.
 
     Args:
         family: a name in `FAMILIES`.
         seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) [m], rounded to whole units; drawn from the family's range by default.
+        size: outer size (x, y) [m], rounded to whole units; drawn from the family's range by default, and at least as
+            large as its smallest.
+        radius: of the robot [m].
 
     Raises:
-        ValueError: if the size is not two numbers from the family's smallest to 200 m.
+        ValueError: if the size is not two numbers from the family's smallest, for this robot, to 200 m.
     """
     build, smallest, low, high = _FAMILIES[family]
+    scale = max(1.0, radius / FITTING_RADIUS)
+    smallest *= scale
     rng = np.random.default_rng(seed)
     if size is None:
-        size = (float(rng.uniform(low[0], high[0])), float(rng.uniform(low[1], high[1])))
+        drawn = (float(rng.uniform(low[0], high[0])), float(rng.uniform(low[1], high[1])))
+        size = (max(drawn[0], smallest), max(drawn[1], smallest))
     if len(size) != 2 or not all(math.isfinite(side) and smallest <= side <= 200 for side in size):
-        raise ValueError(f"size must be (width, height), both from {smallest} to 200 m, got {size!r}")
-    return build(f"{family}-{seed}", rng, (units(size[0]) * UNIT, units(size[1]) * UNIT))
+        larger = f" for a robot of a radius of {radius:g} m" if scale > 1.0 else ""
+        raise ValueError(f"size must be (width, height), both from {smallest:g} to 200 m{larger}, got {size!r}")
+    world = build(f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT))
+    return world.scaled(scale) if scale > 1.0 else world
 
 
-FAMILIES: dict[str, Callable[[int, Size | None], World]] = {name: partial(_generate, name) for name in _FAMILIES}
-"""Generators of worlds: seed and optional outer size [m] in, world out. Even seeds train, odd ones test."""
+FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}
+"""Generators of worlds: seed, optional outer size [m] and radius of the robot [m] in, world out. Even seeds train, odd
+ones test."""

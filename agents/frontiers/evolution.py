@@ -1,0 +1,118 @@
+"""Evolution of a score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
+
+Every generation draws tasks, and every individual explores all of them: common worlds, starts and noise take most of
+the chance out of the comparison. What is minimised is the mean logarithm of the time over that of the rule that
+evolution starts from. The mean of the distribution is validated now and then on tasks of its own, drawn once; the best
+one becomes the policy.
+"""
+
+import csv
+import io
+import multiprocessing
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from cmaes import CMA
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from agents.config import EvolutionConfig
+from agents.learned import POLICY
+from agents.run_folder import GENERATIONS, CheckpointError, open_run
+from envs.files import write_file
+
+from .features import NUM_FEATURES, PRIOR
+from .rollout import compare
+from .score import FrontierScore
+from .tasks import Task, draw_task
+
+VALIDATIONS = "validations.csv"
+"""File of a run beside `GENERATIONS`: the means that were validated."""
+GENERATION_SEED, VALIDATION_SEED = 0, 1
+"""Streams of random numbers."""
+
+
+def evolve(
+    config: EvolutionConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
+) -> Path:
+    """Train a score, and return the folder of the run; arguments as for `agents.training.train`.
+
+    A run goes on by replaying what its individuals reached: CMA-ES draws them again from the seed.
+
+    Raises:
+        CheckpointError: if the files of a run that is to go on do not fit together.
+        ValueError: if the run folder is in use.
+    """
+    run = open_run(config, run, resume)
+    values = _read(run / GENERATIONS, config.population)
+    validated = _read(run / VALIDATIONS, 2 + NUM_FEATURES)
+    strategy = CMA(PRIOR.copy(), config.sigma, seed=config.seed, population_size=config.population)
+    tasks = [draw_task(rng, config.families) for rng in _streams(config.seed, VALIDATION_SEED, config.validation_tasks)]
+    log = SummaryWriter(str(run / "tensorboard"), purge_step=len(values))
+    bar = tqdm(total=config.generations, initial=len(values), disable=not progress, unit="generation")
+    with _pool(config.num_workers) as pool, bar, log:
+        for generation in range(config.generations + 1):
+            if generation % config.validate_every == 0 or generation == config.generations:
+                known = [row for row in validated if row[0] == generation]
+                if not known:
+                    ratios = _ratios(pool, tasks, [strategy.mean])
+                    validated.append(np.array([generation, ratios.mean(), *strategy.mean]))
+                    _write(run / VALIDATIONS, validated)
+                    log.add_scalar("validation/time_over_rule", np.exp(ratios.mean()), generation)
+                best = min(validated, key=lambda row: row[1])
+                bar.set_postfix(validated=f"{np.exp(validated[-1][1]):.3f}", best=f"{np.exp(best[1]):.3f}")
+            if generation == config.generations:
+                break
+            individuals = [strategy.ask() for _ in range(config.population)]
+            if generation == len(values):
+                drawn = _streams(config.seed, GENERATION_SEED, config.tasks, generation)
+                ratios = _ratios(pool, [draw_task(rng, config.families) for rng in drawn], individuals)
+                values.append(ratios.mean(axis=0))
+                _write(run / GENERATIONS, values)
+                log.add_scalar("evolution/time_over_rule", np.exp(values[-1].mean()), generation)
+                bar.update()
+            strategy.tell(list(zip(individuals, values[generation].tolist(), strict=True)))
+    best = min(validated, key=lambda row: row[1])
+    record = {"generation": int(best[0]), "time_over_rule": float(np.exp(best[1])), "seed": config.seed}
+    shutil.rmtree(run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
+    FrontierScore(best[2:]).save(run / POLICY, record)
+    return run
+
+
+def _streams(seed: int, stream: int, count: int, step: int = 0) -> Iterator[np.random.Generator]:
+    """Yield generators that depend on the numbers given and on their index alone."""
+    for i in range(count):
+        yield np.random.default_rng([seed, stream, step, i])
+
+
+def _pool(num_workers: int | None) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(num_workers, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _ratios(pool: ProcessPoolExecutor, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
+    """Return the logarithms of times over the rule's: shape (tasks, individuals), float64."""
+    jobs = [pool.submit(compare, task, weights, PRIOR) for task in tasks]
+    return np.array([job.result() for job in jobs])
+
+
+def _read(path: Path, width: int) -> list[np.ndarray]:
+    """Read rows of numbers; none if there is no file."""
+    if not path.exists():
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        try:
+            rows = [np.array(row, dtype=np.float64) for row in csv.reader(file)]
+        except ValueError as error:
+            raise CheckpointError(f"{path} does not hold numbers: {error}") from error
+    if any(row.shape != (width,) for row in rows):
+        raise CheckpointError(f"{path} does not hold rows of {width} numbers")
+    return rows
+
+
+def _write(path: Path, rows: list[np.ndarray]) -> None:
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows([repr(float(value)) for value in row] for row in rows)
+    write_file(path, table.getvalue())

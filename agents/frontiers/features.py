@@ -1,0 +1,154 @@
+"""Features of candidates that scores are made of, from an observation of `ExploreFrontiersEnv`. Kernel."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from envs.navigation.candidate_features import FEATURES, HALF_AGE, HALF_AREA, HALF_COST, HALF_SIZE, REACH
+from envs.navigation.candidate_views import NUM_SECTORS
+
+NAMES = (
+    "log_visible",
+    "minus_log_cost",
+    "log_visible_3",
+    "minus_log_cost_half",
+    "minus_cost",
+    "cost_ratio",
+    "unknown_1m",
+    "unknown_2m",
+    "unknown_4m",
+    "minus_turn",
+    "log_size",
+    "clearance",
+    "age",
+    "chosen",
+    "failures",
+    "minus_rank",
+    "log_gap_first",
+    "log_gap_second",
+    "log_visible_around",
+    "log_number_around",
+    "free_range",
+    "free_range_outward",
+    "unknown_outward",
+    "unknown_sectors",
+    "number_x_log_cost",
+    "number_x_log_visible",
+    "range_x_log_visible",
+    "range_x_log_cost",
+    "small_and_near",
+    "very_near",
+    "share_of_visible",
+    "left_x_log_visible",
+    "left_x_log_cost",
+    "log_mean_gap",
+    "detour",
+    "ahead",
+)
+"""Features of a candidate."""
+NUM_FEATURES = len(NAMES)
+PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
+"""Weights of the rule `gain_over_cost`."""
+(
+    _VISIBLE,
+    _UNKNOWN,
+    _COST,
+    _COST_RATIO,
+    _RANK,
+    _TURN,
+    _SIZE,
+    _CLEARANCE,
+    _AGE,
+    _AHEAD,
+    _LEFT,
+    _FAILURES,
+    _CHOSEN,
+) = (
+    FEATURES.index(name)
+    for name in (
+        "visible",
+        "unknown_1m",
+        "cost",
+        "cost_ratio",
+        "rank",
+        "turn",
+        "size",
+        "clearance",
+        "age",
+        "ahead",
+        "left",
+        "failures",
+        "chosen",
+    )
+)
+
+
+@njit(cache=True, error_model="numpy")
+def _length(share, half):
+    """Return x of x / (x + half)."""
+    return half * share / max(1.0 - share, 1e-6)
+
+
+@njit(cache=True, error_model="numpy")
+def score_features(candidates, sectors, gaps, robot, count):
+    """Return the features of the first `count` candidates, shape (count, NUM_FEATURES), float64.
+
+    Args:
+        candidates: as in the observation; `sectors`, `gaps` and `robot` likewise.
+        sectors: see there.
+        gaps: see there.
+        robot: see there.
+        count: how many candidates there are.
+    """
+    out = np.empty((count, NUM_FEATURES))
+    visible, cost = np.empty(count), np.empty(count)
+    for i in range(count):
+        visible[i] = _length(candidates[i, _VISIBLE], HALF_AREA)
+        cost[i] = _length(candidates[i, _COST], HALF_COST)
+    total = visible.sum()
+    number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
+    for i in range(count):
+        row, f = candidates[i], out[i]
+        first = second = 20.0
+        around, near, mean = visible[i], 0.0, 0.0
+        for j in range(count):
+            if j != i:
+                gap = _length(gaps[i, j], HALF_COST)
+                mean += gap
+                around += visible[j] * math.exp(-gap / 3.0)
+                near += math.exp(-gap / 2.0)
+                if gap < first:
+                    first, second = gap, first
+                elif gap < second:
+                    second = gap
+        mean = mean / (count - 1) if count > 1 else 0.0
+        size, age = _length(row[_SIZE], HALF_SIZE), _length(row[_AGE], HALF_AGE)
+        distance = REACH * math.hypot(row[_AHEAD], row[_LEFT])
+        log_visible, minus_log_cost = math.log(visible[i] + 0.3), -math.log(cost[i] + 3.0)
+        free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
+        wide = 0.0
+        for k in range(NUM_SECTORS):
+            wide += unknown[k] > 0.3
+        f[0], f[1] = log_visible, minus_log_cost
+        f[2], f[3] = math.log(visible[i] + 3.0), -math.log(cost[i] + 0.5)
+        f[4], f[5] = -0.1 * cost[i], row[_COST_RATIO]
+        f[6], f[7], f[8] = row[_UNKNOWN], row[_UNKNOWN + 1], row[_UNKNOWN + 2]
+        f[9], f[10], f[11] = -abs(row[_TURN]), math.log(size + 0.2), row[_CLEARANCE]
+        f[12], f[13], f[14] = age / (age + 60.0), row[_CHOSEN], row[_FAILURES]
+        f[15] = -3.0 * row[_RANK]
+        f[16], f[17] = math.log(first + 0.5), math.log(second + 0.5)
+        f[18], f[19] = math.log(around + 0.3), math.log(1.0 + near)
+        f[20] = free.mean()
+        f[21] = (free[0] + free[1] + free[2] + free[NUM_SECTORS - 1] + free[NUM_SECTORS - 2]) / 5.0
+        f[22] = (unknown[0] + unknown[1] + unknown[2] + unknown[NUM_SECTORS - 1] + unknown[NUM_SECTORS - 2]) / 5.0
+        f[23] = wide / NUM_SECTORS
+        f[24], f[25] = number * minus_log_cost, number * log_visible
+        f[26], f[27] = reach * log_visible, reach * minus_log_cost
+        f[28], f[29] = math.exp(-cost[i] / 3.0 - visible[i] / 2.0), math.exp(-cost[i] / 1.5)
+        f[30] = visible[i] / (total + 0.3)
+        f[31], f[32] = left * log_visible, left * minus_log_cost
+        f[33] = math.log(mean + 1.0)
+        f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
+        f[35] = row[_AHEAD] * REACH / (distance + 0.5)
+    return out

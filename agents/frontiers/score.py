@@ -1,0 +1,80 @@
+"""The policy: takes the candidate with the greatest score."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
+
+from agents.run_folder import CheckpointError
+from envs.files import write_folder
+from envs.robots import RobotParams
+
+from .features import NAMES, NUM_FEATURES, PRIOR, score_features
+
+WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
+FAILED = 1e3
+"""Taken off the score of candidates that a drive has failed to get to."""
+
+
+class FrontierScore:
+    """Scores candidates by a weighted sum of features and takes the best; see `features.NAMES`."""
+
+    level = "decision"
+    """What it decides; see `agents.policies.Level`."""
+    end_reason = plan = None
+    """A policy never stops by itself, and plans no path."""
+
+    def __init__(self, weights: np.ndarray = PRIOR) -> None:
+        """Take weights, shape (NUM_FEATURES,), float64; by default those of the rule `gain_over_cost`.
+
+        Raises:
+            ValueError: if there are not as many as features, or one is not finite.
+        """
+        weights = np.asarray(weights, dtype=np.float64)
+        if weights.shape != (NUM_FEATURES,) or not np.isfinite(weights).all():
+            raise ValueError(f"weights must be {NUM_FEATURES} finite numbers, got shape {weights.shape}")
+        self.weights = weights
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for an episode: nothing is remembered."""
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
+        """Return the candidate to go to; those that failed come last."""
+        count = int(observation["action_mask"].sum())
+        if count == 0:
+            return np.int64(0)
+        features = score_features(
+            observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
+        )
+        scores = features @ self.weights - FAILED * (features[:, NAMES.index("failures")] > 0)
+        return np.int64(scores.argmax())
+
+    def save(self, folder: Path, record: Mapping[str, Any]) -> None:
+        """Write the weights, and a record of how they were made, to a new folder."""
+        about = {"format": 1, "features": list(NAMES), **record}
+        weights = save({"weights": self.weights})
+        write_folder(folder, {WEIGHTS_FILE: weights, RECORD_FILE: json.dumps(about, indent=2) + "\n"})
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "FrontierScore":
+        """Read what `save` wrote.
+
+        Raises:
+            CheckpointError: if something is missing or damaged, or was trained on other features.
+        """
+        folder = Path(folder)
+        try:
+            record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
+            weights = load_file(folder / WEIGHTS_FILE)["weights"]
+        except (OSError, ValueError, KeyError, SafetensorError) as error:
+            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
+        if record.get("features") != list(NAMES):
+            raise CheckpointError(f"{folder} was trained on other features than this version computes")
+        try:
+            return cls(weights)
+        except ValueError as error:
+            raise CheckpointError(f"{folder}: {error}") from error

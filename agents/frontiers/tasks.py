@@ -1,0 +1,112 @@
+"""Episodes to train on: worlds, robots and simulators, drawn by a seed; what is held out is never among them."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.files import read_record
+from envs.robots import ROBOT_NAMES, RobotParams, load_robot
+from envs.worlds import FAMILIES, WORLD_NAMES, World, load_world
+
+TARGET = 0.95
+"""Explored fraction that ends an episode."""
+LIBRARY_SHARE = 0.3
+"""Share of tasks in worlds of the library; the others are in procedural families."""
+SIDES = {"rooms": (7.0, 26.0), "maze": (6.0, 16.0), "warehouse": (12.0, 36.0), "caves": (8.0, 24.0)}
+"""Range of the sides of families' worlds [m]; drawn evenly in their logarithms."""
+RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
+"""Lidar ranges of robots that are made up [m]."""
+RESOLUTIONS = (0.1, 0.15, 0.2)
+"""Sides of map cells [m]; the coarser ones are for larger worlds."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """What training must not see."""
+
+    worlds: tuple[str, ...]
+    """Names of library worlds."""
+    robots: tuple[str, ...]
+    """Names of library robots."""
+
+
+HELD_OUT = read_record(Path(__file__).with_name("held_out.yaml"), HeldOut)
+TRAINING_WORLDS = tuple(name for name in WORLD_NAMES if name not in HELD_OUT.worlds)
+"""Worlds of the library that training draws from."""
+TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.robots)
+"""Robots of the library that training draws from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """An episode but for the policy."""
+
+    world: str
+    """Name of a library world or of a procedural family."""
+    world_seed: int
+    """Seed of a family's world; even ones train."""
+    size: tuple[float, float]
+    """Outer size of a family's world [m]."""
+    robot: RobotParams
+    resolution: float
+    """Side of a map cell [m]."""
+    drift: float
+    """Standard deviation of the pose's error [m]; that of the heading is a sixth of it in radians."""
+    seed: int
+    """Of the episode: start and noise."""
+
+
+def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> Task:
+    """Draw a task.
+
+    Args:
+        rng: draws it.
+        families: the procedural families to choose from.
+    """
+    if not families or rng.random() < LIBRARY_SHARE:
+        world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
+    else:
+        world = str(rng.choice(families))
+        low, high = SIDES[world]
+        width, height = np.exp(rng.uniform(math.log(low), math.log(high), 2)).tolist()
+        size = (width, height)
+    is_family = world in FAMILIES
+    robot = draw_robot(rng, 0.24 if is_family else 0.16)
+    area = size[0] * size[1] if is_family else 150.0
+    resolution = float(rng.choice(RESOLUTIONS if area < 200.0 else RESOLUTIONS[1:]))
+    seeds = rng.integers(2**30, size=2)
+    return Task(world, 2 * int(seeds[0]), size, robot, resolution, float(rng.uniform(0.0, 0.05)), int(seeds[1]))
+
+
+def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
+    """Draw a robot of the library, or one that is made up, with a radius up to `max_radius` [m] so that it fits."""
+    fitting = [robot for robot in map(load_robot, TRAINING_ROBOTS) if robot.radius <= max_radius]
+    robot = fitting[int(rng.integers(len(fitting)))]
+    if rng.random() < 0.5:
+        return replace(robot, lidar=replace(robot.lidar, num_beams=min(robot.lidar.num_beams, 240)))
+    lidar = replace(robot.lidar, range_max=float(rng.choice(RANGES)), num_beams=min(robot.lidar.num_beams, 240))
+    radius, speed = float(rng.uniform(0.08, max_radius)), float(math.exp(rng.uniform(math.log(0.2), math.log(0.8))))
+    return replace(robot, name="drawn", lidar=lidar, radius=radius, max_v=speed)
+
+
+def make_world(task: Task) -> World:
+    """Return the world of a task."""
+    if task.world in FAMILIES:
+        return FAMILIES[task.world](task.world_seed, task.size, task.robot.radius)
+    return load_world(task.world)
+
+
+@lru_cache(maxsize=4)
+def _environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
+    return ExploreFrontiersAbstractEnv(
+        robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
+    )
+
+
+def make_environment(task: Task) -> ExploreFrontiersAbstractEnv:
+    """Return the environment of a task; the last few are kept."""
+    return _environment(task.robot, task.resolution, task.drift)

@@ -1,0 +1,55 @@
+"""Learned policies by their folders: of a run, of a checkpoint, or one that comes with the package."""
+
+import hashlib
+from pathlib import Path
+
+from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
+from agents.run_folder import CheckpointError, find_checkpoint
+from baselines.explorer import ObservationPolicy
+
+PRETRAINED = Path(__file__).with_name("pretrained")
+"""Folder of the policies that come with the package."""
+POLICY = "policy"
+"""Folder of the policy in a run of evolution."""
+
+
+def find_policy(path: str | Path) -> Path:
+    """Return the folder that holds the weights of a policy.
+
+    Args:
+        path: folder of a run, of a checkpoint or of a policy; or `pretrained/NAME`.
+
+    Raises:
+        CheckpointError: if there is none.
+    """
+    path = Path(path)
+    if path.parts[:1] == ("pretrained",) and not path.exists():
+        names = sorted(folder.name for folder in PRETRAINED.glob("*/"))
+        if path.name not in names:
+            raise CheckpointError(f"there is no policy {path}; there are pretrained/{', pretrained/'.join(names)}")
+        path = PRETRAINED / path.name
+    for folder in (path, path / POLICY):
+        if (folder / RECORD_FILE).exists():
+            return folder
+    return find_checkpoint(path)
+
+
+def load_policy(folder: Path) -> ObservationPolicy:
+    """Load the policy of a folder that `find_policy` returned.
+
+    Raises:
+        CheckpointError: if it is damaged.
+    """
+    if (folder / RECORD_FILE).exists():
+        return FrontierScore.load(folder)
+    from agents.explorer import PPOExplorer  # torch takes seconds to load
+
+    return PPOExplorer.load(folder)
+
+
+def fingerprint(folder: Path) -> str:
+    """Return the SHA-256 of the weights in a folder that `find_policy` returned."""
+    from agents.checkpoint import POLICY_FILE
+
+    name = WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE
+    return hashlib.sha256((folder / name).read_bytes()).hexdigest()

@@ -1,0 +1,87 @@
+"""Tasks that training draws, and the evolution of a score."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import train
+from agents.config import EvolutionConfig
+from agents.frontiers.evolution import VALIDATIONS, evolve
+from agents.frontiers.features import NAMES, PRIOR
+from agents.frontiers.rollout import compare
+from agents.frontiers.score import FrontierScore
+from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
+from agents.learned import find_policy, load_policy
+from agents.run_folder import GENERATIONS, CheckpointError
+from envs.robots import ROBOT_NAMES
+from envs.worlds import FAMILIES, WORLD_NAMES, explorable_area
+
+TINY = {"algorithm": "evolution", "experiment": "tiny", "seed": 1, "population": 4, "tasks": 2, "validation_tasks": 2}
+TINY |= {"num_workers": 1, "validate_every": 2, "families": ("rooms",)}
+
+
+def test_half_of_the_library_is_held_out_by_name():
+    assert set(HELD_OUT.worlds) < set(WORLD_NAMES)
+    assert set(HELD_OUT.robots) < set(ROBOT_NAMES)
+    assert len(HELD_OUT.worlds) >= len(WORLD_NAMES) / 2
+    assert not set(TRAINING_WORLDS) & set(HELD_OUT.worlds)
+    assert not set(TRAINING_ROBOTS) & set(HELD_OUT.robots)
+
+
+def test_tasks_hold_nothing_that_is_held_out_and_fit_their_robots():
+    rng = np.random.default_rng(0)
+    tasks = [draw_task(rng) for _ in range(300)]
+    names = {task.world for task in tasks}
+    assert names == {*FAMILIES, *TRAINING_WORLDS}
+    assert all(task.world_seed % 2 == 0 for task in tasks)
+    assert {task.robot.name for task in tasks} <= {*TRAINING_ROBOTS, "drawn"}
+    assert min(task.robot.lidar.range_max for task in tasks) < 4.0 < 15.0 < max(t.robot.lidar.range_max for t in tasks)
+    for task in tasks[:12]:
+        area = explorable_area(make_world(task), task.robot, task.resolution)
+        assert area.area > (0.3 * task.size[0] * task.size[1] if task.world in FAMILIES else 3.0)
+
+
+def test_a_score_that_shuns_gain_takes_longer():
+    rng = np.random.default_rng(3)
+    tasks = [draw_task(rng, ("rooms",)) for _ in range(6)]
+    ratios = np.array([compare(task, [PRIOR, -PRIOR], PRIOR) for task in tasks])
+    np.testing.assert_array_equal(ratios[:, 0], 0.0)
+    assert ratios[:, 1].mean() > 0.1
+
+
+def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
+    whole = evolve(EvolutionConfig(**TINY, generations=3), run=tmp_path / "whole", progress=False)
+    part = evolve(EvolutionConfig(**TINY, generations=1), run=tmp_path / "part", progress=False)
+    shutil.rmtree(part / "policy")
+    # As it would be after a kill in the midst of a generation: all of the first one, nothing of the second.
+    rows = (part / VALIDATIONS).read_text().splitlines(keepends=True)
+    (part / VALIDATIONS).write_text(rows[0])
+    evolve(EvolutionConfig(**TINY, generations=3), resume=part, progress=False)
+    assert (part / GENERATIONS).read_text() == (whole / GENERATIONS).read_text()
+    assert (part / VALIDATIONS).read_text() == (whole / VALIDATIONS).read_text()
+    policy, other = load_policy(find_policy(whole)), load_policy(find_policy(part))
+    assert isinstance(policy, FrontierScore)
+    np.testing.assert_array_equal(policy.weights, other.weights)
+    assert len(policy.weights) == len(NAMES)
+
+
+def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    config = tmp_path / "tiny.yaml"
+    config.write_text("algorithm: evolution\nexperiment: tiny\npopulation: 4\ntasks: 1\nvalidation_tasks: 1\n")
+    assert train.main(["--config", str(config), "--generations", "1", "--num-workers", "1"]) == 0
+    (run,) = (tmp_path / "runs").glob("tiny__*")
+    assert (run / "policy" / "policy.json").exists()
+    assert train.main(["--resume", str(run), "--generations", "2"]) == 0
+    assert len((run / GENERATIONS).read_text().splitlines()) == 2
+    config.write_text("algorithm: evolution\nexperiment: tiny\npopulation: 2\n")
+    assert train.main(["--config", str(config)]) == 2
+    assert "population" in capsys.readouterr().err
+
+
+def test_there_is_no_run_where_there_is_none(tmp_path):
+    with pytest.raises(CheckpointError, match="no run folder"):
+        evolve(EvolutionConfig(**TINY), resume=tmp_path, progress=False)
+    with pytest.raises(CheckpointError, match="pretrained"):
+        find_policy("pretrained/nothing")
