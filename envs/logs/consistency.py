@@ -32,13 +32,17 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
         poses: shape (m, 3), float64, of the base at its scans [m, m, rad].
 
     Returns:
-        The share among beams with a return; NaN if there are none, or if a pose is not finite.
+        The share among beams with a return; NaN if there are none, if a pose is not finite, or if poses are too far
+        apart for a map.
     """
     if not np.isfinite(poses).all():
         return math.nan
     map = LogOddsMap(HectorParams(num_levels=1, skip_exceeding=True), log.lidar)
-    for first in range(0, len(poses), CHUNK):
-        map.integrate_all(log.ranges[first : first + CHUNK], poses[first : first + CHUNK])
+    try:
+        for first in range(0, len(poses), CHUNK):
+            map.integrate_all(log.ranges[first : first + CHUNK], poses[first : first + CHUNK])
+    except MemoryError:
+        return math.nan
     mount, grid = log.lidar.mount, map.grid
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = poses[:, 0] + c * mount.x - s * mount.y - grid.origin[0]

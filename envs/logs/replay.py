@@ -30,7 +30,7 @@ ALL = "all"
 """Stands for every registered SLAM that a log can be replayed with."""
 TRUTH = "truth"
 """The one that it cannot."""
-SPARSE = 0.75
+SPARSE = 0.5
 """Median distance between scans from which on a log is sparse [m]."""
 
 
@@ -174,7 +174,9 @@ def _complaint(run: Run) -> str | None:
     causes = []
     if run.lost_share > 0.0:
         causes.append(f"it was lost at {100 * run.lost_share:.1f} % of the scans")
-    if not run.conflict_share <= MAX_CONFLICTS:
+    if math.isnan(run.conflict_share):
+        causes.append("there is no map that its scans could be compared with")
+    elif run.conflict_share > MAX_CONFLICTS:
         limit = f"where maps fit, at most {100 * MAX_CONFLICTS:.0f} %"
         causes.append(f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map ({limit})")
     return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None

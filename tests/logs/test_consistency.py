@@ -35,8 +35,9 @@ def test_a_room_seen_twice_at_different_poses_conflicts():
     assert conflict_share(log, poses) == 0.0
     poses[5:, 0] = 1.0
     assert conflict_share(log, poses) == 0.25  # ahead from the second half, back from the first
-    poses[3, 1] = np.nan
-    assert math.isnan(conflict_share(log, poses))
+    for value in (np.nan, 1e12):
+        poses[3, 1] = value
+        assert math.isnan(conflict_share(log, poses))
 
 
 def test_without_a_return_there_is_nothing_to_tell():
