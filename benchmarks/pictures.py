@@ -102,7 +102,7 @@ def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None
     first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
 
 
-def draw_maps(folder: Path, world: str, robot: str, seed: int, minutes: float) -> None:
+def draw_maps(folder: Path, world: str, robot: str, seed: int, minutes: float = 20.0) -> None:
     """Draw the maps of all SLAMs side by side, of a drive and of the Intel log; see `main`."""
     folder.mkdir(parents=True, exist_ok=True)
     draw_drive(drawn := folder / "slam_maps.png", world, robot, seed, minutes)
@@ -126,7 +126,6 @@ def main(
     film: Path = Path("docs/images/exploring.gif"),
     picture: Path = Path("docs/images/hero.png"),
     maps: Path | None = None,
-    minutes: float = 20.0,
 ) -> None:
     """Explore a world; save a film of it and one picture.
 
@@ -140,12 +139,11 @@ def main(
         every: Simulated time between two pictures of the film [s].
         film: Where the film goes.
         picture: Where the picture goes.
-        maps: Folder that gets `slam_maps.png` instead, the maps of all SLAMs on a drive between random goals in `world`
+        maps: Folder that gets `slam_maps.png` instead, the maps of all SLAMs on a drive of 20 minutes in `world`
             with `robot`, and `slam_maps_intel.png`, those of the Intel log if it lies in `$LIDARNAUT_DATA/intel`.
-        minutes: Length of that drive [min].
     """
     if maps is not None:
-        draw_maps(maps, world, robot or DRIVE_ROBOT, seed, minutes)
+        draw_maps(maps, world, robot or DRIVE_ROBOT, seed)
         return
     env = ExploreEnv(world=world, start="spawn", slam=slam, robot=robot, physics=physics, render_mode="rgb_array")
     taken = Film(env, every)
