@@ -1,5 +1,10 @@
-"""Pictures of an explorer at work, from a real run: `python -m benchmarks.pictures --world turtlebot3_house`."""
+"""Pictures for the documentation.
 
+`python -m benchmarks.pictures --world turtlebot3_house` films an explorer at work; with `--maps DIR` it draws the maps
+of all SLAMs side by side instead.
+"""
+
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +16,7 @@ from PIL import Image
 
 from baselines import make_explorer
 from baselines.episode import run_episode
+from benchmarks.slam_maps import draw_drive, draw_log
 from envs.explore import ExploreEnv
 from envs.geometry.polyline import lengths_along
 from envs.rendering import style
@@ -19,6 +25,8 @@ from envs.slam import DEFAULT_SLAM
 HOLD = 3.0
 """Time for which a film shows its last picture [s]."""
 FPS = 10.0
+DRIVE_ROBOT = "turtlebot3_waffle_pi"
+"""Robot of the drive that maps are compared on, if none is given: its lidar sees 3.5 m far."""
 
 
 @dataclass(slots=True)
@@ -94,6 +102,19 @@ def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None
     first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
 
 
+def draw_maps(folder: Path, world: str, robot: str, seed: int, minutes: float = 20.0) -> None:
+    """Draw the maps of all SLAMs side by side, of a drive and of the Intel log; see `main`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_drive(drawn := folder / "slam_maps.png", world, robot, seed, minutes)
+    print(f"{drawn}: {drawn.stat().st_size / 1e3:.0f} kB")
+    if "LIDARNAUT_DATA" not in os.environ:
+        print("the Intel log is left out; set LIDARNAUT_DATA")
+        return
+    data = Path(os.environ["LIDARNAUT_DATA"]) / "intel"
+    draw_log(drawn := folder / "slam_maps_intel.png", data / "scans_2725.npz", data / "intel.relations", seed)
+    print(f"{drawn}: {drawn.stat().st_size / 1e3:.0f} kB")
+
+
 def main(
     world: str = "turtlebot3_house",
     explorer: str = "frontier",
@@ -104,6 +125,7 @@ def main(
     every: float = 4.0,
     film: Path = Path("docs/images/exploring.gif"),
     picture: Path = Path("docs/images/hero.png"),
+    maps: Path | None = None,
 ) -> None:
     """Explore a world; save a film of it and one picture.
 
@@ -117,7 +139,12 @@ def main(
         every: Simulated time between two pictures of the film [s].
         film: Where the film goes.
         picture: Where the picture goes.
+        maps: Folder that gets `slam_maps.png` instead, the maps of all SLAMs on a drive of 20 minutes in `world`
+            with `robot`, and `slam_maps_intel.png`, those of the Intel log if it lies in `$LIDARNAUT_DATA/intel`.
     """
+    if maps is not None:
+        draw_maps(maps, world, robot or DRIVE_ROBOT, seed)
+        return
     env = ExploreEnv(world=world, start="spawn", slam=slam, robot=robot, physics=physics, render_mode="rgb_array")
     taken = Film(env, every)
     episode = run_episode(env, make_explorer(explorer), seed, taken.shoot)

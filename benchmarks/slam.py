@@ -19,6 +19,7 @@ from tqdm import tqdm
 from benchmarks.recorded_drives import RESOLUTION, make_setup
 from benchmarks.slam_drive import evaluate, record_drive
 from envs.logs import load_log, load_relations
+from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
 from envs.robots import load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
@@ -53,7 +54,7 @@ def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds
     log, relations = load_log(log_path), {"error": load_relations(relations_path)}
     mask = relations_path.parent / "unambiguous_relations.npy"
     if mask.exists():
-        relations["error_unambiguous"] = relations["error"][np.load(mask)]
+        relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
     for name in tqdm(slams, log_path.stem, leave=False):
         params = SLAMS[name].load("intel")
         slam = make_slam(name, log.lidar, params.resolution, params)

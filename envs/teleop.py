@@ -44,7 +44,7 @@ class Options:
     physics: str = "bullet"
     """bullet or kinematic."""
     slam: str = DEFAULT_SLAM
-    """hector, tinyslam, odometry, truth, or `module:attribute` of your own."""
+    """hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of your own."""
     control_hz: float = 10.0
     """Steps per second."""
     seed: int | None = None

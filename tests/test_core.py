@@ -178,8 +178,9 @@ def test_a_slam_that_cannot_share_its_map_is_refused_for_teams(own_code):
             super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
     ExploreTeamEnv(**QUICK, slam=Own, num_robots=1).reset(seed=0)
-    with pytest.raises(ValueError, match="cannot share a map"):
-        ExploreTeamEnv(**QUICK, slam=Own, num_robots=2)
+    for slam in (Own, "graph", "gmapping"):
+        with pytest.raises(ValueError, match="cannot share a map; choose hector, tinyslam, odometry or truth"):
+            ExploreTeamEnv(**QUICK, slam=slam, num_robots=2)
 
 
 class Redrawing(KnownPoses):

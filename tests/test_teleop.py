@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pygame
 import pytest
+import tyro
 
 from envs.explore import ExploreEnv
+from envs.slam import SLAM_NAMES
 from envs.teleop import Options, Teleop, main
 from envs.worlds import load_map
 
@@ -112,10 +114,29 @@ def test_q_and_closing_the_window_quit(event):
     main(Options(physics="kinematic", slam="truth"))
 
 
+@pytest.mark.parametrize("slam", SLAM_NAMES)
+def test_every_slam_drives(slam, tmp_path):
+    env = ExploreEnv(physics="kinematic", slam=slam, start="spawn", render_mode="rgb_array")
+    teleop = Teleop(env, tmp_path / "learned.yaml", seed=0)
+    key(pygame.KEYDOWN, pygame.K_UP)
+    assert all([teleop.tick() for _ in range(15)])
+    assert env.belief.pose.x > 0.1
+    assert ((env.belief.grid.data >= 0) & (env.belief.grid.data < 50)).sum() > 1000
+    teleop.close()
+
+
+@pytest.mark.parametrize("slam", ["graph", "gmapping"])
+def test_a_slam_by_name_is_an_option(slam):
+    pygame.display.init()
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    main(tyro.cli(Options, args=["--physics", "kinematic", "--slam", slam]))
+
+
 @pytest.mark.parametrize(
     ("options", "culprit"),
     [
         ({"world": "atlantis"}, "atlantis"),
+        ({"slam": "gmaping"}, "unknown SLAM 'gmaping'.*gmapping"),
         ({"map": Path("/no/such/folder/map.yaml")}, "/no/such/folder"),
     ],
 )

@@ -37,6 +37,8 @@ def read_archive(path: Path) -> dict[str, Any]:
             raise ValueError(
                 f"{path}, array {name}: numbers in {dimensions} dimensions are needed, got {array.dtype} {array.shape}"
             )
+    if not np.isfinite(arrays["idx"]).all():
+        raise ValueError(f"{path}, array idx: must be finite")
     if arrays["odo"].shape[1] != 3:
         raise ValueError(f"{path}, array odo: rows of x, y, heading are needed, got shape {arrays['odo'].shape}")
     return arrays | {"t": arrays["t"] + float(arrays.get("off", 0.0))}

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from .clock import find_jump_back
 
 MAX_RANGE_LIMIT = 1000.0
 """A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""
+MAX_STEP = 100.0
+"""Odometry that moves farther from one scan to the next, or a lidar farther from the base, is damaged [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,23 @@ class Log:
         for before, after in itertools.pairwise(poses):
             yield before.between(after)
 
+    @property
+    def step_length(self) -> float:
+        """Median distance from one scan to the next by odometry [m], of a robot that moves; 0 for one that does not."""
+        steps = np.hypot(*np.diff(self.odometry[self.scan_rows, :2], axis=0).T)
+        moving = steps[steps > 0.01]
+        return float(np.median(moving)) if len(moving) else 0.0
+
+    def thinned(self, distance: float, angle: float) -> "Log":
+        """Return a log with key scans alone: `distance` [m] or `angle` [rad] or more by odometry after the last one."""
+        poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
+        kept = [0]
+        for k, pose in enumerate(poses):
+            motion = poses[kept[-1]].between(pose)
+            if math.hypot(motion.x, motion.y) >= distance or abs(motion.theta) >= angle:
+                kept.append(k)
+        return replace(self, scan_rows=self.scan_rows[kept], ranges=self.ranges[kept])
+
     def __post_init__(self) -> None:
         if len(self.times) != len(self.odometry) or len(self.scan_rows) != len(self.ranges):
             raise ValueError("numbers of times, poses and scans do not agree")
@@ -58,6 +77,12 @@ class Log:
         if (self.ranges < 0.0).any():
             scan, beam = np.argwhere(self.ranges < 0.0)[0].tolist()
             raise ValueError(f"ranges must not be negative, beam {beam} of scan {scan} is {self.ranges[scan, beam]} m")
+        steps = np.hypot(*np.diff(self.odometry[self.scan_rows, :2], axis=0).T)
+        if (steps > MAX_STEP).any():
+            scan = int((steps > MAX_STEP).argmax())
+            raise ValueError(
+                f"odometry moves by {steps[scan]:g} m from scan {scan} to the next, at most {MAX_STEP:g} m"
+            )
         times = self.times[self.scan_rows]
         jump = find_jump_back(times)
         if jump is not None:
@@ -111,12 +136,14 @@ def load_log(
 def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
     """Make a log of what the readers return: the arrays of `load_log`; bags have more of the mount, and `minr`."""
     ranges, step = arrays["ranges"].astype(np.float32), float(arrays["dang"])
+    if max_range is not None and not max_range > 0.0:
+        raise ValueError(f"max_range (--max-range) must be positive, got {max_range:g}")
     limit = float(arrays["maxr"]) if max_range is None else min(float(arrays["maxr"]), max_range)
     if not 0.0 < limit <= MAX_RANGE_LIMIT:
         allowed = f"(0, {MAX_RANGE_LIMIT:g}]; max_range (--max-range) sets one"
         raise ValueError(f"the range limit (maxr) is {limit:g} m, it must lie in {allowed}")
     mount_x, mount_y, mount_z = (float(arrays.get(f"mount_{axis}", 0.0)) for axis in "xyz")
-    if not (math.isfinite(arrays["ang0"]) and 0.0 < step < math.inf and math.isfinite(mount_x)):
+    if not (math.isfinite(arrays["ang0"]) and 0.0 < step < math.inf and abs(mount_x) <= MAX_STEP):
         raise ValueError(f"beams start at {float(arrays['ang0'])} rad in steps of {step} rad, {mount_x} m ahead")
     if step * (ranges.shape[1] - 1) > 2 * math.pi - 1e-6:
         ranges = ranges[:, :-1]  # the last beam of a full turn repeats the first

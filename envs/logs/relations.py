@@ -5,6 +5,7 @@ verified by hand are held against the estimated ones. No common frame is needed,
 once rather than for all that follows.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,17 +49,38 @@ def load_relations(path: str | Path) -> np.ndarray:
         Shape (n, 5), float64: t1, t2 [s], x, y [m], yaw [rad] of the later pose seen from the earlier.
 
     Raises:
-        ValueError: the file does not hold eight numbers per line.
+        ValueError: the file does not hold eight finite numbers per line.
     """
     try:
-        table = np.loadtxt(path, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of empty files, which are refused below
+            table = np.loadtxt(path, ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: not a list of relations: {error}") from error
+    if table.size == 0:
+        raise ValueError(f"{path}: holds no relations")
     if table.shape[1] != 8:
         raise ValueError(
             f"{path}: relations have 8 numbers per line (t1 t2 x y z roll pitch yaw), got {table.shape[1]}"
         )
+    if not (finite := np.isfinite(table).all(axis=1)).all():
+        raise ValueError(f"{path}: relation {int(finite.argmin())} is not finite")
     return table[:, [0, 1, 2, 3, 7]]
+
+
+def load_mask(path: Path, count: int) -> np.ndarray:
+    """Read which of `count` relations are meant: an array (.npy) of shape (count,), bool.
+
+    Raises:
+        ValueError: the file is damaged, or holds another array.
+    """
+    try:
+        mask = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path}: damaged or no array: {' '.join(str(error).split())}") from error
+    if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
+        raise ValueError(f"{path}: a mask of {count} relations is needed, got {mask.dtype} {mask.shape}")
+    return mask
 
 
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:

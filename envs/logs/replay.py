@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import sys
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
@@ -18,8 +19,9 @@ from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
+from .consistency import MAX_CONFLICTS
 from .log import Log, load_log
-from .relations import RelationError, load_relations
+from .relations import RelationError, load_mask, load_relations
 from .runs import Run, measure, replay, save_replay
 
 LABELS = {"error": "relation error", "error_unambiguous": "unambiguous"}
@@ -28,6 +30,8 @@ ALL = "all"
 """Stands for every registered SLAM that a log can be replayed with."""
 TRUTH = "truth"
 """The one that it cannot."""
+SPARSE = 0.5
+"""Median distance between scans from which on a log is sparse [m]."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class Options:
     """Name of a SLAM (`odometry` maps at the poses of the wheel odometry), or `module:attribute` of your own, which is
     called with the lidar's geometry and the resolution [m]; `all` compares all that have a name."""
     preset: str = "intel"
-    """Preset of the SLAM's parameters, or a YAML file. A SLAM of your own gets its resolution alone."""
+    """Preset of the SLAM's parameters, or a YAML file; `sparse` is for logs with a metre or so between scans. A SLAM of
+    your own gets its resolution alone."""
     change: dict[str, str] = field(default_factory=dict)
     """Parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
@@ -54,6 +59,8 @@ class Options:
     """Seed of the first run."""
     max_range: float | None = None
     """Readings from this on count as no return [m]; the log's own limit by default."""
+    thin: tuple[float, float] | None = None
+    """Keep only scans that are so far [m], or turned by so much [rad], from the last one kept: makes a log sparse."""
     time_offset: float = 0.0
     """Added to the log's times, for relations with another clock [s]."""
     scan_topic: str | None = None
@@ -69,10 +76,18 @@ def main(options: Options) -> list[Run]:
         ValueError: the SLAM cannot be replayed, or an input file or parameter is not valid.
         FileNotFoundError: an input file is missing.
     """
-    if options.seeds < 1:
-        raise ValueError(f"seeds must be at least 1, got {options.seeds}")
+    if options.seeds < 1 or options.first_seed < 0:
+        raise ValueError(f"seeds must be at least 1 and first_seed 0, got {options.seeds} and {options.first_seed}")
+    if not math.isfinite(options.time_offset):
+        raise ValueError(f"time_offset must be finite, got {options.time_offset}")
+    if options.thin is not None and not min(options.thin) >= 0.0:
+        raise ValueError(f"thin must be a distance and an angle that are not negative, got {options.thin}")
     log = load_log(options.log, options.max_range, scan_topic=options.scan_topic, odom_topic=options.odom_topic)
     log = dataclasses.replace(log, times=log.times + options.time_offset)
+    if options.thin is not None:
+        log = log.thinned(*options.thin)
+    if (step := log.step_length) >= SPARSE and options.preset != "sparse":
+        tqdm.write(f"sparse log: {step:.2f} m between scans (median); `--preset sparse` searches farther")
     relations = _load_relations(options.relations)
     names = [name for name in SLAM_NAMES if name != TRUTH] if options.slam == ALL else [options.slam]
     runs: list[Run] = []
@@ -90,11 +105,13 @@ def comparison(runs: list[Run]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     fields = [f for f in _ERROR_FIELDS if any(getattr(run, f) for run in runs)]
     heads = [f"{_label(f)}, m / deg" for f in fields]
-    for k, head in enumerate(["SLAM", *heads, "ms per scan: mean", "99 %", "worst", "loop closures"]):
+    further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
+    for k, head in enumerate(["SLAM", *heads, *further]):
         table.add_column(head, justify="right" if k else "left", no_wrap=k == 0)
     for name in dict.fromkeys(run.slam for run in runs):
         own = [run for run in runs if run.slam == name]
         cells = ["{:.3f} / {:.2f}".format(*_median_error(own, f)) for f in fields]
+        cells += [f"{100 * np.median([getattr(r, f) for r in own]):.1f} %" for f in ("lost_share", "conflict_share")]
         for f in ("milliseconds", "milliseconds_p99", "milliseconds_max"):
             cells.append(f"{np.median([getattr(run, f) for run in own]):.2f}")
         counts = [run.loop_closures for run in own if run.loop_closures is not None]
@@ -118,6 +135,8 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
         replayed = replay(log, slam, seed, progress=sys.stderr.isatty())
         runs.append(run := measure(log, slam, name, seed, replayed, relations))
         tqdm.write(_line(run))
+        if complaint := _complaint(run):
+            tqdm.write(f"warning: {complaint}")
         if out is not None:
             save_replay(out, log, slam, seed, replayed)
     median = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
@@ -146,7 +165,21 @@ def _line(run: Run) -> str:
     for f in _ERROR_FIELDS:
         error: RelationError | None = getattr(run, f)
         line += f"; {_label(f)} {error}" if error else ""
-    return line + ("" if run.loop_closures is None else f"; {run.loop_closures} loop closures")
+    line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
+    return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
+
+
+def _complaint(run: Run) -> str | None:
+    """Say why a result must not be trusted; None where nothing speaks against it."""
+    causes = []
+    if run.lost_share > 0.0:
+        causes.append(f"it was lost at {100 * run.lost_share:.1f} % of the scans")
+    if math.isnan(run.conflict_share):
+        causes.append("there is no map that its scans could be compared with")
+    elif run.conflict_share > MAX_CONFLICTS:
+        limit = f"where maps fit, at most {100 * MAX_CONFLICTS:.0f} %"
+        causes.append(f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map ({limit})")
+    return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None
 
 
 def _label(error_field: str) -> str:
@@ -181,7 +214,7 @@ def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
     relations = {"error": load_relations(path)}
     mask = path.parent / "unambiguous_relations.npy"
     if mask.is_file():
-        relations["error_unambiguous"] = relations["error"][np.load(mask)]
+        relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
     return relations
 
 

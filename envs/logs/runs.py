@@ -12,6 +12,7 @@ from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.worlds import save_map
 
+from .consistency import conflict_share
 from .g2o import save_g2o
 from .log import Log
 from .pictures import picture
@@ -28,6 +29,8 @@ class Replayed(NamedTuple):
     """Shape (m, 3), float64: the same poses as corrected by the end; `online` for estimators that correct nothing."""
     seconds: np.ndarray
     """Shape (m,), float64: time that each scan took [s]."""
+    is_lost: np.ndarray
+    """Shape (m,), bool: `Belief.is_lost` after each scan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,10 @@ class Run:
     """99th percentile of the time per scan [ms]."""
     milliseconds_max: float
     """Longest time that a scan took [ms]."""
+    lost_share: float
+    """Share of the scans at which the SLAM was lost, from 0 to 1."""
+    conflict_share: float
+    """Share of beams that contradict other scans at the final poses, from 0 to 1; see `conflict_share`."""
     loop_closures: int | None = None
     """Number of loop closures; None for estimators that do not count any."""
     error: RelationError | None = None
@@ -68,13 +75,14 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     slam.reset(np.random.default_rng(seed))
     anchors: list[Any] = []
     online, seconds = np.empty((len(log.ranges), 3)), np.empty(len(log.ranges))
+    is_lost = np.zeros(len(log.ranges), dtype=np.bool_)
     corrected = online[:0]
     steps = zip(log.ranges, log.motions())
     for k, (ranges, motion) in enumerate(tqdm(steps, f"seed {seed}", len(online), leave=False, disable=not progress)):
         begin = time.perf_counter()
         belief = slam.update(ranges, motion)
         seconds[k] = time.perf_counter() - begin
-        online[k] = belief.pose
+        online[k], is_lost[k] = belief.pose, belief.is_lost
         if hasattr(slam, "anchor"):
             anchors.append(slam.anchor)
         if belief.update.redrawn and belief.path is not None:
@@ -83,7 +91,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
         finish()
         if slam.belief.path is not None:
             corrected = _final_poses(slam.belief.path, anchors, len(online))
-    return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds)
+    return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds, is_lost)
 
 
 def measure(
@@ -115,6 +123,8 @@ def measure(
         float(milliseconds.mean()),
         float(np.percentile(milliseconds, 99)),
         float(milliseconds.max()),
+        float(replayed.is_lost.mean()),
+        conflict_share(log, replayed.final),
         None if loop_closures is None else int(loop_closures),
         **errors,
     )

@@ -115,7 +115,17 @@ def test_archive(tmp_path):
         ({"maxr": np.inf}, r"range limit \(maxr\) is inf m"),
         ({"maxr": 1e9}, r"range limit \(maxr\) is 1e\+09 m"),
         ({"maxr": np.nan}, r"range limit \(maxr\) is nan m"),
+        ({"maxr": -1.0}, r"range limit \(maxr\) is -1 m"),
         ({"dang": 0.0}, "in steps of 0.0 rad"),
+        ({"dang": np.nan}, "in steps of nan rad"),
+        ({"idx": np.array([0.0, 1.0, np.nan])}, "array idx: must be finite"),
+        ({"idx": np.array([2, 1, 0])}, "the clock runs back from 2.000 to 0.000 s at scan 2"),
+        ({"ranges": np.ones((3, 0))}, "num_beams must be at least 1"),
+        ({"mount_x": 1e12}, "1000000000000.0 m ahead"),
+        (
+            {"odo": np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 0.0, 0.0]])},
+            r"odometry moves by 1e\+09 m from scan 0 to the next",
+        ),
     ],
 )
 def test_bad_archives_are_named(tmp_path, changes, complaint):

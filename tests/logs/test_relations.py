@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
+from envs.logs.relations import load_mask
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
@@ -23,9 +24,40 @@ def test_relation_error_by_hand(tmp_path):
     assert (error.rotation, error.rotation_std) == pytest.approx((1.0, 1.0))
     with pytest.raises(ValueError, match="another log"):
         relation_error(times + 100, poses, load_relations(file))
-    file.write_text("1 2 3\n")
-    with pytest.raises(ValueError, match="8 numbers"):
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "holds no relations"),
+        (b"# nothing\n", "holds no relations"),
+        (b"1 2 3\n", "8 numbers per line"),
+        (b"1 2 0 0 0 0 0 0\n1 2\n", "not a list of relations"),
+        (b"one two\n", "not a list of relations"),
+        (bytes(range(256)), "not a list of relations"),
+        (b"1 2 0 0 0 0 0 0\n1 2 nan 0 0 0 0 0\n", "relation 1 is not finite"),
+    ],
+)
+def test_bad_relations_are_named(tmp_path, content, complaint):
+    file = tmp_path / "relations"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=complaint) as caught:
         load_relations(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_a_mask_has_a_truth_value_per_relation(tmp_path):
+    file = tmp_path / "mask.npy"
+    np.save(file, np.array([True, False]))
+    np.testing.assert_array_equal(load_mask(file, 2), [True, False])
+    for mask in (np.ones(3, dtype=bool), np.ones((1, 2), dtype=bool), np.array([0, 1]), np.zeros(2, dtype=bool)):
+        np.save(file, mask)
+        with pytest.raises(ValueError, match=r"mask.npy: a mask of 2 relations is needed"):
+            load_mask(file, 2)
+    for damaged in (b"", b"text", file.read_bytes()[:-1]):
+        file.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"mask.npy: damaged"):
+            load_mask(file, 2)
 
 
 def test_between_scans_the_trajectory_follows_odometry():

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 import os
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyro
 from PIL import Image
 
 from envs.estimation import MapUpdate
@@ -181,10 +183,90 @@ def test_the_former_name_of_the_command_still_works(log):
     assert "ms per scan" in done.stdout
 
 
+class LostSlam(TurningSlam):
+    """Is lost after the second of two scans."""
+
+    def update(self, ranges, motion):
+        belief = super().update(ranges, motion)
+        belief.is_lost = round(self.theta / (math.pi / 2)) == 2
+        return belief
+
+
+def test_a_slam_that_is_lost_must_not_be_trusted(log, tmp_path, monkeypatch, capsys):
+    module = types.ModuleType("my_slams")
+    module.Lost, module.Turning = LostSlam, TurningSlam
+    monkeypatch.setitem(sys.modules, "my_slams", module)
+    (run,) = main(Options(log, slam="my_slams:Lost", out=tmp_path))
+    said = capsys.readouterr().out
+    assert run.lost_share == 0.5
+    assert "lost at 50.0 % of scans" in said
+    assert "warning: do not trust my_slams:Lost, seed 0: it was lost at 50.0 % of the scans" in said
+    assert json.loads((tmp_path / "summary.json").read_text())["runs"][0]["lost_share"] == 0.5
+    main(Options(log, slam="my_slams:Turning"))
+    assert "warning" not in capsys.readouterr().out
+
+
+def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
+    x = np.array([0.0, 1.0, 1.0, 0.0])  # the robot stands still in a room, and its wheels slip
+    arrays = {"t": np.arange(4.0), "odo": np.stack([x, 0 * x, 0 * x], axis=1), "idx": np.arange(4)}
+    walls = {"ranges": np.full((4, 180), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi / 180, "maxr": 8.0}
+    np.savez(tmp_path / "drive.npz", **arrays, **walls)
+    (run,) = main(Options(tmp_path / "drive.npz", slam="odometry"))
+    said = capsys.readouterr().out
+    assert 0.2 < run.conflict_share < 0.6
+    assert f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map" in said
+    assert "sparse log: 1.00 m between scans (median)" in said
+    main(Options(tmp_path / "drive.npz", slam="odometry", preset="sparse", thin=(3.0, 3.0)))  # one scan is left
+    assert "warning" not in capsys.readouterr().out
+
+
+@needs_data
+@pytest.mark.parametrize("slam", ["hector", "graph", "gmapping", "tinyslam"])
+def test_the_sparse_preset_holds_where_scans_are_far_apart(slam, capsys):
+    options = Options(DATA / "scans_2725.npz", slam=slam, preset="sparse", relations=DATA / "intel.relations")
+    (run,) = main(dataclasses.replace(options, thin=(1.0, 0.65)))
+    assert run.final_error.translation < 0.2
+    assert run.conflict_share < 0.18
+    assert "warning" not in capsys.readouterr().out
+
+
+@needs_data
+def test_wheels_that_turn_the_building_inside_out_are_noticed(capsys):
+    (run,) = main(Options(DATA / "scans_2725.npz", slam="odometry"))
+    assert run.conflict_share > 0.2
+    assert "warning: do not trust odometry" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--seeds", "0"], "seeds must be at least 1"),
+        (["--first-seed", "-1"], "first_seed 0"),
+        (["--max-range", "nan"], r"drive.log: max_range \(--max-range\) must be positive"),
+        (["--max-range", "-1"], r"drive.log: max_range \(--max-range\) must be positive"),
+        (["--time-offset", "nan"], "time_offset must be finite"),
+        (["--thin", "-1", "1"], "thin must be"),
+        (["--thin", "nan", "1"], "thin must be"),
+        (["--scan-topic", "/scan"], r"drive.log: topics can be chosen in bags only"),
+        (["--preset", "none"], "unknown preset 'none'"),
+        (["--change", "speed", "1"], "intel.yaml: unknown key 'speed'"),
+    ],
+)
+def test_options_that_make_no_sense_are_named(log, options, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        main(tyro.cli(Options, args=[str(log), *options]))
+
+
 def test_errors_are_one_line(tmp_path):
     command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / "none.bag")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (1, f"error: no log at {tmp_path / 'none.bag'}\n")
+    (tmp_path / "cut.npz").write_bytes(b"PK")
+    command[3] = str(tmp_path / "cut.npz")
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"error: {tmp_path / 'cut.npz'}: ")
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,7 @@ def test_params_that_make_no_sense_are_refused(change):
 
 
 def test_presets():
-    assert sorted(GRAPH_PRESETS) == ["default", "intel"]
+    assert sorted(GRAPH_PRESETS) == ["default", "intel", "sparse"]
     assert load_graph_params("default") == GraphSlamParams()
     assert load_graph_params("intel", {"loops": {"min_score": "0.6"}}).loops.min_score == 0.6
     assert make_slam("graph", LIDAR, 0.1, odometry_noise=NOISE).params.odometry_noise == NOISE
