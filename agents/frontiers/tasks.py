@@ -10,7 +10,7 @@ import numpy as np
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.files import read_record
 from envs.robots import ROBOT_NAMES, RobotParams, load_robot
-from envs.worlds import FAMILIES, WORLD_NAMES, World, load_world
+from envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area, load_world
 
 TARGET = 0.95
 """Explored fraction that ends an episode."""
@@ -20,6 +20,8 @@ SIDES = {"rooms": (7.0, 26.0), "maze": (6.0, 16.0), "warehouse": (12.0, 36.0), "
 """Range of the sides of families' worlds [m]; drawn evenly in their logarithms."""
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 """Lidar ranges of robots that are made up [m]."""
+LEAST_AREA = 3.0
+"""Least explorable area, for each metre of the lidar's range up to 8 [m2]: smaller worlds are seen from anywhere."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
 """Sides of map cells [m]; the coarser ones are for larger worlds."""
 
@@ -61,12 +63,23 @@ class Task:
 
 
 def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> Task:
-    """Draw a task.
+    """Draw a task in which the robot fits, and has something to explore.
 
     Args:
         rng: draws it.
         families: the procedural families to choose from.
     """
+    while True:
+        task = _draw(rng, families)
+        try:
+            area = explorable_area(make_world(task), task.robot, task.resolution).area
+        except ValueError:  # the robot does not fit at the first spawn
+            continue
+        if area >= LEAST_AREA * min(task.robot.lidar.range_max, 8.0):
+            return task
+
+
+def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
     if not families or rng.random() < LIBRARY_SHARE:
         world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
     else:
@@ -96,7 +109,8 @@ def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
 def make_world(task: Task) -> World:
     """Return the world of a task."""
     if task.world in FAMILIES:
-        return FAMILIES[task.world](task.world_seed, task.size, task.robot.radius)
+        # Coarse cells close a part of every passage.
+        return FAMILIES[task.world](task.world_seed, task.size, task.robot.radius + 0.5 * task.resolution)
     return load_world(task.world)
 
 

@@ -33,7 +33,7 @@ def test_tasks_hold_nothing_that_is_held_out_and_fit_their_robots():
     rng = np.random.default_rng(0)
     tasks = [draw_task(rng) for _ in range(300)]
     names = {task.world for task in tasks}
-    assert names == {*FAMILIES, *TRAINING_WORLDS}
+    assert {*FAMILIES} < names <= {*FAMILIES, *TRAINING_WORLDS}
     assert all(task.world_seed % 2 == 0 for task in tasks)
     assert {task.robot.name for task in tasks} <= {*TRAINING_ROBOTS, "drawn"}
     assert min(task.robot.lidar.range_max for task in tasks) < 4.0 < 15.0 < max(t.robot.lidar.range_max for t in tasks)
