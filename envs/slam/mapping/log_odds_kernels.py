@@ -105,10 +105,14 @@ def integrate_log_odds(words, occupancy, ends, scale, x, y, model, stamp, new_ce
                 word = observe(word, model.hit, model.bound, stamp)
                 flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
     row_0, col_0 = math.floor(y * scale), math.floor(x * scale)
+    last_row, last_col = -1, -1
     for k in range(ends.shape[0]):
         if math.isnan(ends[k, 0]):
             continue
         row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+        if row_1 == last_row and col_1 == last_col:
+            continue  # passes the cells that the beam before has passed
+        last_row, last_col = row_1, col_1
         length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
         base, side = row_0 * width + col_0, SIDE_START
         for _ in range(length + 1):
