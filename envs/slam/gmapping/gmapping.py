@@ -10,7 +10,7 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
-from ..matching.agreement import fits_map
+from ..matching.agreement import LEAST_MAP_SHARE, fits_map
 from ..matching.correlative import SearchWindow, search_window
 from ..matching.covariance import position_std
 from ..matching.scan_matcher import WINDOW
@@ -22,10 +22,6 @@ from .particle_maps import ParticleMaps
 from .proposal import Motion, ProposalParams, Proposals, draw_poses, propose, take_better
 from .resampling import effective_sample_size, normalized_weights, spread, systematic_resample
 from .trajectories import Trajectories
-
-LEAST_SHARE = 0.6
-"""Share of the hits on known cells that must lie at occupied ones for a scan to fit the map of the best particle; less
-than for a submap, since maps of long drives bend."""
 
 
 class GMapping(KeyScanSlam):
@@ -148,7 +144,7 @@ class GMapping(KeyScanSlam):
         self._fits = found.fits
         x, y, theta = found.modes[self.best].tolist()
         pose = (*self.map.to_cells(x, y), theta)
-        return fits_map(self.map.grid.data, self._points, num_points, pose, LEAST_SHARE)
+        return fits_map(self.map.grid.data, self._points, num_points, pose, LEAST_MAP_SHARE)
 
     def _draw(self) -> None:
         """Draw poses from the proposal distributions; the best particle takes the mode."""

@@ -16,6 +16,7 @@ from envs.robots import LidarParams
 from envs.slam.hector import Hector
 from envs.slam.key_scans import Anchor
 from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.matching.agreement import LEAST_MAP_SHARE, fits_map
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.posegraph.records import GrowingArray
 from envs.slam.relocalization import FOUND_STD
@@ -43,8 +44,8 @@ class GraphSlam(Hector):
     The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
     constraints, which a bent map therefore cannot spoil. `belief.covariance` is Hector's: it is relative to the live
     map, and leaves out by how much the graph may still move it. `belief.is_lost` says that scans in succession have not
-    fitted the submap, or that the position has become too uncertain. A robot that is lost adds no nodes until it is
-    found in the live map; a loop closure then relates the next node to the nearest of those before.
+    fitted the submap or the live map, or that the position has become too uncertain. A robot that is lost adds no nodes
+    until it is found in the live map; a loop closure then relates the next node to the nearest of those before.
     """
 
     shares_maps = False
@@ -149,7 +150,10 @@ class GraphSlam(Hector):
         # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
         # every match is off by a millimetre or so, which adds up.
         match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
-        # A bent map is no loss: whether a scan fits is for the submap to say, which is as old as the last metres.
+        # A submap is too young to bend, and says more than the map, but nothing of what was seen long ago.
+        at = (*self.map.to_cells(match.x, match.y), match.theta)
+        if fits_map(self.map.grid.data, self._points, match.num_hits, at, LEAST_MAP_SHARE) is False:
+            fits = False
         instead = self._track_loss(ranges, predicted, fits)
         if instead is not None:
             in_local_frame = self._correction.inverse().compose(instead)

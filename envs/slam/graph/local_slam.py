@@ -8,7 +8,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.agreement import fits_map
+from envs.slam.matching.agreement import LEAST_SUBMAP_SHARE, fits_map
 from envs.slam.matching.covariance import correct_covariance, predict_covariance
 from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
 from envs.slam.motion_noise import motion_stds
@@ -19,8 +19,6 @@ from .params import GraphSlamParams
 
 MAX_REACH = 12.0
 """Range that a new submap has room for [m]; it grows for readings beyond."""
-LEAST_SHARE = 0.68
-"""Share of the hits on known cells that must lie at occupied ones for a scan to fit the submap."""
 
 
 class LocalSlam:
@@ -73,7 +71,7 @@ class LocalSlam:
             return False
         self.pose = origin.compose(Pose2D(match.x, match.y, match.theta))
         pose = (*submap.to_cells(match.x, match.y), match.theta)
-        return fits_map(submap.grid.data, self._points, match.num_hits, pose, LEAST_SHARE)
+        return fits_map(submap.grid.data, self._points, match.num_hits, pose, LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
         """Go on at another pose, local frame: the next node starts a submap, and belongs to none of those before."""

@@ -7,6 +7,8 @@ from numba import njit
 
 LEAST_HITS = 40
 """Hits on known cells from which on `fits_map` judges a scan."""
+LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
+"""Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
 
 
 @njit(cache=True, error_model="numpy")
