@@ -28,11 +28,12 @@ class Hector(KeyScanSlam):
 
     params: HectorParams
     map: LogOddsMap
+    _is_found_by_fit = True  # its map bends, and robots are lost without having been kidnapped
 
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._loss = LossTracker(lidar, params.lost_scans)
+        self._loss = LossTracker(lidar, params.lost_scans, self._is_found_by_fit)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
@@ -50,20 +51,27 @@ class Hector(KeyScanSlam):
         return self.map.integrate(ranges, pose)
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        last, params, belief = self._last_matched_pose(), self.params, self.belief
-        if last is None:
+        if self.last_key_pose is None:
             return predicted, 1.0
+        match = self._match_map(ranges, predicted)
+        instead = self._track_loss(ranges, predicted, match.fits if match.is_judged else None)
+        return (Pose2D(match.x, match.y, match.theta), 1.0) if instead is None else (instead, None)
+
+    def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
+        """Match a scan to the map; `belief.covariance` becomes that of the match."""
+        last, belief = self._last_matched_pose() or predicted, self.belief
         # A fresh array: who holds the belief of before keeps its covariance.
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
-        match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
-        self.match = match
-        found = self._loss.update(ranges, predicted, match.fits if match.is_judged else None, belief.grid)
-        if found is not None:
+        self.match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
+        return self.match
+
+    def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None) -> Pose2D | None:
+        """Set `belief.is_lost` by a key scan; arguments and result are those of `LossTracker.update`."""
+        belief = self.belief
+        instead = self._loss.update(ranges, predicted, fits, belief.grid)
+        if self._loss.is_found:
             belief.covariance = np.diag(FOUND_STD) ** 2
-        belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > params.max_position_std
-        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
-        if found is not None or not match.fits or (self._loss.is_lost and not match.is_judged):
-            return found or predicted, None
-        return Pose2D(match.x, match.y, match.theta), 1.0
+        belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > self.params.max_position_std
+        return instead

@@ -54,8 +54,16 @@ ACCEPTED = LoopClosureParams(min_score=0.45, min_occupied=0.7, max_free=0.15, mi
 class LossTracker:
     """Tells when scans in succession do not fit the map, and relocalizes the robot."""
 
-    def __init__(self, lidar: LidarParams, lost_scans: int) -> None:
-        """Track a SLAM for one lidar, whose robot is lost after so many key scans in succession that do not fit."""
+    def __init__(self, lidar: LidarParams, lost_scans: int, is_found_by_fit: bool = False) -> None:
+        """Track a SLAM for one lidar.
+
+        Args:
+            lidar: geometry of the scans.
+            lost_scans: key scans in succession that do not fit, after which the robot is lost.
+            is_found_by_fit: whether one scan that fits ends a loss. Else only relocalization does: sooner or later a
+                scan fits where a kidnapped robot is not.
+        """
+        self._is_found_by_fit = is_found_by_fit
         self._geometry, self._lost_scans = ScanGeometry.of(lidar, 1.0), lost_scans
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._relocalizer = Relocalizer()
@@ -64,7 +72,14 @@ class LossTracker:
     def reset(self) -> None:
         """Start with a robot that is not lost."""
         self._mismatches = 0
+        self.is_found = False
+        """Whether the last key scan has relocalized the robot."""
         self._relocalizer.reset()
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether a scan has not fitted, and none has since; the robot need not be lost yet."""
+        return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
@@ -72,25 +87,36 @@ class LossTracker:
         return self._mismatches >= self._lost_scans
 
     def update(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None, grid: OccupancyGrid) -> Pose2D | None:
-        """Process a key scan; return the pose of a lost robot once it is relocalized.
+        """Process a key scan.
+
+        A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
             predicted: pose by odometry.
             fits: whether the scan fits the map; None where too little of it is known to tell.
             grid: the map.
+
+        Returns:
+            The pose to go on with, map frame, if the scan must not be integrated; None if the pose of its match is
+            taken.
         """
-        if fits:
+        self.is_found = False
+        if fits and (self._is_found_by_fit or not self.is_lost):
             self.reset()
             return None
-        if fits is None and self._mismatches == 0:
+        if fits is None and not self.is_in_doubt:
             return None
         self._mismatches += fits is False
         count = project_hits(ranges, self._geometry, self._points)
         self._relocalizer.add(self._points[:, :count].T.copy(), predicted)
-        found = self._relocalizer.update(grid) if self.is_lost else None
-        if found is not None:
-            self.reset()
+        if not self.is_lost:
+            return predicted if fits is False else None
+        found = self._relocalizer.update(grid)
+        if found is None:
+            return predicted
+        self.reset()
+        self.is_found = True
         return found
 
 

@@ -63,10 +63,10 @@ class TinySlam(KnownPoses):
                 wide = self._search_pose(ranges, predicted, self._wide_search)
                 if self._fits(ranges, wide, LEAST_WIDE_SCORE):
                     pose, fits = wide, True
-            found = self._loss.update(ranges, predicted, fits, belief.grid)
+            instead = self._loss.update(ranges, predicted, fits, belief.grid)
             belief.is_lost = self._loss.is_lost
-            if found is not None or fits is False or (fits is None and belief.is_lost):
-                return found or predicted, None
+            if instead is not None:
+                return instead, None
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:

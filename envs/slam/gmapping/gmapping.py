@@ -10,10 +10,12 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
+from ..matching.agreement import LEAST_MAP_SHARE, fits_map
 from ..matching.correlative import SearchWindow, search_window
 from ..matching.covariance import position_std
 from ..matching.scan_matcher import WINDOW
 from ..motion_noise import NoiseRecord, motion_stds
+from ..relocalization import FOUND_STD, LossTracker
 from ..scans import project_hits
 from .params import GMappingParams
 from .particle_maps import ParticleMaps
@@ -34,8 +36,9 @@ class GMapping(KeyScanSlam):
     It takes the mode of its proposal distribution, the others draw. When another one becomes the best one, the map is
     redrawn, and `belief.path` holds its trajectory.
 
-    `belief.covariance` is that of the particles. `belief.is_lost` says that scans in succession have not matched the
-    maps of particles with half of the weight, or that the particles' positions have spread too far.
+    `belief.covariance` is that of the particles. `belief.is_lost` says that scans in succession have not fitted the map
+    of the best particle, or that the particles' positions have spread too far. A robot that is lost is searched on that
+    map (`relocalization`); meanwhile scans are not integrated, and all particles follow odometry.
     """
 
     params: GMappingParams
@@ -47,6 +50,7 @@ class GMapping(KeyScanSlam):
         self._noise = NoiseRecord.of(params.odometry_noise)
         self._proposal_params = ProposalParams.of(params)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
+        self._loss = LossTracker(lidar, params.lost_scans)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
@@ -71,7 +75,7 @@ class GMapping(KeyScanSlam):
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
         self._trajectories = Trajectories(count)
         self._fits = np.ones(count, dtype=np.bool_)
-        self._mismatches = 0
+        self._loss.reset()
         self._is_switched = False
         return super().reset(rng, pose)
 
@@ -92,21 +96,30 @@ class GMapping(KeyScanSlam):
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         last, belief = self.last_key_pose, self.belief
         self._is_switched, belief.path = False, None
-        parents = np.arange(len(self.poses))
+        parents, instead = np.arange(len(self.poses)), None
         if last is None:
             self.poses[:] = predicted
         else:
-            self._propose(ranges, last.between(predicted))
-            parents = self._weigh()
+            motion = last.between(predicted)
+            fits = self._propose(ranges, motion)
+            instead = self._loss.update(ranges, predicted, fits, belief.grid)
+            if instead is None:
+                self._draw()
+                parents = self._weigh()
+            else:
+                self._move(motion, instead)
         self._trajectories.append(self.poses, parents)
         weights, best = normalized_weights(self.log_weights), self.poses[self.best]
         belief.covariance = spread(self.poses, weights, best)
         is_spread = position_std(belief.covariance) > self.params.max_position_std
-        belief.is_lost = is_spread or self._mismatches >= self.params.lost_scans
-        return Pose2D(*best.tolist()), 1.0
+        belief.is_lost = is_spread or self._loss.is_lost
+        return Pose2D(*best.tolist()), 1.0 if instead is None else None
 
-    def _propose(self, ranges: np.ndarray, motion: Pose2D) -> None:
-        """Find the proposal distribution of each particle after a motion by odometry, and draw poses."""
+    def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
+        """Find the proposal distribution of each particle after a motion by odometry.
+
+        Returns whether the scan fits the map of the best particle; None where too little of it is known to tell.
+        """
         params, resolution = self.params, self.params.resolution
         position_std, heading_std = motion_stds(self._noise, travelled := distance(motion.x, motion.y), motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
@@ -128,10 +141,28 @@ class GMapping(KeyScanSlam):
             wide = Motion(motion, start, params.retry_distance, around)
             propose(self.map.maps, self.poses, wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
-        self._judge(weights)
+        self._fits = found.fits
+        x, y, theta = found.modes[self.best].tolist()
+        pose = (*self.map.to_cells(x, y), theta)
+        return fits_map(self.map.grid.data, self._points, num_points, pose, LEAST_MAP_SHARE)
+
+    def _draw(self) -> None:
+        """Draw poses from the proposal distributions; the best particle takes the mode."""
         noise = self.rng.standard_normal((len(self.poses), 3))
         noise[self.best] = 0.0
-        draw_poses(found, noise, self.poses)
+        draw_poses(self._proposals, noise, self.poses)
+
+    def _move(self, motion: Pose2D, pose: Pose2D) -> None:
+        """Move the particles by odometry, or to a pose at which the robot was found: the best one there, others near.
+
+        Without a scan that fits, nothing tells the particles apart: weights and maps stay as they are.
+        """
+        if self._loss.is_found:
+            noise = self.rng.standard_normal((len(self.poses), 3)) * FOUND_STD
+            noise[self.best] = 0.0
+            self.poses[:] = noise + pose
+        else:
+            self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
     def _search(self, num_points: int, motion: Pose2D, window: SearchWindow) -> Pose2D:
         """Return the motion after which a scan fits the map of the best particle, by a correlative search.
@@ -144,15 +175,6 @@ class GMapping(KeyScanSlam):
         occupancy = self.map.occupancy(self.best, level)
         x, y, theta = search_window(occupancy, 0.5**level, self._points, num_points, pose, window)
         return before.between(Pose2D(*self.map.to_metres(x, y), theta))
-
-    def _judge(self, weights: np.ndarray) -> None:
-        """Decide whether the scan matches the particles' maps, and into which of them it is integrated."""
-        found, params = self._proposals, self.params
-        is_judged = found.num_known >= params.min_known_hits
-        if weights[is_judged].sum() >= 0.5:
-            self._mismatches = 0 if weights[found.fits & is_judged].sum() >= 0.5 else self._mismatches + 1
-        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
-        self._fits = found.fits & (is_judged | (self._mismatches < params.lost_scans))
 
     def _weigh(self) -> np.ndarray:
         """Weigh the particles, find the best one, and resample if it is time; return the particles' parents."""

@@ -65,8 +65,7 @@ class GMappingParams:
     min_known_hits: int = 20
     """Hits on known cells without which a scan is not judged."""
     lost_scans: int = 3
-    """Key scans in succession that do not match the maps of particles with half of the weight, from which on the robot
-    is lost."""
+    """Key scans in succession that do not fit the map of the best particle, from which on the robot is lost."""
     max_position_std: float = 1.0
     """Standard deviation of the particles' positions along its worst direction from which on the robot is lost [m]."""
     occupied_prob: float = 0.9

@@ -16,8 +16,10 @@ from envs.robots import LidarParams
 from envs.slam.hector import Hector
 from envs.slam.key_scans import Anchor
 from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.matching.agreement import LEAST_MAP_SHARE, fits_map
 from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
 from envs.slam.posegraph.records import GrowingArray
+from envs.slam.relocalization import FOUND_STD
 
 from .final_poses import refine_poses
 from .local_slam import LocalSlam
@@ -40,13 +42,16 @@ class GraphSlam(Hector):
     a map is rendered; the loop closures found meanwhile wait for the next one.
 
     The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
-    constraints, which a bent map therefore cannot spoil. `belief.covariance` and `belief.is_lost` are Hector's: they
-    are relative to the live map, and leave out by how much the graph may still move it.
+    constraints, which a bent map therefore cannot spoil. `belief.covariance` is Hector's: it is relative to the live
+    map, and leaves out by how much the graph may still move it. `belief.is_lost` says that scans in succession have not
+    fitted the submap or the live map, or that the position has become too uncertain. A robot that is lost adds no nodes
+    until it is found in the live map; a loop closure then relates the next node to the nearest of those before.
     """
 
     shares_maps = False
     params: GraphSlamParams
     map: LogOddsMap
+    _is_found_by_fit = False
 
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
         """Build a SLAM for one lidar."""
@@ -103,6 +108,9 @@ class GraphSlam(Hector):
         """Match a scan, integrate it, and do the next part of the work on loop closures; see `KeyScanSlam`."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
+        if self._loss.is_in_doubt:
+            # Odometry joins the scans of a robot that may be lost in the map as it is.
+            return belief
         self._close_loop()
         if self._rendering is not None:
             if self._rendering.add(self.nodes, self.graph.arrays.nodes, self.params.cells_per_scan):
@@ -136,20 +144,35 @@ class GraphSlam(Hector):
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
         fits = self.local.match(ranges, before.between(predicted))
+        if self.last_key_pose is None:
+            return predicted, 1.0
         by_local_slam = self._correction.compose(self.local.pose)
         # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
         # every match is off by a millimetre or so, which adds up.
-        pose, quality = super()._match(ranges, by_local_slam if self.params.match_every_scan else predicted)
-        if quality is None:
-            pose = by_local_slam
+        match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
+        # A submap is too young to bend, and says more than the map, but nothing of what was seen long ago.
+        at = (*self.map.to_cells(match.x, match.y), match.theta)
+        if fits_map(self.map.grid.data, self._points, match.num_hits, at, LEAST_MAP_SHARE) is False:
+            fits = False
+        instead = self._track_loss(ranges, predicted, fits)
+        if instead is not None:
+            in_local_frame = self._correction.inverse().compose(instead)
+            if self._loss.is_found:
+                self.local.relocate(in_local_frame)
+            self.local.pose = in_local_frame
+            return instead, None
+        pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
         self._correction = pose.compose(self.local.pose.inverse())
-        return pose, 1.0 if fits else None
+        return pose, 1.0
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         """Add a node, and integrate its scan into the map as it is now."""
-        self._mapped.append(pose)
+        is_relocalized = len(self.nodes) > 0 and not self.local.active
         node = self.local.add_node(ranges)
         self._add_to_graph(node)
+        if is_relocalized:
+            self._relate(node, pose)
+        self._mapped.append(pose)
         if node % self.params.loop_every == 0:
             self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
         return self.map.integrate(ranges, pose)
@@ -164,6 +187,15 @@ class GraphSlam(Hector):
                 self.graph.add_submap(correction.compose(frame))
             covariance = local.constraint_covariance(submap)
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
+
+    def _relate(self, node: int, pose: Pose2D) -> None:
+        """Relate the first node after a relocalization, at a pose in the live map, to the nearest node's submap."""
+        mapped, arrays = self._mapped.rows, self.graph.arrays
+        near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
+        submap = int(self.nodes.home[near])
+        frame, there = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[near].tolist())
+        by_graph = there.compose(Pose2D(*mapped[near].tolist()).between(pose))
+        self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
 
     def _close_loop(self) -> None:
         """Do one search for a loop closure, and start an optimisation when it is due."""

@@ -8,7 +8,8 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.covariance import correct_covariance, position_std, predict_covariance
+from envs.slam.matching.agreement import LEAST_SUBMAP_SHARE, fits_map
+from envs.slam.matching.covariance import correct_covariance, predict_covariance
 from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
 from envs.slam.motion_noise import motion_stds
 from envs.slam.scans import ScanGeometry, project_hits
@@ -39,21 +40,14 @@ class LocalSlam:
         """Submaps that are being built, the newest last; the first one is matched."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
-        self._mismatches = 0
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether scans in succession have not matched, or the position in the submap has become too uncertain."""
-        params = self._params
-        return self._mismatches >= params.lost_scans or position_std(self.covariance) > params.max_position_std
 
     @property
     def covariance(self) -> np.ndarray:
         """Shape (3, 3), float64: covariance of the pose in the submap that is matched, local frame [m, rad]."""
         return self._covariances[self.active[0]] if self.active else np.zeros((3, 3))
 
-    def match(self, ranges: np.ndarray, motion: Pose2D) -> bool:
-        """Move the pose to where a scan fits; return whether the scan may be integrated.
+    def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
+        """Move the pose to where a scan fits; return what `fits_map` says of it there.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
@@ -63,7 +57,7 @@ class LocalSlam:
         self.pose = predicted = before.compose(motion)
         self.travelled += distance(motion.x, motion.y)
         if not self.active:
-            return True
+            return None
         first = self.active[0]
         submap, origin = self._maps[first], self._nodes.submap_pose(first)
         over = (submap.geometry, submap.levels, submap.corner)
@@ -73,18 +67,21 @@ class LocalSlam:
             self._propagate(self._covariances[other], before, predicted, match)
             if match.is_far:
                 self._covariances[other][:] = self._covariances[first]
-        if match.is_judged:
-            self._mismatches = 0 if match.fits else self._mismatches + 1
-        # A robot that is lost goes on with its map where a scan fits what it knows, and not where there is nothing yet.
-        if not match.fits or (self._mismatches >= self._params.lost_scans and not match.is_judged):
+        if not match.fits:
             return False
         self.pose = origin.compose(Pose2D(match.x, match.y, match.theta))
-        return True
+        pose = (*submap.to_cells(match.x, match.y), match.theta)
+        return fits_map(submap.grid.data, self._points, match.num_hits, pose, LEAST_SUBMAP_SHARE)
+
+    def relocate(self, pose: Pose2D) -> None:
+        """Go on at another pose, local frame: the next node starts a submap, and belongs to none of those before."""
+        self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
+        self._nodes.break_off()
 
     def add_node(self, ranges: np.ndarray) -> int:
         """Add a node at the current pose to the active submaps; start and finish submaps as they are due."""
         nodes = self._nodes
-        if len(nodes) % self._params.submap_spacing == 0:
+        if not self.active or len(nodes) % self._params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
             self._covariances = {k: self._covariances.get(k, np.zeros((3, 3))) for k in self.active}
             self._maps = {k: self._maps.get(k) or LogOddsMap(self._submap_params, self._lidar) for k in self.active}

@@ -28,6 +28,7 @@ class NodeStore:
         self._submaps = GrowingArray((2,), np.int64, 32)
         self._home = GrowingArray((), np.int32, 256)
         self._travelled = GrowingArray((), np.float64, 32)
+        self._first_joined = 0
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -56,6 +57,10 @@ class NodeStore:
     def travelled(self) -> np.ndarray:
         """Shape (num_submaps,), float64: distance that the robot had travelled when a submap started [m]."""
         return self._travelled.rows
+
+    def break_off(self) -> None:
+        """Note that odometry does not join the nodes that follow with those so far."""
+        self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
         """Start a submap with the node that is added next; return its index."""
@@ -111,10 +116,13 @@ class NodeStore:
         return render_field(Scans(self._points.rows, self._spans.rows[nodes], poses, *self.mount), resolution, MODEL)
 
     def recent_points(self, node: int, count: int, cell: float, max_range: float) -> np.ndarray:
-        """Return the hits of the last nodes up to this one, in its frame, one per cell: shape (n, 2), float32 [m]."""
+        """Return the hits of the last nodes up to this one, in its frame, one per cell: shape (n, 2), float32 [m].
+
+        Nodes that odometry does not join with the newest one are left out.
+        """
         here = Pose2D(*self._poses.rows[node].tolist())
         parts = [self.points(node)]
-        for k in range(max(node - count + 1, 0), node):
+        for k in range(max(node - count + 1, self._first_joined), node):
             parts.append(here.between(Pose2D(*self._poses.rows[k].tolist())).transform(self.points(k)))
         points = np.concatenate(parts).astype(np.float32)
         points = points[(points**2).sum(axis=1) < max_range**2]
