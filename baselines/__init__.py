@@ -1,8 +1,12 @@
 """Classic explorers."""
 
+from collections.abc import Callable
+from functools import partial
+
 from envs.files import resolve
 
 from .explorer import Explorer, Omniscient
+from .frontier import explore_lite, next_best_view
 from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
 from .frontier.gain_over_cost import GainOverCostExplorer, GainOverCostParams
 from .frontier.greedy_gain import GreedyGainExplorer
@@ -16,20 +20,22 @@ from .rrt.explorer import RrtExplorer
 from .rrt.params import RrtParams
 from .wall_following import WallFollower
 
-EXPLORERS: dict[str, type[Explorer]] = {
+EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "random": RandomExplorer,
     "nearest": NearestExplorer,
     "frontier": FrontierExplorer,
     "tour": TourExplorer,
     "explore_lite": ExploreLiteExplorer,
+    "explore_lite:published": partial(ExploreLiteExplorer, explore_lite.PUBLISHED),
     "gain_over_cost": GainOverCostExplorer,
     "greedy_gain": GreedyGainExplorer,
     "next_best_view": NextBestViewExplorer,
+    "next_best_view:published": partial(NextBestViewExplorer, next_best_view.PUBLISHED),
     "wall_follower": WallFollower,
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorers by name."""
+"""Explorers by name; `:published` have the parameters of their sources, the others tuned ones."""
 
 
 def make_explorer(name: str) -> Explorer:
