@@ -105,7 +105,7 @@ class PPOConfig(Section):
 
 
 class NetworkConfig(Section):
-    """Size of the network and the first spread of its actions."""
+    """Network that drives, and the first spread of its actions."""
 
     features: PositiveInt = 128
     """Width of the features that policy and value share."""
@@ -119,6 +119,23 @@ class NetworkConfig(Section):
     """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
 
 
+class DecisionNetworkConfig(Section):
+    """Network that chooses frontiers; see `agents.frontiers.network`."""
+
+    width: PositiveInt = 64
+    """Width of all layers."""
+    heads: PositiveInt = 4
+    """Heads of the attention between candidates; must divide `width`."""
+    prior: float = Field(default=15.0, ge=0)
+    """Weight of the rule `gain_over_cost` in the logits: the larger, the less is explored at first; 0 leaves it out."""
+
+    @model_validator(mode="after")
+    def _divides(self) -> "DecisionNetworkConfig":
+        if self.width % self.heads:
+            raise ValueError(f"heads {self.heads} does not divide width {self.width}")
+        return self
+
+
 class EvaluationConfig(Section):
     """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
 
@@ -127,7 +144,10 @@ class EvaluationConfig(Section):
     episodes: PositiveInt = 20
     """Episodes of an evaluation; episode i is seeded with i."""
     references: tuple[str, ...] = ("random",)
-    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training."""
+    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training. Where
+    frontiers are chosen, they are rules and policies of decisions."""
+    world: str | None = None
+    """World of these episodes, as `environment.world`; null takes that of the training."""
 
 
 class CheckpointConfig(Section):
@@ -186,7 +206,9 @@ class TrainingConfig(Section):
     ppo: PPOConfig = PPOConfig()
     """How to learn."""
     network: NetworkConfig = NetworkConfig()
-    """What learns."""
+    """What learns to drive."""
+    decision_network: DecisionNetworkConfig = DecisionNetworkConfig()
+    """What learns to choose, in environments in which an action is a choice of a frontier."""
     evaluation: EvaluationConfig = EvaluationConfig()
     """How progress is measured."""
     checkpoints: CheckpointConfig = CheckpointConfig()
