@@ -35,6 +35,9 @@ class EnvironmentConfig(Section):
     """SLAM in the loop, by name or as `module:attribute`."""
     control_hz: PositiveFloat = 5.0
     """Decisions per second."""
+    max_decision_time: PositiveFloat | None = None
+    """Longest drive to a frontier until the next choice [s], where frontiers are chosen; null leaves it to the
+    environment."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null gives a time that grows with the explorable area."""
     target_coverage: float = Field(default=0.99, gt=0, le=1)
@@ -56,6 +59,8 @@ class EnvironmentConfig(Section):
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
         arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
+        if self.max_decision_time is None:  # an argument of some environments only
+            del arguments["max_decision_time"]
         return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
 
     @field_validator("vectorization", mode="before")

@@ -80,9 +80,13 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Draw a world to train in, as `environment.world`: of a family, or of the library; none that is held out."""
-    world, size = _draw_name(rng, tuple(SIDES))
-    return FAMILIES[world](2 * int(rng.integers(2**30)), size) if world in FAMILIES else load_world(world)
+    """Draw a world to train in, as `environment.world`: of the library, or of a family in its usual sizes.
+
+    None is held out, and none is of the families' test split.
+    """
+    if rng.random() < LIBRARY_SHARE:
+        return load_world(str(rng.choice(TRAINING_WORLDS)))
+    return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
@@ -90,18 +94,14 @@ def validation_world(rng: np.random.Generator) -> World:
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
-def _draw_name(rng: np.random.Generator, families: tuple[str, ...]) -> tuple[str, tuple[float, float]]:
-    """Draw the name of a library world or of a family, and the outer size of the latter's world [m]."""
-    if not families or rng.random() < LIBRARY_SHARE:
-        return str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
-    world = str(rng.choice(families))
-    low, high = SIDES[world]
-    width, height = np.exp(rng.uniform(math.log(low), math.log(high), 2)).tolist()
-    return world, (width, height)
-
-
 def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
-    world, size = _draw_name(rng, families)
+    if not families or rng.random() < LIBRARY_SHARE:
+        world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
+    else:
+        world = str(rng.choice(families))
+        low, high = SIDES[world]
+        width, height = np.exp(rng.uniform(math.log(low), math.log(high), 2)).tolist()
+        size = (width, height)
     is_family = world in FAMILIES
     robot = draw_robot(rng, 0.24 if is_family else 0.16)
     area = size[0] * size[1] if is_family else 150.0
