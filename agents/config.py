@@ -94,7 +94,7 @@ class PPOConfig(Section):
     num_epochs: PositiveInt = 4
     """Passes over the samples of an update."""
     gamma: float = Field(default=0.99, gt=0, le=1)
-    """Discount per step."""
+    """Discount per step. 1 where steps last for different times: there it treats all seconds alike."""
     gae_lambda: float = Field(default=0.95, ge=0, le=1)
     """Generalised advantage estimation: 0 trusts the value network, 1 the returns."""
     clip_range: PositiveFloat = 0.2
@@ -131,7 +131,7 @@ class DecisionNetworkConfig(Section):
     """Width of all layers."""
     heads: PositiveInt = 4
     """Heads of the attention between candidates; must divide `width`."""
-    prior: float = Field(default=15.0, ge=0)
+    prior: float = Field(default=10.0, ge=0)
     """Weight of the rule `gain_over_cost` in the logits: the larger, the less is explored at first; 0 leaves it out."""
 
     @model_validator(mode="after")
