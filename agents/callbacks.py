@@ -13,6 +13,7 @@ from agents.curves import Row
 from agents.evaluation import Episode, Evaluator, summarise
 from agents.ppo import capture
 from agents.run_folder import write_evaluations
+from agents.vec_env import EPISODE_MEASURES
 
 
 class RunCallback(BaseCallback):
@@ -54,7 +55,7 @@ class RunCallback(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         if episodes := self.model.ep_info_buffer:
-            for name in ("explored_fraction", "collisions"):
+            for name in EPISODE_MEASURES:
                 self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
 
     def _evaluate(self) -> None:

@@ -39,8 +39,7 @@ class BoxRecord(BaseModel):
     high: float
 
     @classmethod
-    def of(cls, box: spaces.Space) -> "BoxRecord":
-        assert isinstance(box, spaces.Box), f"only boxes can be saved, got {box}"
+    def of(cls, box: spaces.Box) -> "BoxRecord":
         return cls(shape=box.shape, dtype=str(box.dtype), low=float(box.low.min()), high=float(box.high.max()))
 
     def space(self) -> spaces.Box:
@@ -48,6 +47,52 @@ class BoxRecord(BaseModel):
 
     def __str__(self) -> str:
         return f"Box({self.low:g}, {self.high:g}, {self.shape}, {self.dtype})"
+
+
+class DiscreteRecord(BaseModel):
+    """A `gymnasium.spaces.Discrete` that starts from 0."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    n: int
+
+    def space(self) -> spaces.Discrete:
+        return spaces.Discrete(self.n)
+
+    def __str__(self) -> str:
+        return f"Discrete({self.n})"
+
+
+class MultiBinaryRecord(BaseModel):
+    """A `gymnasium.spaces.MultiBinary` with one axis."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    bits: int
+
+    def space(self) -> spaces.MultiBinary:
+        return spaces.MultiBinary(self.bits)
+
+    def __str__(self) -> str:
+        return f"MultiBinary({self.bits})"
+
+
+SpaceRecord = BoxRecord | DiscreteRecord | MultiBinaryRecord
+
+
+def record_of(space: spaces.Space) -> SpaceRecord:
+    """Return the record of a space.
+
+    Raises:
+        ValueError: if it is of a kind that cannot be saved.
+    """
+    if isinstance(space, spaces.Box):
+        return BoxRecord.of(space)
+    if isinstance(space, spaces.Discrete) and space.start == 0:
+        return DiscreteRecord(n=int(space.n))
+    if isinstance(space, spaces.MultiBinary) and isinstance(space.n, int):
+        return MultiBinaryRecord(bits=space.n)
+    raise ValueError(f"only Box, Discrete from 0 and MultiBinary with one axis can be saved, got {space}")
 
 
 class Record(BaseModel):
@@ -63,9 +108,9 @@ class Record(BaseModel):
     """Passes over the samples made."""
     config: TrainingConfig
     """The experiment."""
-    observation: dict[str, BoxRecord]
+    observation: dict[str, SpaceRecord]
     """Observation space."""
-    action: BoxRecord
+    action: SpaceRecord
     """Action space."""
     numpy_random: tuple[str, int, int, float]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""

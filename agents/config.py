@@ -35,6 +35,9 @@ class EnvironmentConfig(Section):
     """SLAM in the loop, by name or as `module:attribute`."""
     control_hz: PositiveFloat = 5.0
     """Decisions per second."""
+    max_decision_time: PositiveFloat | None = None
+    """Longest drive to a frontier until the next choice [s], where frontiers are chosen; null leaves it to the
+    environment."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null gives a time that grows with the explorable area."""
     target_coverage: float = Field(default=0.99, gt=0, le=1)
@@ -56,6 +59,8 @@ class EnvironmentConfig(Section):
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
         arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
+        if self.max_decision_time is None:  # an argument of some environments only
+            del arguments["max_decision_time"]
         return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
 
     @field_validator("vectorization", mode="before")
@@ -89,7 +94,7 @@ class PPOConfig(Section):
     num_epochs: PositiveInt = 4
     """Passes over the samples of an update."""
     gamma: float = Field(default=0.99, gt=0, le=1)
-    """Discount per step."""
+    """Discount per step. 1 where steps last for different times: there it treats all seconds alike."""
     gae_lambda: float = Field(default=0.95, ge=0, le=1)
     """Generalised advantage estimation: 0 trusts the value network, 1 the returns."""
     clip_range: PositiveFloat = 0.2
@@ -105,7 +110,7 @@ class PPOConfig(Section):
 
 
 class NetworkConfig(Section):
-    """Size of the network and the first spread of its actions."""
+    """Network that drives, and the first spread of its actions."""
 
     features: PositiveInt = 128
     """Width of the features that policy and value share."""
@@ -119,6 +124,23 @@ class NetworkConfig(Section):
     """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
 
 
+class DecisionNetworkConfig(Section):
+    """Network that chooses frontiers; see `agents.frontiers.network`."""
+
+    width: PositiveInt = 64
+    """Width of all layers."""
+    heads: PositiveInt = 4
+    """Heads of the attention between candidates; must divide `width`."""
+    prior: float = Field(default=10.0, ge=0)
+    """Weight of the rule `gain_over_cost` in the logits: the larger, the less is explored at first; 0 leaves it out."""
+
+    @model_validator(mode="after")
+    def _divides(self) -> "DecisionNetworkConfig":
+        if self.width % self.heads:
+            raise ValueError(f"heads {self.heads} does not divide width {self.width}")
+        return self
+
+
 class EvaluationConfig(Section):
     """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
 
@@ -127,7 +149,10 @@ class EvaluationConfig(Section):
     episodes: PositiveInt = 20
     """Episodes of an evaluation; episode i is seeded with i."""
     references: tuple[str, ...] = ("random",)
-    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training."""
+    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training. Where
+    frontiers are chosen, they are rules and policies of decisions."""
+    world: str | None = None
+    """World of these episodes, as `environment.world`; null takes that of the training."""
 
 
 class CheckpointConfig(Section):
@@ -186,7 +211,9 @@ class TrainingConfig(Section):
     ppo: PPOConfig = PPOConfig()
     """How to learn."""
     network: NetworkConfig = NetworkConfig()
-    """What learns."""
+    """What learns to drive."""
+    decision_network: DecisionNetworkConfig = DecisionNetworkConfig()
+    """What learns to choose, in environments in which an action is a choice of a frontier."""
     evaluation: EvaluationConfig = EvaluationConfig()
     """How progress is measured."""
     checkpoints: CheckpointConfig = CheckpointConfig()

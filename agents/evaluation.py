@@ -1,10 +1,10 @@
 """How well a policy explores worlds that it was not trained on, measured while it trains."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, fields
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import ActorCriticPolicy
 
@@ -12,8 +12,7 @@ from agents.config import TrainingConfig
 from agents.policies import make_policy
 from agents.ppo import mean_action
 from agents.vec_env import Observations, make_env, make_vector
-from baselines.episode import run_episode
-from envs.explore import ExploreEnv
+from baselines.episode import exploration_of, first_at, run_episode
 from envs.files import resolve
 
 ELAPSED = 5
@@ -40,38 +39,67 @@ class Episode:
     """1 if the target coverage was reached, else 0."""
 
 
+@dataclass(frozen=True, slots=True)
+class DecisionEpisode(Episode):
+    """The measures of an episode in which frontiers were chosen."""
+
+    time_to_target: float
+    """Until the target coverage, or the time limit if it was not reached [s]."""
+
+
 class Evaluator:
     """Runs the same episodes, on worlds of the test split, for policies and explorers alike."""
 
     def __init__(self, config: TrainingConfig) -> None:
         self._config = config
+        changes: dict[str, object] = {}
+        if config.evaluation.world is not None:
+            changes = {"world": config.evaluation.world, "world_size": None}
+        self._environment = config.environment.model_copy(update=changes)
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
         sync = {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
-        environment = config.environment.model_copy(update=sync)
+        environment = self._environment.model_copy(update=sync)
         self._vector = make_vector(environment, "test", config.evaluation.episodes)
+        self._chooses = isinstance(self._vector.single_action_space, spaces.Discrete)
 
     def close(self) -> None:
         """Close the environments."""
         self._vector.close()
 
     def policy(self, policy: ActorCriticPolicy) -> list[Episode]:
-        """Measure a policy's mean action; draws nothing from the global generators."""
+        """Measure a policy's most likely actions; draws nothing from the global generators."""
         policy.set_training_mode(False)
+        if self._chooses:
+            return run_episodes(self._vector, lambda seen: mean_action(policy, seen))
         return run_episodes(self._vector, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0))
 
     def explorer(self, name: str) -> list[Episode]:
-        """Measure an explorer that does not learn, by name or as `module:attribute`."""
-        from baselines import EXPLORERS  # brings scikit-learn, which a training without references need not load
+        """Measure an explorer that does not learn, by name or as `module:attribute`.
 
-        env, source = make_env(self._config.environment, "test"), resolve(name, EXPLORERS, "explorer")
-        episodes = []
+        Raises:
+            ValueError: if there is none of this name, or it cannot choose frontiers where that is asked for.
+        """
+        # These bring scikit-learn, which a training without references need not load.
+        from agents.frontiers.rules import make_reference
+        from baselines import EXPLORERS
+
+        env, source = make_env(self._environment, "test"), resolve(name, EXPLORERS, "explorer")
+        episodes: list[Episode] = []
         for seed in range(self._config.evaluation.episodes):
-            episode = run_episode(env, make_policy(source, env.action_space), seed)
-            area = cast(ExploreEnv, env.unwrapped).coverage.area.area
+            explorer = make_reference(name, env) if self._chooses else make_policy(source, env.action_space)
+            episode = run_episode(env, explorer, seed)
+            exploration = exploration_of(env)
+            area = exploration.coverage.area.area
             gained = (episode.explored_fraction - float(episode.curve.explored_fraction[0])) * area
             names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
             measures = {name: float(getattr(episode, name)) for name in names}
-            episodes.append(Episode(explored_area=episode.explored_fraction * area, gained_area=gained, **measures))
+            measures |= {"explored_area": episode.explored_fraction * area, "gained_area": gained}
+            if self._chooses:
+                curve, target = episode.curve, exploration.target_coverage
+                time = min(first_at(curve.time, curve.explored_fraction, target), episode.time_limit)
+                episodes.append(DecisionEpisode(time_to_target=time, **measures))
+            else:
+                episodes.append(Episode(**measures))
         env.close()
         return episodes
 
@@ -83,39 +111,50 @@ def run_episodes(
 
     Args:
         vector: environments that reset in the same step; those that end early are stepped on, and ignored.
-        act: gives the actions, shape (num_envs, num_actions), for a batch of observations.
+        act: gives the actions for a batch of observations: shape (num_envs, num_actions), or (num_envs,) of choices.
 
     Returns:
-        The episodes by environment.
+        The episodes by environment; `DecisionEpisode` where actions are choices.
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
+    limits = np.array(vector.call("time_limit"))  # type: ignore[attr-defined]  # all that there are have it
     first_area = np.array(info["explored_area"])
     episodes: dict[int, Episode] = {}
     integral, elapsed = np.zeros(vector.num_envs), np.zeros(vector.num_envs)
     while len(episodes) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations))
-        fractions, now = np.array(info["explored_fraction"]), observations["motion"][:, ELAPSED].astype(np.float64)
+        fractions, now = np.array(info["explored_fraction"]), _elapsed(observations, info["time"], limits)
         done = np.flatnonzero(np.asarray(terminated) | np.asarray(truncated)).tolist()
         for i in done:
             fractions[i] = info["final_info"]["explored_fraction"][i]
-            now[i] = info["final_obs"][i]["motion"][ELAPSED]
+            now[i] = _elapsed(info["final_obs"][i], info["final_info"]["time"][i], limits[i])
         integral += fractions * (now - elapsed)
         elapsed = now
         for i in set(done) - episodes.keys():
             names = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
             final = {name: float(info["final_info"][name][i]) for name in names}
-            episodes[i] = Episode(
-                success=final.pop("is_success"),
-                gained_area=final["explored_area"] - float(first_area[i]),
-                area_under_curve=float(integral[i] + fractions[i] * (1.0 - now[i])),
-                **final,
-            )
+            final["success"] = final.pop("is_success")
+            final["gained_area"] = final["explored_area"] - float(first_area[i])
+            final["area_under_curve"] = float(integral[i] + fractions[i] * (1.0 - now[i]))
+            if isinstance(vector.single_action_space, spaces.Discrete):
+                time = float(info["final_info"]["time"][i]) if final["success"] else float(limits[i])
+                episodes[i] = DecisionEpisode(time_to_target=time, **final)
+            else:
+                episodes[i] = Episode(**final)
     return [episodes[i] for i in range(vector.num_envs)]
+
+
+def _elapsed(observation: Observations, time: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Return the share of the time limit that has passed, float64: as observed, or else by the clock [s]."""
+    if "motion" in observation:
+        return observation["motion"][..., ELAPSED].astype(np.float64)
+    return np.minimum(time / limit, 1.0)
 
 
 def summarise(episodes: Sequence[Episode]) -> dict[str, float]:
     """Return the means over episodes, and the quartiles of the explored fraction."""
-    columns = {name: [getattr(episode, name) for episode in episodes] for name in Episode.__slots__}
+    names = [field.name for field in fields(episodes[0])]
+    columns = {name: [getattr(episode, name) for episode in episodes] for name in names}
     summary = {"episodes": float(len(episodes))} | {name: float(np.mean(column)) for name, column in columns.items()}
     quartiles = {"q25": 0.25, "q75": 0.75}.items()
     return summary | {

@@ -1,47 +1,81 @@
-"""A trained policy that explores."""
+"""Trained policies that explore: by twists, or by choosing frontiers."""
 
 import warnings
 from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from agents.checkpoint import Record, load_checkpoint
+from agents.checkpoint import BoxRecord, DiscreteRecord, Record, load_checkpoint
+from agents.policies import Level
 from agents.ppo import build_policy, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from envs.robots import RobotParams
 
 
-class PPOExplorer:
-    """Drives as a policy trained with `train.py` would. Looks at observations only."""
+class _TrainedPolicy:
+    """A policy trained with `train.py`. Looks at observations only."""
 
+    level: Level
+    """What it decides; see `agents.policies.Level`."""
     end_reason = plan = None
     """A policy never stops by itself, and plans no path."""
+    _actions: ClassVar[type[BoxRecord] | type[DiscreteRecord]]
 
     def __init__(self, policy: ActorCriticPolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
-        """Take a trained policy, with the record and the name of its checkpoint, for messages; see `load`."""
+        """Take a trained policy, with the record and the name of its checkpoint, for messages; see `load`.
+
+        Raises:
+            CheckpointError: if it decides something else.
+        """
+        if not isinstance(record.action, self._actions):
+            raise CheckpointError(f"{name} has actions {record.action}, which {type(self).__name__} does not take")
         self._policy, self._record, self._name = policy, record, name
         self._deterministic = deterministic
-        self._std = policy.log_std.detach().exp().numpy()
+        self._needed = {
+            key: (space.shape, str(space.dtype))
+            for key, space in ((key, described.space()) for key, described in record.observation.items())
+        }
 
     @classmethod
-    def load(cls, path: str | Path, *, deterministic: bool = True) -> "PPOExplorer":
+    def load(cls, path: str | Path, *, deterministic: bool = True) -> Self:
         """Load a policy.
 
         Sets torch to one thread: passes this small are slower on more.
 
         Args:
             path: run folder (its newest checkpoint is taken) or checkpoint folder.
-            deterministic: whether to take the mean action, or to draw one as in training.
+            deterministic: whether to take the most likely action, or to draw one as in training.
 
         Raises:
-            CheckpointError: if there is no checkpoint, or it is damaged.
+            CheckpointError: if there is no checkpoint, it is damaged, or holds another kind of policy.
         """
-        torch.set_num_threads(1)
-        folder = find_checkpoint(path)
-        checkpoint = load_checkpoint(folder)
-        return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
+        return cls(*_load(path), deterministic=deterministic)
+
+    def _batch(self, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return an observation as a batch of one.
+
+        Raises:
+            CheckpointError: if it is not the one that the policy was trained on.
+        """
+        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
+        if given != self._needed:
+            needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
+            raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
+        return {key: value[None] for key, value in observation.items()}
+
+
+class PPOExplorer(_TrainedPolicy):
+    """Drives as a policy of twists would."""
+
+    level = "twist"
+    _actions = BoxRecord
+
+    def __init__(self, policy: ActorCriticPolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
+        super().__init__(policy, record, name, deterministic=deterministic)
+        self._std = policy.log_std.detach().exp().numpy()
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for an episode.
@@ -51,7 +85,9 @@ class PPOExplorer:
         Raises:
             CheckpointError: if the robot's lidar has another number of beams than the policy was trained with.
         """
-        trained = self._record.observation["scan"].shape[0]
+        scan = self._record.observation["scan"]
+        assert isinstance(scan, BoxRecord)
+        trained = scan.shape[0]
         if robot.lidar.num_beams != trained:
             raise CheckpointError(
                 f"{self._name} needs scans of {trained} beams, but the lidar of robot {robot.name!r} has "
@@ -68,7 +104,7 @@ class PPOExplorer:
             )
         self._rng = rng
         self._calls = 0
-        self._action = np.zeros(self._record.action.shape, dtype=np.float32)
+        self._action = np.zeros(self._std.shape, dtype=np.float32)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         """Return the action, shape (2,), float32.
@@ -82,12 +118,47 @@ class PPOExplorer:
         return self._action.copy()
 
     def _decide(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        needed = self._record.observation
-        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
-        if given != {key: (box.shape, box.dtype) for key, box in needed.items()}:
-            boxes = ", ".join(f"{key} {box}" for key, box in needed.items())
-            raise CheckpointError(f"{self._name} needs observations {boxes}; it was given {given}")
-        action = mean_action(self._policy, {key: value[None] for key, value in observation.items()})[0]
+        action = mean_action(self._policy, self._batch(observation))[0]
         if not self._deterministic:
             action = action + self._std * self._rng.standard_normal(action.shape)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+
+class PPOChooser(_TrainedPolicy):
+    """Chooses frontiers as a policy of decisions would."""
+
+    level = "decision"
+    _actions = DiscreteRecord
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for an episode: nothing is remembered. Robots, and the time between decisions, may be any."""
+        self._rng = rng
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
+        """Return the candidate to go to.
+
+        Raises:
+            CheckpointError: if the observation is not the one that the policy was trained on.
+        """
+        batch = self._batch(observation)
+        if self._deterministic:
+            return np.int64(mean_action(self._policy, batch)[0])
+        with torch.no_grad():
+            tensors = {key: torch.as_tensor(value) for key, value in batch.items()}
+            distribution: Any = self._policy.get_distribution(tensors).distribution
+        shares = distribution.probs[0].numpy().astype(np.float64)
+        return np.int64(self._rng.choice(len(shares), p=shares / shares.sum()))
+
+
+def load_trained(path: str | Path) -> PPOExplorer | PPOChooser:
+    """Load a policy of either kind, which takes its most likely actions; as `PPOExplorer.load`."""
+    policy, record, name = _load(path)
+    make = PPOChooser if isinstance(record.action, DiscreteRecord) else PPOExplorer
+    return make(policy, record, name)
+
+
+def _load(path: str | Path) -> tuple[ActorCriticPolicy, Record, str]:
+    torch.set_num_threads(1)
+    folder = find_checkpoint(path)
+    checkpoint = load_checkpoint(folder)
+    return build_policy(checkpoint, folder), checkpoint.record, str(folder)

@@ -42,9 +42,9 @@ def load_policy(folder: Path) -> ObservationPolicy:
     """
     if (folder / RECORD_FILE).exists():
         return FrontierScore.load(folder)
-    from agents.explorer import PPOExplorer  # torch takes seconds to load
+    from agents.explorer import load_trained  # torch takes seconds to load
 
-    return PPOExplorer.load(folder)
+    return load_trained(folder)
 
 
 def fingerprint(folder: Path) -> str:

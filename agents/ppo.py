@@ -11,9 +11,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
-from agents.checkpoint import POLICY_FILE, TRAINING_FILE, BoxRecord, Checkpoint, Record, check_tensors
+from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, record_of
 from agents.config import NetworkConfig, TrainingConfig
 from agents.curves import Row
+from agents.frontiers.policy import FrontierPolicy
 from agents.networks import ExplorerFeatures
 from agents.run_folder import CheckpointError
 from agents.vec_env import Observations
@@ -38,8 +39,9 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         remaining = min(progress_remaining + 1.0 / config.num_updates, 1.0)
         return ppo.learning_rate * (remaining if ppo.anneal else 1.0)
 
+    policy, arguments = _policy(config, env.action_space)
     model = PPO(
-        MultiInputActorCriticPolicy,
+        policy,
         env,
         learning_rate=learning_rate,
         n_steps=ppo.num_steps,
@@ -52,16 +54,17 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         vf_coef=ppo.value_coef,
         max_grad_norm=ppo.max_grad_norm,
         target_kl=ppo.target_kl,
-        policy_kwargs=_policy_arguments(config.network),
+        policy_kwargs=arguments,
         seed=config.seed,
         device=config.device,
     )
-    with torch.no_grad():
-        model.policy.get_parameter("action_net.bias")[0] = config.network.speed
+    if policy is not FrontierPolicy:
+        with torch.no_grad():
+            model.policy.get_parameter("action_net.bias")[0] = config.network.speed
     return model
 
 
-def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticPolicy:
+def build_policy(checkpoint: Checkpoint, folder: Path) -> ActorCriticPolicy:
     """Make the policy of a checkpoint, for acting only.
 
     Raises:
@@ -69,9 +72,9 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
     """
     record = checkpoint.record
     observation_space = spaces.Dict({key: box.space() for key, box in record.observation.items()})
-    policy = MultiInputActorCriticPolicy(
-        observation_space, record.action.space(), lambda _: 0.0, **_policy_arguments(record.config.network)
-    )
+    action_space = record.action.space()
+    make, arguments = _policy(record.config, action_space)
+    policy = make(observation_space, action_space, lambda _: 0.0, **arguments)
     check_tensors(folder, POLICY_FILE, checkpoint.policy, policy.state_dict())
     policy.load_state_dict(checkpoint.policy)
     policy.set_training_mode(False)
@@ -79,7 +82,11 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> MultiInputActorCriticP
 
 
 def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.ndarray:
-    """Return the policy's mean actions, shape (batch, num_actions), float32; they may lie outside [-1, 1]."""
+    """Return the policy's most likely actions.
+
+    Shape (batch, num_actions), float32, for twists: their means, which may lie outside [-1, 1]; (batch,), int64, for
+    choices.
+    """
     with torch.no_grad():
         tensors = {key: torch.as_tensor(value, device=policy.device) for key, value in observations.items()}
         actions = policy.get_distribution(tensors).mode()
@@ -94,8 +101,8 @@ def capture(model: PPO, config: TrainingConfig, evaluations: list[Row]) -> Check
         steps=model.num_timesteps,
         updates=model._n_updates,
         config=config,
-        observation={name: BoxRecord.of(space) for name, space in model.observation_space.spaces.items()},
-        action=BoxRecord.of(model.action_space),
+        observation={name: record_of(space) for name, space in model.observation_space.spaces.items()},
+        action=record_of(model.action_space),
         numpy_random=(str(algorithm), int(position), int(has_gauss), float(gauss)),
         evaluations=evaluations,
     )
@@ -163,12 +170,19 @@ def check_spaces(record: Record, observation_space: spaces.Space, action_space: 
         offered |= observation_space.spaces
     needed = {**record.observation, "action": record.action}
     wrong = [
-        f"{key} {box} (here: {offered.get(key, 'none')})"
-        for key, box in needed.items()
-        if not isinstance(offered.get(key), spaces.Box) or BoxRecord.of(offered[key]) != box
+        f"{key} {space} (here: {offered.get(key, 'none')})"
+        for key, space in needed.items()
+        if key not in offered or record_of(offered[key]) != space
     ]
     if wrong or offered.keys() != needed.keys():
         raise CheckpointError(f"{name} was trained on other spaces; it needs {', '.join(wrong) or list(needed)}")
+
+
+def _policy(config: TrainingConfig, action_space: spaces.Space) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
+    """Return the policy for an action space, and its own arguments."""
+    if isinstance(action_space, spaces.Discrete):
+        return FrontierPolicy, config.decision_network.model_dump()
+    return MultiInputActorCriticPolicy, _policy_arguments(config.network)
 
 
 def _policy_arguments(network: NetworkConfig) -> dict[str, Any]:

@@ -44,10 +44,11 @@ def train(
         if checkpoint is None or source is None:
             run = new_run(config, run)
         else:
-            if config.network != (saved := checkpoint.record.config.network):
-                raise CheckpointError(
-                    f"{source} holds a network of another size: it needs network: {saved}, and not {config.network}"
-                )
+            for name in ("network", "decision_network"):
+                if (asked := getattr(config, name)) != (saved := getattr(checkpoint.record.config, name)):
+                    raise CheckpointError(
+                        f"{source} holds a network of another size: it needs {name}: {saved}, and not {asked}"
+                    )
             restore(model, checkpoint, source)
             run = reopen_run(config, source)
         # Where in their episodes the environments were is not kept: a resumed training starts new ones.

@@ -15,7 +15,7 @@ from agents.config import EnvironmentConfig
 
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
-EPISODE_MEASURES = ("explored_fraction", "collisions")
+EPISODE_MEASURES = ("explored_fraction", "collisions", "time")
 """Numbers of the last `info` that go into `infos[i]["episode"]`, where the environment has them."""
 
 

@@ -229,6 +229,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """The robot."""
         return self.explore.robot
 
+    @property
+    def time_limit(self) -> float:
+        """Length of the episode at most [s]."""
+        return self.explore.time_limit
+
     def prepare(self) -> None:
         """Draw the world of the next episode ahead of time; see `LidarEnv.prepare`."""
         self.explore.prepare()

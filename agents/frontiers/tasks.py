@@ -79,6 +79,21 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
             return task
 
 
+def training_world(rng: np.random.Generator) -> World:
+    """Draw a world to train in, as `environment.world`: of the library, or of a family in its usual sizes.
+
+    None is held out, and none is of the families' test split.
+    """
+    if rng.random() < LIBRARY_SHARE:
+        return load_world(str(rng.choice(TRAINING_WORLDS)))
+    return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
+
+
+def validation_world(rng: np.random.Generator) -> World:
+    """Draw a world of the families' test split, in their usual sizes, as `evaluation.world`."""
+    return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
+
+
 def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
     if not families or rng.random() < LIBRARY_SHARE:
         world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)

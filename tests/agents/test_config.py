@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 import train
-from agents.config import TrainingConfig
-from envs.files import dump_record, parse_record, read_record
+from agents.config import EvolutionConfig, TrainingConfig
+from envs.files import dump_record, parse_record, read_mapping, read_record
 
 CONFIGS = sorted(
     path for path in (Path(__file__).parents[2] / "configs").glob("*.yaml") if not path.stem.startswith("arena")
@@ -14,10 +14,11 @@ CONFIGS = sorted(
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
-    config = read_record(path, TrainingConfig)
+    kind = EvolutionConfig if "algorithm" in read_mapping(path) else TrainingConfig
+    config = read_record(path, kind)
     assert config.experiment == path.stem
     (tmp_path / "again.yaml").write_text(dump_record(config))
-    assert read_record(tmp_path / "again.yaml", TrainingConfig) == config
+    assert read_record(tmp_path / "again.yaml", kind) == config
 
 
 def test_there_are_configurations():

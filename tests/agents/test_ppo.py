@@ -46,7 +46,8 @@ def test_the_model_is_built_on_the_device_of_the_configuration(tiny_config, monk
 
     monkeypatch.setattr(ppo, "PPO", remember)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    build_model(tiny_config.model_copy(update={"device": device}), env=None)
+    env = SimpleNamespace(action_space=spaces.Box(-1, 1, (2,)))
+    build_model(tiny_config.model_copy(update={"device": device}), env)
     assert built.device == device
 
 

@@ -1,0 +1,132 @@
+"""The network that chooses a candidate from an observation of `ExploreFrontiersEnv`."""
+
+import torch
+from gymnasium import spaces
+from torch import Tensor, nn
+from torch.nn import functional
+
+from agents.networks import PATCH, MapPatches
+from baselines.frontier.gain_over_cost import GainOverCostParams
+from envs.navigation.candidate_features import FEATURES, HALF_AREA, HALF_COST
+
+MASKED = -1e9
+"""Logit of an action without a candidate: its probability is exactly 0."""
+FAILED = 1e3
+"""Taken off the logits of candidates that a drive has failed to get to: they come last, as in the rules."""
+MAP_CHANNELS = 8
+"""Features of a patch of the map."""
+STEEPEST = 6.0
+"""Greatest first slope of attention over distance; those of the heads are spread evenly from 0."""
+NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
+"""Observations that are read."""
+VISIBLE, COST, FAILURES = (FEATURES.index(name) for name in ("visible", "cost", "failures"))
+
+
+def _length(share: Tensor, half: float) -> Tensor:
+    """Return x of x / (x + half)."""
+    return half * share / (1.0 - share).clamp_min(1e-6)
+
+
+class FrontierNetwork(nn.Module):
+    """Logits of the candidates, and the value of the state. Permuted candidates give permuted logits.
+
+    A layer for each candidate, self-attention between them, and layers for each candidate again. Distance between two
+    candidates counts against attention, by a slope that each head learns. What comes out is a correction of the rule
+    `gain_over_cost`: logit = prior * (log(visible + 0.3) - log(cost + 3)) + correction. It is 0 at first, so that an
+    untrained network chooses as the rule does. The value is made of mean and maximum over the candidates' features.
+    """
+
+    def __init__(self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float) -> None:
+        """Build the layers.
+
+        Args:
+            observation_space: of `ExploreFrontiersEnv`.
+            width: of all layers, a multiple of `heads`.
+            heads: of the attention.
+            prior: factor of the rule's utility in the logits.
+
+        Raises:
+            ValueError: if an observation is missing.
+        """
+        super().__init__()
+        if missing := [key for key in NEEDED if key not in observation_space.spaces]:
+            raise ValueError(
+                f"the network that chooses frontiers reads the observations {list(NEEDED)}, but the observation space "
+                f"lacks {missing}; it has {sorted(observation_space.spaces)}"
+            )
+        shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
+        self._heads, self._prior, self._rule = heads, prior, GainOverCostParams()
+        self.map = MapPatches(shapes["map"], MAP_CHANNELS)
+        num_patches = (shapes["map"][1] // PATCH) * (shapes["map"][2] // PATCH)
+        self.context = nn.Linear(MAP_CHANNELS * num_patches + shapes["robot"][0], width)
+        self.embed = nn.Linear(shapes["candidates"][1] + shapes["sectors"][1] + 3, width)
+        self.attention = nn.Linear(width, 3 * width)
+        self.slopes = nn.Parameter(torch.linspace(0.0, STEEPEST, heads))
+        self.norm = nn.LayerNorm(width)
+        self.correct = nn.Sequential(
+            nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False)
+        )
+        self.judge = nn.Sequential(nn.Linear(3 * width, width), nn.ReLU(), nn.Linear(width, 1))
+        nn.init.zeros_(self.correct[-1].weight)  # type: ignore[arg-type]
+
+    def forward(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """Return logits, shape (batch, max_candidates), and values, shape (batch, 1), float32."""
+        slots = _Slots(observations["action_mask"] > 0)
+        candidates = slots.take(observations["candidates"])
+        utility, known = self._rate(candidates, slots)
+        seen = torch.cat([self.map(observations["map"].float()), observations["robot"]], dim=1)
+        context = functional.relu(self.context(seen))
+        rows = torch.cat([candidates, slots.take(observations["sectors"]), known], dim=1)
+        rows = functional.relu(self.embed(rows) + context[slots.sample])
+        rows = self.norm(rows + self._attend(rows, observations["gaps"], slots))
+        logits = utility + self.correct(rows).squeeze(1)
+        empty = ~slots.mask.any(dim=1, keepdim=True)
+        mean = slots.table(rows, 0.0).sum(dim=1) / slots.mask.sum(dim=1, keepdim=True).clamp_min(1)
+        greatest = slots.table(rows, MASKED).amax(dim=1).masked_fill(empty, 0.0)
+        padding = observations["action_mask"].shape[1] - slots.count
+        return (
+            functional.pad(slots.table(logits, MASKED), (0, padding), value=MASKED),
+            self.judge(torch.cat([context, mean, greatest], dim=1)),
+        )
+
+    def _rate(self, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
+        """Return the prior's logits, shape (rows,), and what it makes them of, shape (rows, 3)."""
+        gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
+        cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
+        utility = gain - cost
+        best = slots.table(utility, MASKED).amax(dim=1)
+        logits = self._prior * utility - FAILED * (candidates[:, FAILURES] > 0)
+        return logits, torch.stack([gain, cost, utility - best[slots.sample]], dim=1)
+
+    def _attend(self, rows: Tensor, gaps: Tensor, slots: "_Slots") -> Tensor:
+        """Return what each row takes from the others of its sample, shape (rows, width)."""
+        table = slots.table(self.attention(rows), 0.0)
+        batch, count, width = *table.shape[:2], rows.shape[1]
+        # Scores are the largest arrays: what can be computed without them is, and bias and product are added in one go.
+        query, key, value = table.view(batch, count, 3, self._heads, -1).permute(2, 0, 3, 1, 4).flatten(1, 2)
+        query = query * (self._heads / width) ** 0.5
+        empty = (MASKED * ~slots.mask)[:, None, None, :]
+        bias = torch.addcmul(empty, self.slopes[:, None, None], gaps[:, None, :count, :count], value=-1.0)
+        shares = torch.baddbmm(bias.flatten(0, 1), query, key.transpose(1, 2)).softmax(dim=2)
+        attended = (shares @ value).view(batch, self._heads, count, -1).transpose(1, 2).flatten(2)
+        return attended[slots.sample, slots.slot]
+
+
+class _Slots:
+    """Which slots hold candidates. Most do not, so layers see the rows of those that do, and no others."""
+
+    def __init__(self, mask: Tensor) -> None:
+        """Take a mask, shape (batch, max_candidates), bool."""
+        self.sample, self.slot = mask.nonzero(as_tuple=True)
+        """Of each row: its sample and its slot, shape (rows,), int64."""
+        self.count = int(self.slot.max()) + 1 if len(self.slot) else 1
+        """Number of slots up to the last one that any sample uses."""
+        self.mask = mask[:, : self.count]
+
+    def take(self, table: Tensor) -> Tensor:
+        """Return the rows of a table, shape (batch, max_candidates, ...)."""
+        return table[self.sample, self.slot]
+
+    def table(self, rows: Tensor, fill: float) -> Tensor:
+        """Return rows as a table, shape (batch, count, ...), with `fill` in the slots without a candidate."""
+        return rows.new_full((*self.mask.shape, *rows.shape[1:]), fill).index_put((self.sample, self.slot), rows)

@@ -1,0 +1,63 @@
+"""The policy of PPO that chooses candidates."""
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import CategoricalDistribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.type_aliases import Schedule
+from torch import Tensor
+
+from .network import FrontierNetwork
+
+Observations = dict[str, Tensor]
+
+
+class FrontierPolicy(ActorCriticPolicy):
+    """Draws candidates by the logits of a `FrontierNetwork`, which also gives the values."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        *,
+        width: int = 64,
+        heads: int = 4,
+        prior: float = 10.0,
+        use_sde: bool = False,
+    ) -> None:
+        """Build the network; see there for `width`, `heads` and `prior`. `use_sde` is not for choices."""
+        self._sizes = {"width": width, "heads": heads, "prior": prior}
+        # The extractor has no weights; it is what the base class asks for.
+        super().__init__(observation_space, action_space, lr_schedule, features_extractor_class=FlattenExtractor)
+
+    def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
+        """Return actions, values and the logarithms of the actions' probabilities."""
+        logits, values = self.network(obs)
+        distribution = self._distribution(logits)
+        actions = distribution.get_actions(deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:  # type: ignore[override]
+        """Return values, logarithms of the probabilities of given actions, and entropies."""
+        logits, values = self.network(obs)
+        distribution = self._distribution(logits)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Observations) -> CategoricalDistribution:  # type: ignore[override]
+        """Return the distribution over the candidates."""
+        return self._distribution(self.network(obs)[0])
+
+    def predict_values(self, obs: Observations) -> Tensor:  # type: ignore[override]
+        """Return the values, shape (batch, 1)."""
+        return self.network(obs)[1]
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        assert isinstance(self.observation_space, spaces.Dict)
+        self.network = FrontierNetwork(self.observation_space, **self._sizes)  # type: ignore[arg-type]
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
+
+    def _distribution(self, logits: Tensor) -> CategoricalDistribution:
+        assert isinstance(self.action_dist, CategoricalDistribution)
+        return self.action_dist.proba_distribution(action_logits=logits)

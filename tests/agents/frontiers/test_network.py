@@ -1,0 +1,133 @@
+"""The network over candidates, and the policy that draws by it."""
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+
+from agents.frontiers.network import FrontierNetwork
+from agents.frontiers.policy import FrontierPolicy
+from agents.ppo import mean_action
+from baselines.frontier.gain_over_cost import GainOverCost
+from envs.abstract import ExploreFrontiersAbstractEnv
+
+QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
+
+
+def batch_of(observations):
+    return {key: np.stack([observation[key] for observation in observations]) for key in observations[0]}
+
+
+def to_tensors(batch):
+    return {key: torch.as_tensor(value) for key, value in batch.items()}
+
+
+@pytest.fixture(scope="module")
+def episode():
+    """Spaces, observations of an episode driven by the rule, and what the rule chose; failures are made up."""
+    env, rule = ExploreFrontiersAbstractEnv(**QUICK), GainOverCost()
+    observations, choices = [], []
+    observation, _ = env.reset(seed=4)
+    for _ in range(40):
+        if len(env.candidates):
+            env.candidates.failures[::4] = len(observations) % 3 == 0
+            observation = env.observe()
+            observations.append(observation)
+            choices.append(rule(env.candidates, env.belief))
+        observation, _, terminated, truncated, _ = env.step(np.int64(choices[-1] if choices else 0))
+        if terminated or truncated:
+            break
+    return (env.observation_space, env.action_space), batch_of(observations), np.array(choices)
+
+
+def make_policy(spaces_, seed=0, untrained=True):
+    torch.manual_seed(seed)
+    policy = FrontierPolicy(*spaces_, lambda _: 1e-3, width=32, heads=4, prior=15.0)
+    if not untrained:
+        torch.nn.init.normal_(policy.network.correct[-1].weight)
+    return policy
+
+
+def test_untrained_it_chooses_as_the_rule(episode):
+    spaces_, batch, choices = episode
+    assert len(choices) > 20
+    assert (batch["candidates"][:, :, 13] > 0).any()
+    np.testing.assert_array_equal(mean_action(make_policy(spaces_), batch), choices)
+    assert (mean_action(make_policy(spaces_, untrained=False), batch) != choices).any()
+
+
+def test_permuted_candidates_give_permuted_logits_and_the_same_value(episode):
+    spaces_, batch, _ = episode
+    network = make_policy(spaces_, untrained=False).network
+    order = np.random.default_rng(0).permutation(spaces_[1].n)
+    permuted = {key: batch[key][:, order] for key in ("candidates", "sectors", "action_mask")}
+    permuted["gaps"] = batch["gaps"][:, order][:, :, order]
+    with torch.no_grad():
+        logits, values = network(to_tensors(batch))
+        other_logits, other_values = network(to_tensors(batch | permuted))
+    assert torch.allclose(other_logits, logits[:, order], atol=1e-3)
+    assert torch.allclose(other_values, values, atol=1e-5)
+    assert values.std() > 1e-3
+
+
+def test_a_sample_does_not_depend_on_the_others_of_its_batch(episode):
+    spaces_, batch, _ = episode
+    network = make_policy(spaces_, untrained=False).network
+    with torch.no_grad():
+        logits, values = network(to_tensors(batch))
+        for i in (0, len(logits) - 1):
+            alone = network(to_tensors({key: value[i : i + 1] for key, value in batch.items()}))
+            assert torch.allclose(alone[0], logits[i : i + 1], atol=1e-3)
+            assert torch.allclose(alone[1], values[i : i + 1], atol=1e-5)
+
+
+def test_attention_sees_the_distances_between_candidates(episode):
+    spaces_, batch, _ = episode
+    network = make_policy(spaces_, untrained=False).network
+    with torch.no_grad():
+        far = network(to_tensors(batch | {"gaps": np.full_like(batch["gaps"], 0.9)}))[0]
+        assert (far - network(to_tensors(batch))[0]).abs().max() > 1e-3
+
+
+def test_what_is_masked_is_never_drawn(episode):
+    spaces_, batch, _ = episode
+    torch.manual_seed(1)
+    policy = make_policy(spaces_, untrained=False)
+    few = {key: value.copy() for key, value in batch.items()}
+    few["action_mask"][:, 3:] = 0
+    tensors = to_tensors(few)
+    with torch.no_grad():
+        drawn = torch.stack([policy(tensors)[0] for _ in range(50)])
+    assert set(drawn.unique().tolist()) == {0, 1, 2}
+    distribution = policy.get_distribution(tensors)
+    assert (distribution.distribution.probs[:, 3:] == 0).all()
+    assert torch.isfinite(distribution.entropy()).all()
+
+
+def test_nothing_to_choose_from_is_no_error(episode):
+    spaces_, batch, _ = episode
+    policy = make_policy(spaces_, untrained=False)
+    nothing = {key: np.zeros_like(value[:2]) for key, value in batch.items()}
+    values, log_prob, entropy = policy.evaluate_actions(to_tensors(nothing), torch.tensor([0, 5]))
+    (values.mean() + log_prob.mean() + entropy.mean()).backward()
+    gradients = [parameter.grad for parameter in policy.parameters() if parameter.grad is not None]
+    assert all(torch.isfinite(gradient).all() for gradient in gradients)
+
+
+def test_all_ways_through_the_policy_agree(episode):
+    spaces_, batch, _ = episode
+    policy, tensors = make_policy(spaces_, untrained=False), to_tensors(batch)
+    with torch.no_grad():
+        actions, values, log_prob = policy(tensors, deterministic=True)
+        again = policy.evaluate_actions(tensors, actions)
+        assert torch.equal(policy.predict_values(tensors), values)
+        assert torch.equal(again[0], values)
+        assert torch.equal(again[1], log_prob)
+        assert torch.equal(policy.get_distribution(tensors).mode(), actions)
+    assert policy.predict({key: value[0] for key, value in batch.items()}, deterministic=True)[0] == actions[0]
+
+
+def test_a_missing_observation_is_named():
+    space = spaces.Dict({"scan": spaces.Box(0.0, 1.0, (4,), np.float32)})
+    with pytest.raises(ValueError, match=r"chooses frontiers reads .*lacks \['candidates', .*; it has \['scan'\]"):
+        FrontierNetwork(space, width=8, heads=2, prior=1.0)

@@ -1,0 +1,170 @@
+"""Training at decision level: from a configuration to an evaluation, on a budget of a few seconds."""
+
+import copy
+import csv
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+import evaluate
+from agents.checkpoint import load_checkpoint
+from agents.config import TrainingConfig
+from agents.evaluation import Evaluator, run_episodes
+from agents.explorer import PPOChooser, PPOExplorer, load_trained
+from agents.frontiers.tasks import HELD_OUT, training_world, validation_world
+from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.training import train
+from agents.vec_env import make_env, make_vector
+from baselines.episode import first_at, run_episode
+from envs.files import parse_record
+from envs.worlds import WORLD_NAMES
+
+DATA = {
+    "experiment": "choices",
+    "total_steps": 64,
+    "num_envs": 4,
+    "environment": {
+        "id": "lidarnaut/ExploreFrontiersAbstract-v0",
+        "world": "rooms",
+        "world_size": [8, 8],
+        "slam": "truth",
+        "target_coverage": 0.9,
+        "num_workers": 0,
+        "reward": {"explored": 0.03, "time": -0.01, "completed": 0.0},
+    },
+    "ppo": {"num_steps": 8, "batch_size": 16, "num_epochs": 2, "gamma": 1.0, "learning_rate": 0.003},
+    "decision_network": {"width": 16, "heads": 2, "prior": 1.0},
+    "evaluation": {"every": 1000, "episodes": 3, "references": ["random", "gain_over_cost"]},
+    "checkpoints": {"every": 32},
+}
+
+
+def changed(**sections):
+    data = copy.deepcopy(DATA)
+    for name, values in sections.items():
+        data[name] = data[name] | values if isinstance(values, dict) else values
+    return parse_record(data, "choices", TrainingConfig)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return train(changed(), run=tmp_path_factory.mktemp("runs") / "choices", progress=False)
+
+
+def read_csv(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_measures_references_and_itself(run):
+    rows = {(row["policy"], int(row["steps"])): row for row in read_csv(run / "evaluations.csv")}
+    assert list(rows) == [("random", 0), ("gain_over_cost", 0), ("ppo", 0), ("ppo", 64)]
+    untrained, rule, chance = rows["ppo", 0], rows["gain_over_cost", 0], rows["random", 0]
+    # The same episodes, and an untrained network is the rule.
+    for name in ("explored_fraction", "time_to_target", "path_length", "success"):
+        assert float(untrained[name]) == pytest.approx(float(rule[name]))
+    assert float(rule["success"]) == 1.0
+    assert 10.0 < float(rule["time_to_target"]) < float(chance["time_to_target"])
+    record = load_checkpoint(find_checkpoint(run)).record
+    assert (str(record.action), str(record.observation["action_mask"])) == ("Discrete(48)", "MultiBinary(48)")
+
+
+def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(run, tmp_path):
+    ends = []
+    for name in ("a", "b"):
+        copied = shutil.copytree(run, tmp_path / name)
+        train(changed(total_steps=96), resume=list_checkpoints(copied)[-2], progress=False)
+        ends.append(load_checkpoint(find_checkpoint(copied)))
+    first, second = ends
+    assert first.record.steps == 96
+    assert all(torch.equal(first.policy[key], second.policy[key]) for key in first.policy)
+    before = load_checkpoint(find_checkpoint(run)).policy
+    assert not torch.equal(first.policy["network.embed.weight"], before["network.embed.weight"])
+
+
+def test_what_was_learned_is_evaluated_by_its_name(run, tmp_path):
+    options = ["--worlds", "rooms", "--episodes", "1", "--physics", "kinematic", "--time-limit", "12"]
+    out = tmp_path / "out"
+    assert evaluate.main(["--policies", f"mine=ppo:{run}", *options, "--out", str(out), "--no-world-sections"]) == 0
+    (row,) = read_csv(out / "episodes.csv")
+    assert row["policy"] == "mine"
+    assert float(row["path_length"]) > 0.5
+
+
+def test_it_chooses_from_observations_and_draws_by_the_generator(run):
+    env = make_env(changed().environment, "test")
+    observation, _ = env.reset(seed=0)
+    chooser = load_trained(run)
+    assert isinstance(chooser, PPOChooser)
+    choice = chooser(observation)
+    assert env.action_space.contains(choice)
+    drawing = PPOChooser.load(run, deterministic=False)
+
+    def draw(seed):
+        drawing.reset(env.unwrapped.robot, 0.2, np.random.default_rng(seed))
+        return [int(drawing(observation)) for _ in range(200)]
+
+    assert draw(1) == draw(1)
+    assert 1 < len(set(draw(1))) <= observation["action_mask"].sum()
+    assert max(set(draw(1)), key=draw(1).count) == choice
+    del observation["gaps"]
+    with pytest.raises(CheckpointError, match=r"needs observations .*action_mask MultiBinary\(48\)"):
+        chooser(observation)
+    with pytest.raises(CheckpointError, match=r"has actions Discrete\(48\), which PPOExplorer does not take"):
+        PPOExplorer.load(run)
+
+
+def test_a_checkpoint_for_other_spaces_is_refused(run):
+    twists = {"id": "lidarnaut/Explore-v0", "world_size": [8, 8]}
+    with pytest.raises(
+        CheckpointError, match=r"it needs action_mask MultiBinary\(48\) \(here: none\), .*Discrete\(48\) \(here: Box"
+    ):
+        train(changed(environment=twists), resume=run, progress=False)
+    with pytest.raises(CheckpointError, match=r"another size: it needs decision_network: .*width=16.*width=32"):
+        train(changed(decision_network={"width": 32}), resume=run, progress=False)
+
+
+def test_an_evaluation_gives_what_single_episodes_give():
+    config = changed()
+    vector = make_vector(config.environment, "test", 3)
+    together = run_episodes(vector, lambda seen: np.zeros(3, dtype=np.int64))
+    env = make_env(config.environment, "test")
+
+    class First:
+        end_reason = plan = None
+
+        def reset(self, robot, control_period, rng):
+            pass
+
+        def __call__(self, observation):
+            return np.int64(0)
+
+    for seed, episode in enumerate(together):
+        alone = run_episode(env, First(), seed)
+        time = first_at(alone.curve.time, alone.curve.explored_fraction, 0.9)
+        assert episode.time_to_target == pytest.approx(min(time, alone.time_limit))
+        assert episode.explored_fraction == alone.explored_fraction
+        assert episode.area_under_curve == pytest.approx(alone.area_under_curve, abs=0.02)
+
+
+def test_a_reference_that_drives_is_refused():
+    evaluator = Evaluator(changed(evaluation={"episodes": 1}))
+    with pytest.raises(
+        ValueError, match=r"'rrt' drives by twists, and cannot choose frontiers; allowed are random, nea"
+    ):
+        evaluator.explorer("rrt")
+    evaluator.close()
+
+
+def test_worlds_to_train_in_and_to_validate_in_are_apart():
+    rng = np.random.default_rng(0)
+    trained = {training_world(rng).name for _ in range(60)}
+    validated = {validation_world(rng).name for _ in range(30)}
+    assert trained & set(WORLD_NAMES)
+    assert not trained & set(HELD_OUT.worlds)
+    seeds = [int(name.split("-")[1]) for name in trained - set(WORLD_NAMES)]
+    assert seeds
+    assert all(seed % 2 == 0 for seed in seeds)
+    assert all(int(name.split("-")[1]) % 2 == 1 for name in validated)
