@@ -63,7 +63,7 @@ def make_reference(name: str, env: gymnasium.Env[Any, Any]) -> ObservationPolicy
         return RulePolicy(policy.rule, env)
     if "decision" in (level_of(source), level_of(policy)):
         return policy
-    rules = [key for key, kind in EXPLORERS.items() if issubclass(kind, RuleExplorer)]
+    rules = [key for key, make in EXPLORERS.items() if isinstance(make(), RuleExplorer)]
     raise ValueError(
         f"{name!r} drives by twists, and cannot choose frontiers; allowed are random, {', '.join(rules)}, and "
         "module:attribute of a rule or of a policy of decisions"
