@@ -3,9 +3,10 @@
 import hashlib
 from pathlib import Path
 
+from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
 from agents.run_folder import CheckpointError, find_checkpoint
-from baselines.explorer import ObservationPolicy
+from baselines.explorer import Explorer, ObservationPolicy
 
 PRETRAINED = Path(__file__).with_name("pretrained")
 """Folder of the policies that come with the package."""
@@ -34,14 +35,14 @@ def find_policy(path: str | Path) -> Path:
     return find_checkpoint(path)
 
 
-def load_policy(folder: Path) -> ObservationPolicy:
-    """Load the policy of a folder that `find_policy` returned.
+def load_policy(folder: Path) -> Explorer | ObservationPolicy:
+    """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
     Raises:
         CheckpointError: if it is damaged.
     """
     if (folder / RECORD_FILE).exists():
-        return FrontierScore.load(folder)
+        return ScoreExplorer(FrontierScore.load(folder))
     from agents.explorer import load_trained  # torch takes seconds to load
 
     return load_trained(folder)

@@ -12,7 +12,7 @@ from envs.compilation import announce_compilation
 from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.fused import UNCHECKED, FusedDrive, is_fusible
-from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator
+from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
 from envs.navigation.candidates import find_candidates
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
@@ -137,16 +137,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._fused: FusedDrive | None = None
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
-        robot = env.robot
-        sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
-        self._robot_features = sizes / (sizes + halves)
+        self._robot_features = robot_features(env.robot)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
                 "sectors": spaces.Box(0.0, 1.0, (max_candidates, 2 * NUM_SECTORS), np.float32),
                 "gaps": spaces.Box(0.0, 1.0, (max_candidates, max_candidates), np.float32),
                 "action_mask": spaces.MultiBinary(max_candidates),
-                "map": self._map.space(robot),
+                "map": self._map.space(env.robot),
                 "robot": spaces.Box(0.0, 1.0, (3,), np.float32),
             }
         )

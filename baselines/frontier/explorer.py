@@ -94,10 +94,14 @@ class RuleExplorer:
             navigator.choose(self._choose(navigator, belief, outcome))
         return navigator.command(belief)
 
+    def _decide(self, navigator: FrontierNavigator, belief: Belief) -> int:
+        """Return the candidate to drive to."""
+        return self.rule(navigator.candidates, belief)
+
     def _choose(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
         """Ask the rule; during a drive a goal that the robot has turned away from is not turned to again."""
         candidates = navigator.candidates
-        choice, current = self.rule(candidates, belief), candidates.chosen
+        choice, current = self._decide(navigator, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:
             self._left.clear()
         elif current >= 0 and choice != current:

@@ -1,6 +1,6 @@
 """Costmaps, frontiers and path planning on the estimated map."""
 
-from .candidate_features import FEATURES, Candidates
+from .candidate_features import FEATURES, Candidates, robot_features
 from .candidate_views import NUM_SECTORS
 from .checks import check_goal, is_path_valid
 from .costmap import (
@@ -60,6 +60,7 @@ __all__ = [
     "make_costmap",
     "mark_missing",
     "plan_path",
+    "robot_features",
     "smooth_path",
     "travel_field",
 ]

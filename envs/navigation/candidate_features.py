@@ -20,6 +20,7 @@ from envs.navigation.candidate_views import (
 from envs.navigation.costmap import Costmap
 from envs.navigation.frontiers import OCCUPIED_FROM
 from envs.navigation.paths import walk_back
+from envs.robots import RobotParams
 
 FEATURES = (
     "visible",
@@ -67,6 +68,12 @@ CANDIDATE = np.dtype(
     ]
 )
 """A candidate in metres and seconds, map frame; see `Candidates`."""
+
+
+def robot_features(robot: RobotParams) -> np.ndarray:
+    """Return what policies see of a robot: shape (3,), float32; see `ExploreFrontiersEnv`."""
+    sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
+    return (sizes / (sizes + halves)).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,9 +8,9 @@ import pytest
 import train
 from agents.config import EvolutionConfig
 from agents.frontiers.evolution import VALIDATIONS, evolve
+from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
-from agents.frontiers.score import FrontierScore
 from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError
@@ -61,9 +61,9 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
     assert (part / GENERATIONS).read_text() == (whole / GENERATIONS).read_text()
     assert (part / VALIDATIONS).read_text() == (whole / VALIDATIONS).read_text()
     policy, other = load_policy(find_policy(whole)), load_policy(find_policy(part))
-    assert isinstance(policy, FrontierScore)
-    np.testing.assert_array_equal(policy.weights, other.weights)
-    assert len(policy.weights) == len(NAMES)
+    assert isinstance(policy, ScoreExplorer)
+    np.testing.assert_array_equal(policy.score.weights, other.score.weights)
+    assert len(policy.score.weights) == len(NAMES)
 
 
 def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):

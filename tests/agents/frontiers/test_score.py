@@ -5,11 +5,16 @@ import json
 import numpy as np
 import pytest
 
+from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, NUM_FEATURES, PRIOR, score_features
 from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
+from agents.learned import find_policy, load_policy
 from agents.run_folder import CheckpointError
+from baselines import make_explorer
+from baselines.episode import run_episode
 from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
@@ -97,3 +102,20 @@ def test_damage_is_named(tmp_path, damage):
 def test_weights_must_fit(weights):
     with pytest.raises(ValueError, match="finite"):
         FrontierScore(weights)
+
+
+def test_the_explorer_of_the_prior_is_that_of_the_rule():
+    env = ExploreEnv(physics="kinematic", **QUICK)
+    learned, classic = (
+        run_episode(env, explorer, 3) for explorer in (ScoreExplorer(FrontierScore()), make_explorer("gain_over_cost"))
+    )
+    assert learned.time_to_95 == classic.time_to_95
+    assert learned.path_length == classic.path_length
+
+
+def test_what_comes_with_the_package_explores():
+    explorer = load_policy(find_policy("pretrained/frontiers"))
+    env = ExploreEnv(physics="kinematic", **QUICK)
+    assert run_episode(env, explorer, 3).explored_fraction >= 0.95
+    with pytest.raises(CheckpointError, match="pretrained/frontiers"):
+        find_policy("pretrained/fronteers")
