@@ -87,6 +87,12 @@ def paired_difference(a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> Estim
     return _bootstrap([x - y for x, y in zip(a, b, strict=True)], interquartile_mean)
 
 
+def paired_ratio(a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> Estimate:
+    """Return the geometric mean of the ratios a / b, pair by pair, with its stratified bootstrap interval."""
+    logs = _bootstrap([np.log(x / y) for x, y in zip(a, b, strict=True)], np.mean)
+    return logs._replace(iqm=float(np.exp(logs.iqm)), low=float(np.exp(logs.low)), high=float(np.exp(logs.high)))
+
+
 def probability_of_improvement(a: Sequence[np.ndarray], b: Sequence[np.ndarray], higher_is_better: bool) -> Estimate:
     """Return how probably a does better than b on the same world and seed, with its stratified bootstrap interval.
 
