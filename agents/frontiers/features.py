@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from baselines.frontier.gain_over_cost import GainOverCostParams
 from envs.navigation.candidate_features import FEATURES, HALF_AGE, HALF_AREA, HALF_COST, HALF_SIZE, REACH
 from envs.navigation.candidate_views import NUM_SECTORS
 
@@ -48,39 +49,15 @@ NAMES = (
 )
 """Features of a candidate."""
 NUM_FEATURES = len(NAMES)
+LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().least_cost
+"""Of the rule that scores start from."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
 """Weights of the rule `gain_over_cost`."""
-(
-    _VISIBLE,
-    _UNKNOWN,
-    _COST,
-    _COST_RATIO,
-    _RANK,
-    _TURN,
-    _SIZE,
-    _CLEARANCE,
-    _AGE,
-    _AHEAD,
-    _LEFT,
-    _FAILURES,
-    _CHOSEN,
-) = (
-    FEATURES.index(name)
-    for name in (
-        "visible",
-        "unknown_1m",
-        "cost",
-        "cost_ratio",
-        "rank",
-        "turn",
-        "size",
-        "clearance",
-        "age",
-        "ahead",
-        "left",
-        "failures",
-        "chosen",
-    )
+_VISIBLE, _UNKNOWN, _COST, _COST_RATIO, _RANK, _TURN, _SIZE = (
+    FEATURES.index(name) for name in ("visible", "unknown_1m", "cost", "cost_ratio", "rank", "turn", "size")
+)
+_CLEARANCE, _AGE, _AHEAD, _LEFT, _FAILURES, _CHOSEN = (
+    FEATURES.index(name) for name in ("clearance", "age", "ahead", "left", "failures", "chosen")
 )
 
 
@@ -125,7 +102,7 @@ def score_features(candidates, sectors, gaps, robot, count):
         mean = mean / (count - 1) if count > 1 else 0.0
         size, age = _length(row[_SIZE], HALF_SIZE), _length(row[_AGE], HALF_AGE)
         distance = REACH * math.hypot(row[_AHEAD], row[_LEFT])
-        log_visible, minus_log_cost = math.log(visible[i] + 0.3), -math.log(cost[i] + 3.0)
+        log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
         for k in range(NUM_SECTORS):

@@ -9,10 +9,10 @@ from agents.networks import PATCH, MapPatches
 from baselines.frontier.gain_over_cost import GainOverCostParams
 from envs.navigation.candidate_features import FEATURES, HALF_AREA, HALF_COST
 
+from .score import FAILED
+
 MASKED = -1e9
 """Logit of an action without a candidate: its probability is exactly 0."""
-FAILED = 1e3
-"""Taken off the logits of candidates that a drive has failed to get to: they come last, as in the rules."""
 MAP_CHANNELS = 8
 """Features of a patch of the map."""
 STEEPEST = 6.0

@@ -17,7 +17,7 @@ from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILED = 1e3
-"""Taken off the score of candidates that a drive has failed to get to."""
+"""Taken off the score of candidates that a drive has failed to get to: they come last, as in the rules."""
 
 
 class FrontierScore:
