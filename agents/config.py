@@ -184,7 +184,7 @@ class EvolutionConfig(Section):
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
     """Procedural families of the training worlds."""
     validation_tasks: PositiveInt = 240
-    """Episodes, the same ones each time, by which the policy is selected."""
+    """Episodes, the same ones each time, on which the policy is measured; they select nothing."""
     validate_every: PositiveInt = 10
     """Generations between two validations."""
     num_workers: PositiveInt | None = None
