@@ -1,12 +1,14 @@
 """Times to 95 % over those of a reference from the same starts: `python -m benchmarks.time_ratios FOLDER`.
 
 FOLDER is what `evaluate.py --out` wrote. Geometric means over all pairs, whatever their physics and SLAM; a time that
-was not reached counts as the time limit, one of less than a second as a second.
+was not reached counts as the time limit, one of less than a second as a second. `--groups` adds rows for what training
+has seen and for what was held out from it. With `oracle` among the policies, the last column is the share of the
+oracle's gain on the reference that a policy gains (logarithms of times, interquartile means).
 """
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -15,13 +17,29 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.arena.statistics import paired_ratio, probability_of_improvement
+from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
+from benchmarks.arena.statistics import gap_closed, paired_ratio, probability_of_improvement
+from envs.worlds import FAMILIES
 
 LEAST_TIME = 1.0
 """Times below count as this one: the first scan may show a small world as a whole [s]."""
+BOUND = "oracle"
+"""Policy that uses ground truth."""
+Row = Mapping[str, str]
+GROUPS: dict[str, Callable[[Row], bool]] = {
+    "all": lambda row: True,
+    "library, training": lambda row: row["world"] in TRAINING_WORLDS,
+    "library, held out": lambda row: row["world"] in HELD_OUT.worlds,
+    "families, test seeds": lambda row: row["world"] in FAMILIES,
+    "robots, held out": lambda row: row["robot"] in HELD_OUT.robots,
+    "all that is held out": lambda row: (
+        row["world"] in (*HELD_OUT.worlds, *FAMILIES) or row["robot"] in HELD_OUT.robots
+    ),
+}
+"""What of the episodes belongs to a group, by its name."""
 
 
-def paired_times(rows: Sequence[Mapping[str, str]], policy: str, reference: str) -> tuple[list[np.ndarray], ...]:
+def paired_times(rows: Sequence[Row], policy: str, reference: str) -> tuple[list[np.ndarray], ...]:
     """Return the times of a policy and of a reference [s], and where they reached the target, by world and SLAM.
 
     Raises:
@@ -32,9 +50,8 @@ def paired_times(rows: Sequence[Mapping[str, str]], policy: str, reference: str)
         if row["policy"] in found:
             time = float(row["time_to_95"])
             reached = math.isfinite(time)
-            start = tuple(row[key] for key in ("world", "robot", "physics", "slam", "seed"))
             value = max(time if reached else float(row["time_limit"]), LEAST_TIME)
-            found[row["policy"]][start] = value, reached
+            found[row["policy"]][_start(row)] = value, reached
     common = sorted(found[policy].keys() & found[reference].keys())
     if not common:
         raise ValueError(f"{policy!r} and {reference!r} have no start in common")
@@ -48,24 +65,50 @@ def paired_times(rows: Sequence[Mapping[str, str]], policy: str, reference: str)
     return column(policy, 0), column(reference, 0), column(policy, 1), column(reference, 1)
 
 
-def main(folder: Annotated[Path, tyro.conf.Positional], reference: str = "gain_over_cost") -> None:
+def _start(row: Row) -> tuple[str, ...]:
+    return tuple(row[key] for key in ("world", "robot", "physics", "slam", "seed"))
+
+
+def describe(rows: Sequence[Row], policy: str, reference: str) -> list[str]:
+    """Return the cells of a policy's row in the table."""
+    own, other, reached, other_reached = paired_times(rows, policy, reference)
+    ratio, better = paired_ratio(own, other), probability_of_improvement(own, other, higher_is_better=False)
+    cells = [f"{e.iqm:.3f} [{e.low:.3f}, {e.high:.3f}]" for e in (ratio, better)]
+    counts = [str(int(np.concatenate(flags).sum())) for flags in (reached, other_reached)]
+    closed = ""
+    starts = [{_start(row) for row in rows if row["policy"] == name} for name in (policy, reference, BOUND)]
+    if policy != BOUND and (common := set.intersection(*starts)):
+        among = [row for row in rows if _start(row) in common]
+        gains = [
+            [np.log(y / x) for x, y in zip(*paired_times(among, name, reference)[:2], strict=True)]
+            for name in (policy, BOUND)
+        ]
+        share = gap_closed(*gains)
+        closed = f"{100 * share.iqm:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"
+    return [policy, str(ratio.n), *cells, *counts, closed]
+
+
+def main(
+    folder: Annotated[Path, tyro.conf.Positional], reference: str = "gain_over_cost", groups: bool = False
+) -> None:
     """Print the table.
 
     Args:
         folder: of an evaluation.
         reference: name of the policy that the others are compared with.
+        groups: whether to show groups of episodes, too, by what training has seen of them.
     """
     with open(folder / "episodes.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    table = Table("policy", "pairs", f"time / {reference}'s", "faster", "reached", f"{reference} reached")
-    for policy in dict.fromkeys(row["policy"] for row in rows):
-        if policy != reference:
-            own, other, reached, other_reached = paired_times(rows, policy, reference)
-            ratio, better = paired_ratio(own, other), probability_of_improvement(own, other, higher_is_better=False)
-            cells = [f"{e.iqm:.3f} [{e.low:.3f}, {e.high:.3f}]" for e in (ratio, better)]
-            counts = [str(int(np.concatenate(flags).sum())) for flags in (reached, other_reached)]
-            table.add_row(policy, str(ratio.n), *cells, *counts)
-    Console(width=140).print(table)
+    columns = ("episodes", "policy", "pairs", f"time / {reference}'s", "faster", "reached", f"{reference} reached")
+    table = Table(*columns, "gap closed")
+    policies = [name for name in dict.fromkeys(row["policy"] for row in rows) if name != reference]
+    for group, holds in GROUPS.items() if groups else list(GROUPS.items())[:1]:
+        if members := [row for row in rows if holds(row)]:
+            table.add_section()
+            for policy in policies:
+                table.add_row(group, *describe(members, policy, reference))
+    Console(width=180).print(table)
 
 
 if __name__ == "__main__":

@@ -53,3 +53,25 @@ def test_the_table_names_the_others(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "fast" in printed
     assert "0.500" in printed
+    assert "held out" not in printed
+
+
+def test_groups_tell_what_training_has_seen(tmp_path, capsys):
+    times = {"slow": 100.0, "fast": 50.0, "oracle": 25.0}
+    worlds = {"turtlebot3_house": 4, "turtlebot3_stage_1": 4, "rooms": 4}
+    rows = [row(name, world, seed, t) for name, t in times.items() for world, n in worlds.items() for seed in range(n)]
+    with open(tmp_path / "episodes.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    main(tmp_path, "slow", groups=True)
+    lines = [line for line in capsys.readouterr().out.splitlines() if "│ fast " in line]
+    pairs = {line.split("│")[1].strip(): line.split("│")[3].strip() for line in lines}
+    assert pairs == {
+        "all": "12",
+        "library, training": "4",
+        "library, held out": "4",
+        "families, test seeds": "4",
+        "all that is held out": "8",
+    }
+    assert all("50 % [50, 50]" in line for line in lines)
