@@ -6,7 +6,28 @@ import numpy as np
 from numba import njit
 
 from baselines.frontier.gain_over_cost import GainOverCostParams
-from envs.navigation.candidate_features import FEATURES, HALF_AGE, HALF_AREA, HALF_COST, HALF_SIZE, REACH
+from envs.navigation.candidate_features import (
+    AGE,
+    AHEAD,
+    CHOSEN,
+    CLEARANCE,
+    COST,
+    COST_RATIO,
+    FAILURES,
+    HALF_AGE,
+    HALF_AREA,
+    HALF_COST,
+    HALF_SIZE,
+    LEFT,
+    RANK,
+    REACH,
+    SIZE,
+    TURN,
+    UNKNOWN_1M,
+    UNKNOWN_2M,
+    UNKNOWN_4M,
+    VISIBLE,
+)
 from envs.navigation.candidate_views import NUM_SECTORS
 
 NAMES = (
@@ -53,12 +74,6 @@ LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().l
 """Of the rule that scores start from."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
 """Weights of the rule `gain_over_cost`."""
-_VISIBLE, _UNKNOWN, _COST, _COST_RATIO, _RANK, _TURN, _SIZE = (
-    FEATURES.index(name) for name in ("visible", "unknown_1m", "cost", "cost_ratio", "rank", "turn", "size")
-)
-_CLEARANCE, _AGE, _AHEAD, _LEFT, _FAILURES, _CHOSEN = (
-    FEATURES.index(name) for name in ("clearance", "age", "ahead", "left", "failures", "chosen")
-)
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,8 +96,8 @@ def score_features(candidates, sectors, gaps, robot, count):
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):
-        visible[i] = _length(candidates[i, _VISIBLE], HALF_AREA)
-        cost[i] = _length(candidates[i, _COST], HALF_COST)
+        visible[i] = _length(candidates[i, VISIBLE], HALF_AREA)
+        cost[i] = _length(candidates[i, COST], HALF_COST)
     total = visible.sum()
     number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
     for i in range(count):
@@ -100,8 +115,8 @@ def score_features(candidates, sectors, gaps, robot, count):
                 elif gap < second:
                     second = gap
         mean = mean / (count - 1) if count > 1 else 0.0
-        size, age = _length(row[_SIZE], HALF_SIZE), _length(row[_AGE], HALF_AGE)
-        distance = REACH * math.hypot(row[_AHEAD], row[_LEFT])
+        size, age = _length(row[SIZE], HALF_SIZE), _length(row[AGE], HALF_AGE)
+        distance = REACH * math.hypot(row[AHEAD], row[LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
@@ -109,11 +124,11 @@ def score_features(candidates, sectors, gaps, robot, count):
             wide += unknown[k] > 0.3
         f[0], f[1] = log_visible, minus_log_cost
         f[2], f[3] = math.log(visible[i] + 3.0), -math.log(cost[i] + 0.5)
-        f[4], f[5] = -0.1 * cost[i], row[_COST_RATIO]
-        f[6], f[7], f[8] = row[_UNKNOWN], row[_UNKNOWN + 1], row[_UNKNOWN + 2]
-        f[9], f[10], f[11] = -abs(row[_TURN]), math.log(size + 0.2), row[_CLEARANCE]
-        f[12], f[13], f[14] = age / (age + 60.0), row[_CHOSEN], row[_FAILURES]
-        f[15] = -3.0 * row[_RANK]
+        f[4], f[5] = -0.1 * cost[i], row[COST_RATIO]
+        f[6], f[7], f[8] = row[UNKNOWN_1M], row[UNKNOWN_2M], row[UNKNOWN_4M]
+        f[9], f[10], f[11] = -abs(row[TURN]), math.log(size + 0.2), row[CLEARANCE]
+        f[12], f[13], f[14] = age / (age + 60.0), row[CHOSEN], row[FAILURES]
+        f[15] = -3.0 * row[RANK]
         f[16], f[17] = math.log(first + 0.5), math.log(second + 0.5)
         f[18], f[19] = math.log(around + 0.3), math.log(1.0 + near)
         f[20] = free.mean()
@@ -127,5 +142,5 @@ def score_features(candidates, sectors, gaps, robot, count):
         f[31], f[32] = left * log_visible, left * minus_log_cost
         f[33] = math.log(mean + 1.0)
         f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[_AHEAD] * REACH / (distance + 0.5)
+        f[35] = row[AHEAD] * REACH / (distance + 0.5)
     return out

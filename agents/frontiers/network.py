@@ -7,7 +7,7 @@ from torch.nn import functional
 
 from agents.networks import PATCH, MapPatches
 from baselines.frontier.gain_over_cost import GainOverCostParams
-from envs.navigation.candidate_features import FEATURES, HALF_AREA, HALF_COST
+from envs.navigation.candidate_features import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .score import FAILED
 
@@ -19,7 +19,6 @@ STEEPEST = 6.0
 """Greatest first slope of attention over distance; those of the heads are spread evenly from 0."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
 """Observations that are read."""
-VISIBLE, COST, FAILURES = (FEATURES.index(name) for name in ("visible", "cost", "failures"))
 
 
 def _length(share: Tensor, half: float) -> Tensor:

@@ -41,7 +41,8 @@ FEATURES = (
 )
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
 NUM_FEATURES = len(FEATURES)
-CHOSEN = FEATURES.index("chosen")
+VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
+SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
 """Visible unknown area that counts as one half [m2]."""
 HALF_COST = 5.0
@@ -238,19 +239,19 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
     for k in range(count):
         row, out = table[k], features[k]
         dx, dy = row.frontier[0] - x, row.frontier[1] - y
-        out[0] = row.visible / (row.visible + HALF_AREA)
+        out[VISIBLE] = row.visible / (row.visible + HALF_AREA)
         for i in range(len(SHARE_RADII)):
-            out[1 + i] = row.unknown[i]
-        out[4] = row.cost / (row.cost + HALF_COST)
-        out[5] = (table[0].cost + 1.0) / (row.cost + 1.0)
-        out[6] = k / len(features)
-        out[7] = row.turn / math.pi
-        out[8] = row.size / (row.size + HALF_SIZE)
-        out[9] = row.clearance
-        out[10] = row.age / (row.age + HALF_AGE)
-        out[11] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
-        out[12] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
-        out[13] = min(row.failures / max_failures, 1.0)
+            out[UNKNOWN_1M + i] = row.unknown[i]
+        out[COST] = row.cost / (row.cost + HALF_COST)
+        out[COST_RATIO] = (table[0].cost + 1.0) / (row.cost + 1.0)
+        out[RANK] = k / len(features)
+        out[TURN] = row.turn / math.pi
+        out[SIZE] = row.size / (row.size + HALF_SIZE)
+        out[CLEARANCE] = row.clearance
+        out[AGE] = row.age / (row.age + HALF_AGE)
+        out[AHEAD] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
+        out[LEFT] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
+        out[FAILURES] = min(row.failures / max_failures, 1.0)
         sectors[k] = row.sectors
         for i in range(k):
             gap = math.hypot(row.frontier[0] - table[i].frontier[0], row.frontier[1] - table[i].frontier[1])
