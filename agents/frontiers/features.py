@@ -53,6 +53,8 @@ LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().l
 """Of the rule that scores start from."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
 """Weights of the rule `gain_over_cost`."""
+NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
+"""Weights of the rule `nearest`."""
 _VISIBLE, _UNKNOWN, _COST, _COST_RATIO, _RANK, _TURN, _SIZE = (
     FEATURES.index(name) for name in ("visible", "unknown_1m", "cost", "cost_ratio", "rank", "turn", "size")
 )
