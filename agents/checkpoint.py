@@ -17,15 +17,13 @@ from torch import Tensor
 
 from agents.config import TrainingConfig
 from agents.curves import Row
-from agents.run_folder import CheckpointError, list_checkpoints
+from agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
 from envs.files import explain_errors, write_folder
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""
 TRAINING_FILE = "training.safetensors"
 """The optimizer's moments and the random generators' states."""
-RECORD_FILE = "checkpoint.json"
-"""Everything that is not a tensor."""
 
 
 class BoxRecord(BaseModel):
@@ -157,8 +155,8 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
     return folder
 
 
-def load_checkpoint(folder: Path) -> Checkpoint:
-    """Read a checkpoint.
+def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
+    """Read a checkpoint; with `policy_only` without the state of the training, whose file may be missing.
 
     Raises:
         CheckpointError: if a file is missing, cut short, altered or no JSON; names it and an older checkpoint.
@@ -167,7 +165,7 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     try:
         # Undecodable text and broken JSON are ValueErrors alike.
         record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
-        for name in (POLICY_FILE, TRAINING_FILE):
+        for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
             content = (folder / name).read_bytes()
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
                 raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
@@ -178,7 +176,7 @@ def load_checkpoint(folder: Path) -> Checkpoint:
         raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain_errors(error, Record)[:3])}") from error
     except ValueError as error:
         raise damaged(folder, f"{RECORD_FILE}: {error}") from error
-    return Checkpoint(record, *tensors)
+    return Checkpoint(record, *tensors, *([{}] if policy_only else []))
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:

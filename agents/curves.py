@@ -60,6 +60,29 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     figure.savefig(path)
 
 
+def draw_validations(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
+    """Draw how long a score takes on its validation tasks, as shares of the rules' times.
+
+    Args:
+        rows: generation, time over that of the rule that evolution starts from, time over that of `nearest`.
+        path: PNG to write.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.6), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    generations, over_rule, over_nearest = zip(*rows, strict=True)
+    axes.axhline(1.0, color="0.35", linestyle="--", linewidth=1.0)
+    axes.plot(generations, over_rule, color="C0", marker=".", label="of gain_over_cost's, which evolution starts from")
+    axes.plot(generations, over_nearest, color="C1", marker=".", label="of nearest's")
+    best = over_rule.index(min(over_rule))
+    axes.plot(generations[best], over_rule[best], color="C0", marker="o", markersize=9, fillstyle="none")
+    axes.set(xlabel="generation", ylabel="time to 95 % as a share, geometric mean", title="Validation tasks")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path)
+
+
 def main() -> None:
     """Draw the curves of several runs of one experiment into one picture."""
     parser = argparse.ArgumentParser(prog="python -m agents.curves", description=main.__doc__)

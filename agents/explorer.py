@@ -160,5 +160,5 @@ def load_trained(path: str | Path) -> PPOExplorer | PPOChooser:
 def _load(path: str | Path) -> tuple[ActorCriticPolicy, Record, str]:
     torch.set_num_threads(1)
     folder = find_checkpoint(path)
-    checkpoint = load_checkpoint(folder)
+    checkpoint = load_checkpoint(folder, policy_only=True)
     return build_policy(checkpoint, folder), checkpoint.record, str(folder)

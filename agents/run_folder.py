@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import platform
 import re
 import shutil
@@ -13,15 +14,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from agents.config import EvolutionConfig, TrainingConfig
-from agents.curves import Row, draw_learning_curve
+from agents.curves import Row, draw_learning_curve, draw_validations
 from envs.files import dump_record, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
-
-
 GENERATIONS = "generations.csv"
 """File of a run of evolution: the values of all individuals."""
+RECORD_FILE = "checkpoint.json"
+"""File of a checkpoint: everything that is not a tensor."""
 
 
 class CheckpointError(RuntimeError):
@@ -40,7 +41,7 @@ def find_checkpoint(path: str | Path) -> Path:
         CheckpointError: if there is none.
     """
     path = Path(path)
-    if re.fullmatch(r"step_\d+", path.name) and path.is_dir():
+    if path.is_dir() and (re.fullmatch(r"step_\d+", path.name) or (path / RECORD_FILE).exists()):
         return path
     if found := list_checkpoints(path):
         return found[-1]
@@ -116,6 +117,23 @@ def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     writer.writerows(rows)
     write_file(run / "evaluations.csv", table.getvalue())
     draw_learning_curve({"PPO": rows}, title, run / "learning_curve.png")
+
+
+def write_validations(run: Path, validated: Sequence[tuple[int, float]], nearest: float) -> None:
+    """Write the validations of an evolution so far as `learning_curve.csv` and draw them as `learning_curve.png`.
+
+    Args:
+        run: the run folder.
+        validated: generations, and mean logarithms of the time over that of the rule that evolution starts from.
+        nearest: the same mean of the rule `nearest`.
+    """
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(("generation", "time_over_rule", "time_over_nearest"))
+    rows = [(generation, math.exp(ratio), math.exp(ratio - nearest)) for generation, ratio in validated]
+    writer.writerows((generation, f"{rule:.4f}", f"{other:.4f}") for generation, rule, other in rows)
+    write_file(run / "learning_curve.csv", table.getvalue())
+    draw_validations(rows, run / "learning_curve.png")
 
 
 def _record(run: Path, config: TrainingConfig | EvolutionConfig) -> None:

@@ -22,16 +22,18 @@ from tqdm import tqdm
 
 from agents.config import EvolutionConfig
 from agents.learned import POLICY
-from agents.run_folder import GENERATIONS, CheckpointError, open_run
+from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
 from envs.files import write_file
 
-from .features import NUM_FEATURES, PRIOR
-from .rollout import compare
+from .features import NEAREST, NUM_FEATURES, PRIOR
+from .rollout import compare, validate
 from .score import FrontierScore
-from .tasks import Task, draw_task
+from .tasks import TARGET, Task, draw_task
 
 VALIDATIONS = "validations.csv"
 """File of a run beside `GENERATIONS`: the policies that were validated."""
+REFERENCE = "nearest.csv"
+"""File of a run: the logarithms of the times of the rule `nearest` over the rule's, one per validation task."""
 GENERATION_SEED, VALIDATION_SEED = 0, 1
 """Streams of random numbers."""
 
@@ -56,14 +58,19 @@ def evolve(
     log = SummaryWriter(str(run / "tensorboard"), purge_step=len(values))
     bar = tqdm(total=config.generations, initial=len(values), disable=not progress, unit="generation")
     with _pool(config.num_workers) as pool, bar, log:
+        if not (nearest := _read(run / REFERENCE, config.validation_tasks)):
+            nearest = [_ratios(pool, tasks, [NEAREST])[:, 0]]
+            _write(run / REFERENCE, nearest)
         for generation in range(config.generations + 1):
             if generation % config.validate_every == 0 or generation == config.generations:
                 if not any(row[0] == generation for row in validated):
                     policy = np.mean(means[generation // 2 :], axis=0) if means else PRIOR
-                    ratios = _ratios(pool, tasks, [policy])
+                    jobs = [pool.submit(validate, task, policy, PRIOR) for task in tasks]
+                    ratios, explored = np.array([job.result() for job in jobs]).T
                     validated.append(np.array([generation, ratios.mean(), *policy]))
                     _write(run / VALIDATIONS, validated)
-                    log.add_scalar("validation/time_over_rule", np.exp(ratios.mean()), generation)
+                    _log_validation(log, generation, ratios, explored, nearest[0])
+                write_validations(run, sorted((int(row[0]), row[1]) for row in validated), nearest[0].mean())
                 bar.set_postfix(time_over_rule=f"{np.exp(validated[-1][1]):.3f}")
             if generation == config.generations:
                 break
@@ -98,6 +105,20 @@ def _ratios(pool: ProcessPoolExecutor, tasks: list[Task], weights: list[np.ndarr
     """Return the logarithms of times over the rule's: shape (tasks, individuals), float64."""
     jobs = [pool.submit(compare, task, weights, PRIOR) for task in tasks]
     return np.array([job.result() for job in jobs])
+
+
+def _log_validation(
+    log: SummaryWriter, generation: int, ratios: np.ndarray, explored: np.ndarray, nearest: np.ndarray
+) -> None:
+    """Log a validation by its tasks: logarithms of times over the rule's, of the score and of `nearest`; fractions."""
+    values = {
+        "time_over_rule": np.exp(ratios.mean()),
+        "time_over_nearest": np.exp((ratios - nearest).mean()),
+        "explored_fraction": explored.mean(),
+        "reached": (explored >= TARGET).mean(),
+    }
+    for name, value in values.items():
+        log.add_scalar(f"validation/{name}", value, generation)
 
 
 def _read(path: Path, width: int) -> list[np.ndarray]:

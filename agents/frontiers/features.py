@@ -74,6 +74,8 @@ LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().l
 """Of the rule that scores start from."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
 """Weights of the rule `gain_over_cost`."""
+NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
+"""Weights of the rule `nearest`."""
 
 
 @njit(cache=True, error_model="numpy")

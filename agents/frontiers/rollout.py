@@ -50,3 +50,12 @@ def compare(task: Task, weights: Sequence[np.ndarray], reference: np.ndarray) ->
     base = explore(env, FrontierScore(reference), task)
     limit = MAX_RATIO * math.exp(base)
     return np.array([explore(env, FrontierScore(row), task, limit) - base for row in weights])
+
+
+def validate(task: Task, weights: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
+    """Return the logarithm of the time of a score over that of a reference, and the explored fraction at its end.
+
+    `weights` and `reference` have the shape (NUM_FEATURES,).
+    """
+    (ratio,) = compare(task, [weights], reference)
+    return float(ratio), make_environment(task).explore.coverage.explored_fraction  # as the score's episode left it

@@ -14,6 +14,7 @@ from envs.files import write_folder
 from envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
+from .tasks import SPLIT
 
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILED = 1e3
@@ -54,8 +55,8 @@ class FrontierScore:
         return np.int64(scores.argmax())
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
-        """Write the weights, and a record of how they were made, to a new folder."""
-        about = {"format": 1, "features": list(NAMES), **record}
+        """Write the weights, and a record of how they were made and of what was held out, to a new folder."""
+        about = {"format": 1, "features": list(NAMES), **SPLIT, **record}
         weights = save({"weights": self.weights})
         write_folder(folder, {WEIGHTS_FILE: weights, RECORD_FILE: json.dumps(about, indent=2) + "\n"})
 

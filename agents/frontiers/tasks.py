@@ -41,6 +41,12 @@ TRAINING_WORLDS = tuple(name for name in WORLD_NAMES if name not in HELD_OUT.wor
 """Worlds of the library that training draws from."""
 TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.robots)
 """Robots of the library that training draws from."""
+SPLIT = {
+    "training_worlds": list(TRAINING_WORLDS),
+    "held_out_worlds": list(HELD_OUT.worlds),
+    "held_out_robots": list(HELD_OUT.robots),
+}
+"""What saved policies record."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,13 +1,15 @@
 """Tasks that training draws, and the evolution of a score."""
 
+import csv
 import shutil
 
 import numpy as np
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import train
 from agents.config import EvolutionConfig
-from agents.frontiers.evolution import VALIDATIONS, evolve
+from agents.frontiers.evolution import REFERENCE, VALIDATIONS, evolve
 from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
@@ -64,6 +66,29 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
     assert isinstance(policy, ScoreExplorer)
     np.testing.assert_array_equal(policy.score.weights, other.score.weights)
     assert len(policy.score.weights) == len(NAMES)
+    assert (part / "learning_curve.csv").read_text() == (whole / "learning_curve.csv").read_text()
+    assert (part / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_validations_are_logged_beside_nearest_which_is_measured_once(tmp_path):
+    config = EvolutionConfig(**TINY, generations=2)
+    run = evolve(config, run=tmp_path / "run", progress=False)
+    (nearest,) = csv.reader((run / REFERENCE).read_text().splitlines())
+    mean = np.mean([float(value) for value in nearest])
+    first, last = csv.DictReader((run / "learning_curve.csv").read_text().splitlines())
+    assert float(first["time_over_rule"]) == 1.0
+    assert float(first["time_over_nearest"]) == pytest.approx(np.exp(-mean), abs=1e-4)
+    assert last["generation"] == "2"
+    (run / REFERENCE).write_text("0.0,1.0\n")
+    evolve(config, resume=run, progress=False)
+    first, _ = csv.DictReader((run / "learning_curve.csv").read_text().splitlines())
+    assert float(first["time_over_nearest"]) == pytest.approx(np.exp(-0.5), abs=1e-4)
+    events = EventAccumulator(str(run / "tensorboard")).Reload()
+    names = ("time_over_rule", "time_over_nearest", "explored_fraction", "reached")
+    logged = {name: [event.value for event in events.Scalars(f"validation/{name}")] for name in names}
+    assert logged["time_over_rule"][0] == 1.0
+    assert logged["reached"][0] == 1.0
+    assert logged["explored_fraction"][0] >= 0.95
 
 
 def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from agents.frontiers.explorer import ScoreExplorer
-from agents.frontiers.features import NAMES, NUM_FEATURES, PRIOR, score_features
+from agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
 from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
 from agents.learned import find_policy, load_policy
 from agents.run_folder import CheckpointError
 from baselines import make_explorer
 from baselines.episode import run_episode
 from baselines.frontier.gain_over_cost import GainOverCost
+from baselines.frontier.nearest import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
@@ -26,8 +27,9 @@ def features_of(env, observation):
 
 
 @pytest.mark.parametrize("make", [ExploreFrontiersAbstractEnv, ExploreFrontiersEnv])
-def test_the_prior_is_the_rule(make):
-    env, rule, policy = make(physics="kinematic", **QUICK), GainOverCost(), FrontierScore()
+@pytest.mark.parametrize(("weights", "rule"), [(PRIOR, GainOverCost()), (NEAREST, nearest)])
+def test_weights_of_rules_choose_as_the_rules_do(make, weights, rule):
+    env, policy = make(physics="kinematic", **QUICK), FrontierScore(weights)
     observation, _ = env.reset(seed=4)
     count = 0
     for _ in range(30):

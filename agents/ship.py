@@ -1,0 +1,67 @@
+"""Make the folder of a policy that comes with the package: `python -m agents.ship RUN agents/pretrained/NAME`.
+
+RUN is a run folder of `train.py`, of evolution or of PPO (its newest checkpoint is taken, without the optimizer). The
+new folder holds the policy, `config.yaml`, the learning curve (`curve.png`, and `curve.csv` that it is drawn from),
+`held_out.yaml` where the run trained on the worlds that it leaves, and `checksums.sha256` of all of these, as
+`sha256sum --check` reads it. The model card, `README.md`, is written by hand; one that is there is kept.
+"""
+
+import hashlib
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from agents.learned import POLICY, find_policy
+from agents.run_folder import find_config
+from envs.files import write_folder
+
+CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
+HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
+
+
+def ship(run: Path, folder: Path) -> None:
+    """Write the folder of a policy, in place of an older one but for its model card.
+
+    Args:
+        run: run folder.
+        folder: to write.
+
+    Raises:
+        CheckpointError: if the run holds no policy.
+        OSError: if its configuration or its learning curve is missing.
+    """
+    policy, config = find_policy(run), find_config(run)
+    is_score = policy.name == POLICY
+    names = sorted(path.name for path in policy.iterdir()) if is_score else ["policy.safetensors", "checkpoint.json"]
+    files = {name: (policy / name).read_bytes() for name in names}
+    files["config.yaml"] = config.read_bytes()
+    files["curve.png"] = (run / "learning_curve.png").read_bytes()
+    files["curve.csv"] = (run / ("learning_curve.csv" if is_score else "evaluations.csv")).read_bytes()
+    if is_score or b"agents.frontiers.tasks:" in files["config.yaml"]:
+        files["held_out.yaml"] = HELD_OUT.read_bytes()
+    sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]
+    files[CHECKSUMS] = "".join(sums).encode()
+    if (folder / MODEL_CARD).exists():
+        files[MODEL_CARD] = (folder / MODEL_CARD).read_bytes()
+    old = folder.with_name(f"{folder.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    write_folder(folder, files)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
+    """Make the folder of a policy that comes with the package.
+
+    Args:
+        run: run folder.
+        folder: to write, `agents/pretrained/NAME`.
+    """
+    ship(run, folder)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,91 @@
+"""Folders of policies that come with the package."""
+
+import hashlib
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from agents.config import EvolutionConfig
+from agents.explorer import PPOExplorer
+from agents.frontiers.evolution import evolve
+from agents.frontiers.explorer import ScoreExplorer
+from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
+from agents.learned import PRETRAINED, find_policy, load_policy
+from agents.run_folder import CheckpointError
+from agents.ship import CHECKSUMS, MODEL_CARD, ship
+from agents.vec_env import make_env
+
+SHIPPED = sorted(folder for folder in PRETRAINED.iterdir() if folder.is_dir())
+
+
+def check_sums(folder):
+    """Hold all files but the model card against the checksums."""
+    lines = (line.split("  ") for line in (folder / CHECKSUMS).read_text().splitlines())
+    sums = {name: digest for digest, name in lines}
+    assert set(sums) == {path.name for path in folder.iterdir()} - {CHECKSUMS, MODEL_CARD}
+    for name, digest in sums.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+
+
+@pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
+def test_what_comes_with_the_package_is_whole_and_was_trained_on_the_split(folder):
+    check_sums(folder)
+    assert (folder / MODEL_CARD).exists()
+    if (folder / "policy.json").exists():
+        record = json.loads((folder / "policy.json").read_text())
+        assert tuple(record["training_worlds"]) == TRAINING_WORLDS
+        assert tuple(record["held_out_worlds"]) == HELD_OUT.worlds
+        assert tuple(record["held_out_robots"]) == HELD_OUT.robots
+    if (folder / "held_out.yaml").exists():
+        now = PRETRAINED.parent / "frontiers" / "held_out.yaml"
+        assert (folder / "held_out.yaml").read_bytes() == now.read_bytes()
+
+
+def test_a_score_is_shipped_and_its_model_card_is_kept(tmp_path):
+    tiny = EvolutionConfig(
+        algorithm="evolution",
+        experiment="tiny",
+        generations=1,
+        population=4,
+        tasks=1,
+        families=("rooms",),
+        validation_tasks=1,
+        num_workers=1,
+    )
+    run, folder = evolve(tiny, run=tmp_path / "run", progress=False), tmp_path / "tiny"
+    folder.mkdir()
+    (folder / MODEL_CARD).write_text("the card")
+    (folder / "older").write_text("of an older policy")
+    ship(run, folder)
+    check_sums(folder)
+    files = {"policy.json", "weights.safetensors", "config.yaml", "curve.png", "curve.csv", "held_out.yaml"}
+    assert {path.name for path in folder.iterdir()} == files | {CHECKSUMS, MODEL_CARD}
+    assert (folder / MODEL_CARD).read_text() == "the card"
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith("tiny")] == ["tiny"]
+    assert isinstance(load_policy(find_policy(folder)), ScoreExplorer)
+
+
+def test_a_policy_of_ppo_is_shipped_without_the_optimizer(tiny_run, tiny_config, tmp_path):
+    folder = tmp_path / "twist"
+    ship(tiny_run, folder)
+    check_sums(folder)
+    files = {"checkpoint.json", "policy.safetensors", "config.yaml", "curve.png", "curve.csv"}
+    assert {path.name for path in folder.iterdir()} == files | {CHECKSUMS}
+    env = make_env(tiny_config.environment, "test")
+    observation, _ = env.reset(seed=1)
+    shipped, trained = load_policy(find_policy(folder)), PPOExplorer.load(tiny_run)
+    for explorer in (shipped, trained):
+        explorer.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(0))
+    np.testing.assert_array_equal(shipped(observation), trained(observation))
+
+
+def test_what_holds_no_policy_is_not_shipped(tiny_run, tmp_path):
+    with pytest.raises(CheckpointError, match="run folder"):
+        ship(tmp_path, tmp_path / "twist")
+    damaged = shutil.copytree(tiny_run, tmp_path / "run")
+    (damaged / "learning_curve.png").unlink()
+    with pytest.raises(FileNotFoundError, match=r"learning_curve\.png"):
+        ship(damaged, tmp_path / "twist")
+    assert not (tmp_path / "twist").exists()
