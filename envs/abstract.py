@@ -26,9 +26,9 @@ DRIFT_LENGTH = 8.0
 """Distance over which the error of the pose forgets its past [m]."""
 
 
-def _segment(lengths: np.ndarray, length: float) -> int:
-    """Return which segment of a path holds the point at a length, by the lengths up to its points, shape (n,) [m]."""
-    return max(min(int(np.searchsorted(lengths, length)), len(lengths) - 1) - 1, 0)
+def _segments(lengths: np.ndarray, at: Any) -> np.ndarray:
+    """Return which segments of a path hold the points at some lengths, by the lengths up to its points, (n,) [m]."""
+    return np.clip(np.searchsorted(lengths, at), 1, len(lengths) - 1) - 1
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
@@ -146,24 +146,24 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         steps = np.diff(path, axis=0)
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
         headings = np.arctan2(steps[:, 1], steps[:, 0])
-        ahead = headings[_segment(lengths, HEADING_DISTANCE)]
+        ahead = headings[_segments(lengths, HEADING_DISTANCE)]
         turn = max(abs(wrap_angle(ahead - start.theta)) - MAX_ARC, 0.0) / self._turn_rate
         farthest = max((max_steps * period - turn) * self._speed, 0.0)
-        end, length, count = min(lengths[-1], farthest), 0.0, 0
-        while True:
-            length = min(length + self._scan_distance, end)
-            x, y = np.interp(length, lengths, path[:, 0]), np.interp(length, lengths, path[:, 1])
-            heading = headings[_segment(lengths, length)]
-            before, count = count, max(round((turn + length / self._speed) / period), 1)
+        end = min(lengths[-1], farthest)
+        stops = np.append(np.arange(self._scan_distance, end, self._scan_distance), end)
+        points = np.interp(stops, lengths, path[:, 0]), np.interp(stops, lengths, path[:, 1])
+        counts = np.maximum(np.rint((turn + stops / self._speed) / period), 1.0).astype(np.int64)
+        rows = zip(*(part.tolist() for part in (*points, headings[_segments(lengths, stops)], counts)), strict=True)
+        before = 0
+        for k, (x, y, heading, count) in enumerate(rows, start=1):
             record["steps"], progress = count, DRIVING
-            if length >= end:
+            if k == len(stops):
                 progress = REACHED if lengths[-1] <= farthest else TIME_UP
             if progress == REACHED and not self._sees_around:
                 target = self.navigator.target or (x, y)
                 heading = math.atan2(target[1] - y, target[0] - x) - self.robot.lidar.mount.yaw
-            yield Pose2D(float(x), float(y), wrap_angle(float(heading))), count - before, progress
-            if length >= end:
-                return
+            yield Pose2D(x, y, wrap_angle(heading)), count - before, progress
+            before = count
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
         """Yield what a turn on the spot comes to, with a scan for each quarter where the lidar does not see around."""
@@ -199,8 +199,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         sensors.draw([rng])
         sensors.sense(simulator.rows, segments, simulator.circles)
         reading = sensors.readings(simulator.steps * explore.control_period)[0]
-        if self._false_returns > 0.0:
-            beams = rng.integers(len(reading.ranges), size=rng.binomial(len(reading.ranges), self._false_returns))
+        num_beams = len(reading.ranges)
+        if num_false := rng.binomial(num_beams, self._false_returns):
+            beams = rng.integers(num_beams, size=num_false)
             reading.ranges[beams] = np.fmin(reading.ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
         robot.reading = reading
         truth.update(simulator.states[0])
@@ -212,5 +213,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     def _is_free(self, pose: Pose2D) -> bool:
         """Tell whether the robot can be at a true pose, or in a cell of the raster beside it."""
         area = self.explore.coverage.area
-        row, col = area.walls.cells(np.array(pose[:2])).tolist()
+        (left, bottom), side = area.walls.origin, area.walls.resolution
+        row, col = math.floor((pose.y - bottom) / side), math.floor((pose.x - left) / side)
         return bool(area.traversable[max(row - 1, 0) : max(row + 2, 0), max(col - 1, 0) : max(col + 2, 0)].any())
