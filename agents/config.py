@@ -179,8 +179,8 @@ class EvolutionConfig(Section):
     """Individuals of a generation."""
     tasks: PositiveInt = 24
     """Episodes that every individual of a generation explores."""
-    sigma: PositiveFloat = 0.2
-    """First standard deviation of every weight."""
+    sigma: PositiveFloat = 0.06
+    """First standard deviation of every weight, times the spread of its feature."""
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
     """Procedural families of the training worlds."""
     validation_tasks: PositiveInt = 240

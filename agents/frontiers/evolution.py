@@ -1,17 +1,18 @@
 """Evolution of a score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
 
 Every generation draws tasks, and every individual explores all of them: common worlds, starts and noise take most of
-the chance out of the comparison. What is minimised is the mean logarithm of the time over that of the rule that
-evolution starts from. The policy is the average of the distribution's means over the second half of the generations
-(Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", 1992): single means differ by less than
-validation can tell. Validation, on tasks of its own that are drawn once, reports and selects nothing.
+the chance out of the comparison. Weights are counted in units of 1 over the spread of their feature among the best
+candidates of a decision, so that a step in any direction changes about as many decisions. What is minimised is the mean
+logarithm of the time over that of the rule that evolution starts from. The policy is the average of the distribution's
+means over the second half of the generations (Polyak and Juditsky, "Acceleration of stochastic approximation by
+averaging", 1992): single means differ by less than validation can tell. Validation, on tasks of its own that are drawn
+once, reports and selects nothing.
 """
 
 import csv
 import io
 import multiprocessing
 import shutil
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_vali
 from envs.files import write_file
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
-from .rollout import compare, validate
+from .rollout import compare, feature_variances, validate
 from .score import FrontierScore
 from .tasks import TARGET, Task, draw_task
 
@@ -34,8 +35,10 @@ VALIDATIONS = "validations.csv"
 """File of a run beside `GENERATIONS`: the policies that were validated."""
 REFERENCE = "nearest.csv"
 """File of a run: the logarithms of the times of the rule `nearest` over the rule's, one per validation task."""
-GENERATION_SEED, VALIDATION_SEED = 0, 1
+GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
 """Streams of random numbers."""
+LEAST_SPREAD = 0.02
+"""Spread of features that hardly ever differ."""
 
 
 def evolve(
@@ -53,18 +56,20 @@ def evolve(
     values = _read(run / GENERATIONS, config.population)
     means: list[np.ndarray] = []
     validated = _read(run / VALIDATIONS, 2 + NUM_FEATURES)
-    strategy = CMA(PRIOR.copy(), config.sigma, seed=config.seed, population_size=config.population)
-    tasks = [draw_task(rng, config.families) for rng in _streams(config.seed, VALIDATION_SEED, config.validation_tasks)]
+    strategy = CMA(np.zeros(NUM_FEATURES), config.sigma, seed=config.seed, population_size=config.population)
+    tasks = _tasks(config, VALIDATION_SEED, config.validation_tasks)
     log = SummaryWriter(str(run / "tensorboard"), purge_step=len(values))
     bar = tqdm(total=config.generations, initial=len(values), disable=not progress, unit="generation")
     with _pool(config.num_workers) as pool, bar, log:
+        variances = list(pool.map(feature_variances, _tasks(config, SCALING_SEED, config.tasks)))
+        spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
         if not (nearest := _read(run / REFERENCE, config.validation_tasks)):
             nearest = [_ratios(pool, tasks, [NEAREST])[:, 0]]
             _write(run / REFERENCE, nearest)
         for generation in range(config.generations + 1):
             if generation % config.validate_every == 0 or generation == config.generations:
                 if not any(row[0] == generation for row in validated):
-                    policy = np.mean(means[generation // 2 :], axis=0) if means else PRIOR
+                    policy = PRIOR + np.mean(means[generation // 2 :], axis=0) / spread if means else PRIOR
                     jobs = [pool.submit(validate, task, policy, PRIOR) for task in tasks]
                     ratios, explored = np.array([job.result() for job in jobs]).T
                     validated.append(np.array([generation, ratios.mean(), *policy]))
@@ -76,8 +81,8 @@ def evolve(
                 break
             individuals = [strategy.ask() for _ in range(config.population)]
             if generation == len(values):
-                drawn = _streams(config.seed, GENERATION_SEED, config.tasks, generation)
-                ratios = _ratios(pool, [draw_task(rng, config.families) for rng in drawn], individuals)
+                drawn = _tasks(config, GENERATION_SEED, config.tasks, generation)
+                ratios = _ratios(pool, drawn, [PRIOR + individual / spread for individual in individuals])
                 values.append(ratios.mean(axis=0))
                 _write(run / GENERATIONS, values)
                 log.add_scalar("evolution/time_over_rule", np.exp(values[-1].mean()), generation)
@@ -91,10 +96,10 @@ def evolve(
     return run
 
 
-def _streams(seed: int, stream: int, count: int, step: int = 0) -> Iterator[np.random.Generator]:
-    """Yield generators that depend on the numbers given and on their index alone."""
-    for i in range(count):
-        yield np.random.default_rng([seed, stream, step, i])
+def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[Task]:
+    """Draw tasks that depend on the seed, the numbers given and their index alone."""
+    seeds = ([config.seed, stream, step, i] for i in range(count))
+    return [draw_task(np.random.default_rng(seed), config.families) for seed in seeds]
 
 
 def _pool(num_workers: int | None) -> ProcessPoolExecutor:

@@ -7,6 +7,7 @@ import numpy as np
 
 from envs.abstract import ExploreFrontiersAbstractEnv
 
+from .features import NUM_FEATURES
 from .score import FrontierScore
 from .tasks import TARGET, Task, make_environment, make_world
 
@@ -15,6 +16,8 @@ MAX_RATIO = 3.0
 MISSING_COST = 2.0
 """What an episode that ends before the target adds to the logarithm of its time, per explored fraction that is missing.
 """
+NUM_BEST = 5
+"""Best candidates of a decision between which features are told to differ or not."""
 Chooser = Callable[[dict[str, np.ndarray]], np.int64]
 
 
@@ -59,3 +62,20 @@ def validate(task: Task, weights: np.ndarray, reference: np.ndarray) -> tuple[fl
     """
     (ratio,) = compare(task, [weights], reference)
     return float(ratio), make_environment(task).explore.coverage.explored_fraction  # as the score's episode left it
+
+
+def feature_variances(task: Task) -> np.ndarray:
+    """Return how much features differ between the candidates that matter, in one task: shape (NUM_FEATURES,), float64.
+
+    Their variances among the best candidates of each decision, by the rule that scores start from, averaged over an
+    episode of that rule.
+    """
+    rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
+
+    def choose(observation: dict[str, np.ndarray]) -> np.int64:
+        features, scores = rule.rate(observation)
+        variances.append(features[np.argsort(-scores, kind="stable")[:NUM_BEST]].var(axis=0))
+        return np.int64(scores.argmax())
+
+    explore(make_environment(task), choose, task)
+    return np.mean(variances, axis=0)

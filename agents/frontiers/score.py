@@ -45,14 +45,16 @@ class FrontierScore:
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
         """Return the candidate to go to; those that failed come last."""
+        scores = self.rate(observation)[1]
+        return np.int64(scores.argmax() if len(scores) else 0)
+
+    def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return features, shape (k, NUM_FEATURES), and scores, shape (k,), of the candidates, float64."""
         count = int(observation["action_mask"].sum())
-        if count == 0:
-            return np.int64(0)
         features = score_features(
             observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
         )
-        scores = features @ self.weights - FAILED * (features[:, NAMES.index("failures")] > 0)
-        return np.int64(scores.argmax())
+        return features, features @ self.weights - FAILED * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
         """Write the weights, and a record of how they were made and of what was held out, to a new folder."""
