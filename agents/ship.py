@@ -13,8 +13,9 @@ from typing import Annotated
 
 import tyro
 
+from agents.checkpoint import POLICY_FILE
 from agents.learned import POLICY, find_policy
-from agents.run_folder import find_config
+from agents.run_folder import RECORD_FILE
 from envs.files import write_folder
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
@@ -32,11 +33,11 @@ def ship(run: Path, folder: Path) -> None:
         CheckpointError: if the run holds no policy.
         OSError: if its configuration or its learning curve is missing.
     """
-    policy, config = find_policy(run), find_config(run)
+    policy = find_policy(run)
     is_score = policy.name == POLICY
-    names = sorted(path.name for path in policy.iterdir()) if is_score else ["policy.safetensors", "checkpoint.json"]
+    names = sorted(path.name for path in policy.iterdir()) if is_score else [POLICY_FILE, RECORD_FILE]
     files = {name: (policy / name).read_bytes() for name in names}
-    files["config.yaml"] = config.read_bytes()
+    files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
     files["curve.csv"] = (run / ("learning_curve.csv" if is_score else "evaluations.csv")).read_bytes()
     if is_score or b"agents.frontiers.tasks:" in files["config.yaml"]:

@@ -88,10 +88,13 @@ def _mixture(a: style.Colour, b: style.Colour, share: float) -> style.Colour:
     return red, green, blue
 
 
-def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
-    """Save frames of `envs.rendering`, shape (height, width, 3), uint8 each, as an endless GIF of a width [px]."""
+def save_gif(frames: Sequence[np.ndarray], path: Path, width: int = 960, palette: Image.Image | None = None) -> None:
+    """Save frames, shape (height, width, 3), uint8 each, as an endless GIF of a width [px].
+
+    None for the palette takes that of the pictures of `envs.rendering`.
+    """
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
-    palette = _palette()
+    palette = palette or _palette()
     first, *rest = [
         Image.fromarray(frame)
         .resize(size, Image.Resampling.LANCZOS)

@@ -122,7 +122,7 @@ def _root_ticks(end: float) -> list[float]:
 
 def draw_map(trace: Trace, theme: Theme = LIGHT) -> Figure:
     """Draw the final map of an episode over the true walls; free cells are coloured by when they became known."""
-    extent = _extent([trace])
+    extent = extent_of([trace])
     figure = _map_figure(1, 1, extent, 5.0, theme)
     axes = figure.subplots()
     _draw_map(axes, trace, float(trace.curve.time[-1]), float(trace.curve.time[-1]), extent, theme)
@@ -134,7 +134,7 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
 
     Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest.
     """
-    extent = _extent(list(traces.values()))
+    extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
     moments = np.geomspace(max(min(min(ends) / 2, max(ends) / 8), 0.1), max(ends), num_moments)
     figure = _map_figure(len(traces), num_moments, extent, 2.4, theme)
@@ -155,7 +155,7 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
     return figure
 
 
-def _extent(traces: Sequence[Trace]) -> Extent:
+def extent_of(traces: Sequence[Trace]) -> Extent:
     """Return the extent of the true walls with a margin."""
     points = [trace.segments.reshape(-1, 2) for trace in traces] + [trace.circles[:, :2] for trace in traces]
     together = np.concatenate(points)
