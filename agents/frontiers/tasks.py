@@ -20,7 +20,7 @@ SIDES = {"rooms": (7.0, 26.0), "maze": (6.0, 16.0), "warehouse": (12.0, 36.0), "
 """Range of the sides of families' worlds [m]; drawn evenly in their logarithms."""
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 """Lidar ranges of robots that are made up [m]."""
-LEAST_AREA = 3.0
+LEAST_AREA = 8.0
 """Least explorable area, for each metre of the lidar's range up to 8 [m2]: smaller worlds are seen from anywhere."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
 """Sides of map cells [m]; the coarser ones are for larger worlds."""
