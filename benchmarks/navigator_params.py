@@ -4,6 +4,7 @@ Time to 95 % of an explorer with one parameter changed, against the same explore
 physics.
 """
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Annotated
 
@@ -83,12 +84,17 @@ def main(
     starts = [(world, seed) for world in worlds for seed in range(seeds)]
     tasks = [(explorer, change, slam, *start) for change in ("", *changes) for start in starts]
     times = np.reshape(run_each(time_explorer, tasks, jobs, unit="episode"), (1 + len(changes), len(starts)))
+    print_changes(f"{explorer}, {slam}, {len(starts)} paired starts", changes, times)
+
+
+def print_changes(title: str, changes: Sequence[str], times: np.ndarray) -> None:
+    """Print what changes do to times [s], shape (1 + changes, starts): without a change, and with each."""
     table = Table("change", "time to 95 %, mean change and 95 % interval", "earlier", "later")
     for change, ratios in zip(changes, np.log(times[1:] / times[0]), strict=True):
         mean, margin = 100.0 * ratios.mean(), 196.0 * ratios.std(ddof=1) / np.sqrt(len(ratios))
         sooner, later = np.count_nonzero(ratios < 0), np.count_nonzero(ratios > 0)
         table.add_row(change, f"{mean:+.1f} % ± {margin:.1f}", str(sooner), str(later))
-    Console().print(f"{explorer}, {slam}, {len(starts)} paired starts", table)
+    Console().print(title, table)
 
 
 if __name__ == "__main__":
