@@ -32,8 +32,8 @@ NUM_FRAMES = 64
 INTRO = (
     "Three explorers meet in a house that no training saw: a score of frontiers that was evolved on other worlds and "
     "comes with the package (learned), the classic rule that its evolution started from (gain_over_cost), and a score "
-    "that was evolved just now, for a minute (fresh; the rule itself, if nothing better was validated). None sees ground "
-    "truth: map and pose come from Hector SLAM."
+    "that was evolved just now, for a minute (fresh; the rule itself, if nothing better was validated). None sees "
+    "ground truth: map and pose come from Hector SLAM."
 )
 """First lines of the report."""
 
