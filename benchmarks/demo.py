@@ -27,7 +27,7 @@ WORLD = "turtlebot3_house"
 """Where the explorers meet. No training has seen it: `agents/frontiers/held_out.yaml` names it."""
 LEARNED, CLASSIC, FRESH = "learned", "gain_over_cost", "fresh"
 """The explorer that comes with the package, the best classic one, and the one that the demo trains."""
-NUM_FRAMES = 64
+NUM_FRAMES = 48
 """Pictures in the film."""
 INTRO = (
     "Three explorers meet in a house that no training saw: a score of frontiers that was evolved on other worlds and "
