@@ -27,12 +27,13 @@ WORLD = "turtlebot3_house"
 """Where the explorers meet. No training has seen it: `agents/frontiers/held_out.yaml` names it."""
 LEARNED, CLASSIC, FRESH = "learned", "gain_over_cost", "fresh"
 """The explorer that comes with the package, the best classic one, and the one that the demo trains."""
-NUM_FRAMES = 64
+NUM_FRAMES = 48
 """Pictures in the film."""
 INTRO = (
     "Three explorers meet in a house that no training saw: a score of frontiers that was evolved on other worlds and "
     "comes with the package (learned), the classic rule that its evolution started from (gain_over_cost), and a score "
-    "that was evolved just now, for a minute (fresh). None sees ground truth: map and pose come from Hector SLAM."
+    "that was evolved just now, for a minute (fresh; the rule itself, if nothing better was validated). None sees "
+    "ground truth: map and pose come from Hector SLAM."
 )
 """First lines of the report."""
 
