@@ -25,6 +25,7 @@ from agents.config import EvolutionConfig
 from agents.learned import POLICY
 from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
 from envs.files import write_file
+from envs.processes import start_worker
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances, validate
@@ -103,7 +104,7 @@ def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> l
 
 
 def _pool(num_workers: int | None) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(num_workers, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(num_workers, multiprocessing.get_context("spawn"), start_worker)
 
 
 def _ratios(pool: ProcessPoolExecutor, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:

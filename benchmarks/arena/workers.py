@@ -3,10 +3,6 @@
 import contextlib
 import logging
 import multiprocessing
-import multiprocessing.connection
-import os
-import signal
-import threading
 import traceback
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -26,6 +22,7 @@ from benchmarks.arena.policies import Policy
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
+from envs.processes import start_worker
 from envs.wrappers import BagRecorder
 
 MAX_RETRIES = 1
@@ -73,7 +70,7 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
         return
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(tasks)), context, _start_worker) as pool:
+    with ProcessPoolExecutor(min(jobs, len(tasks)), context, start_worker) as pool:
         try:
             # No list of futures: each would keep its trace until the end.
             for future in as_completed([pool.submit(run_in_worker, task) for task in tasks]):
@@ -175,19 +172,3 @@ def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy
 
 
 _worker = _Worker()
-
-
-def _start_worker() -> None:
-    # Ctrl-C reaches every process of the terminal: workers go at once and without a word, the parent tells.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Workers are as many as the cores, so each computes with one thread. Set before torch is imported.
-    os.environ["OMP_NUM_THREADS"] = "1"
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
-
-
-def _follow(parent: int) -> None:
-    """End this process when its parent has died: a worker would wait for tasks for ever."""
-    multiprocessing.connection.wait([parent])
-    os._exit(1)
