@@ -36,7 +36,7 @@ def pursue(plan: Tensor) -> Tensor:
 
 
 class PursuitPolicy(MultiInputActorCriticPolicy):
-    """A Gaussian policy whose mean is `weight * pursue(plan)` plus what the network says, which is nearly 0 at first."""
+    """A Gaussian policy; its mean is `weight * pursue(plan)` plus what the network says, which is nearly 0 at first."""
 
     def __init__(
         self,
