@@ -11,32 +11,36 @@ from torch import Tensor
 
 Observations = dict[str, Tensor]
 
-TURN = 0.8
+TURN = 1.2
 """Yaw rate of the guess over the direction of the path, as a fraction of the robot's limit [1/rad]."""
 SPIN = 0.4
 """Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
-WIDTH = 7
-"""Numbers of a candidate in `plan`."""
+BACK = -0.3
+"""Forward speed of the guess in contact, as a fraction of the robot's limit."""
+BUMPER, PRESENT = 4, 8
+"""Index in `motion` of the bumper, and in `plan` of whether there is a path."""
 
 
-def pursue(plan: Tensor) -> Tensor:
-    """Return the twist that turns towards the near point of the best path, and drives where that lies ahead.
+def pursue(plan: Tensor, motion: Tensor) -> Tensor:
+    """Return the twist that turns towards the nearest point shown of the best path, and drives where that lies ahead.
 
-    Forward speed is the square of the direction's cosine, and 0 where that is negative.
+    Forward speed is the cosine of the direction, and 0 where that is negative. In contact the robot backs up.
 
     Args:
         plan: shape (batch, n), see `envs.observations.Plan`.
+        motion: shape (batch, 6), see `envs.observations.Motion`.
 
     Returns:
         Shape (batch, 2), float32: forward speed and yaw rate over the robot's limits.
     """
-    cosine, sine, present = plan[:, 0], plan[:, 1], plan[:, WIDTH - 1]
+    cosine, sine, present, bumper = plan[:, 0], plan[:, 1], plan[:, PRESENT], motion[:, BUMPER]
     turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
-    return torch.stack([cosine.clamp_min(0.0).square(), present * turn + (1.0 - present) * SPIN], dim=1)
+    speed = (1.0 - bumper) * cosine.clamp_min(0.0) + bumper * BACK
+    return torch.stack([speed, present * turn + (1.0 - present) * SPIN], dim=1)
 
 
 class PursuitPolicy(MultiInputActorCriticPolicy):
-    """A Gaussian policy; its mean is `weight * pursue(plan)` plus what the network says, which is nearly 0 at first."""
+    """A Gaussian policy; its mean is `weight * pursue(...)` plus what the network says, which is nearly 0 at first."""
 
     def __init__(
         self,
@@ -78,5 +82,5 @@ class PursuitPolicy(MultiInputActorCriticPolicy):
         """Return the distribution of the actions, and the values, shape (batch, 1)."""
         assert isinstance(self.action_dist, DiagGaussianDistribution)
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
-        mean = self.action_net(latent_pi) + self._weight * pursue(obs["plan"])
+        mean = self.action_net(latent_pi) + self._weight * pursue(obs["plan"], obs["motion"])
         return self.action_dist.proba_distribution(mean, self.log_std), self.value_net(latent_vf)

@@ -28,15 +28,16 @@ def corridor():
 def test_points_ahead_are_measured_along_the_path():
     # 1 m along x, then along y; the robot beside its first metre, and looking along y.
     path = np.array([(0.05 * k, 0.0) for k in range(21)] + [(1.0, 0.05 * k) for k in range(1, 21)])
-    out = np.empty(4, dtype=np.float32)
+    out = np.empty(6, dtype=np.float32)
     nearest = look_ahead(path, 0, (0.5, -0.2, 0.5 * math.pi), LOOKAHEADS, out)
     assert nearest == 10
-    # 0.6 m ahead is (1, 0.1), 1.5 m ahead is (1, 1): seen from (0.5, -0.2), forward is y and left is -x.
-    for (cosine, sine), (forward, left) in zip(out.reshape(2, 2), [(0.3, -0.5), (1.2, -0.5)], strict=True):
+    # Ahead are (0.8, 0), (1, 0.1) and (1, 1): seen from (0.5, -0.2), forward is y and left is -x.
+    ahead = [(0.2, -0.3), (0.3, -0.5), (1.2, -0.5)]
+    for (cosine, sine), (forward, left) in zip(out.reshape(3, 2), ahead, strict=True):
         assert (cosine, sine) == pytest.approx(np.array([forward, left]) / math.hypot(forward, left), abs=0.05)
     # Beyond its end, the end counts.
     look_ahead(path, nearest, (1.0, 0.9, 0.0), LOOKAHEADS, out)
-    assert out == pytest.approx([0.0, 1.0, 0.0, 1.0], abs=0.05)
+    assert out == pytest.approx([0.0, 1.0] * 3, abs=0.05)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, -1.5, 3.0])
@@ -45,12 +46,12 @@ def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
         world=corridor(), start=(0.8, 0.8, turn), physics="kinematic", slam="truth", observations=("plan",)
     )
     observation, _ = env.reset(seed=0)
-    best = observation["plan"][:7]
-    for direction in best[:4].reshape(2, 2):
+    best = observation["plan"][:9]
+    for direction in best[:6].reshape(3, 2):
         assert direction == pytest.approx([math.cos(-turn), math.sin(-turn)], abs=0.3)
-    assert best[6] == 1.0
-    assert 0.0 < best[4] < 1.0
-    assert best[5] > 0.2
+    assert best[8] == 1.0
+    assert 0.0 < best[6] < 1.0
+    assert best[7] > 0.2
 
 
 def drive(env, steps, seed):
@@ -73,18 +74,18 @@ def test_who_follows_the_plan_explores_and_sees_it_change():
         assert env.observation_space.contains(observation)
         seen.append(observation["plan"])
     assert env.coverage.explored_fraction >= 0.9
-    assert (np.ptp(seen, axis=0)[:7] > 0.2)[:6].all()  # no number of the first one stays as it is
-    rows = np.array(seen).reshape(-1, 7)
-    present = rows[:, 6] == 1.0
-    assert set(rows[:, 6]) <= {0.0, 1.0}
+    assert (np.ptp(seen, axis=0)[:8] > 0.2).all()  # no number of the first one stays as it is
+    rows = np.array(seen).reshape(-1, 9)
+    present = rows[:, 8] == 1.0
+    assert set(rows[:, 8]) <= {0.0, 1.0}
     assert not rows[~present].any()
-    np.testing.assert_allclose(np.hypot(*rows[present, :4].reshape(-1, 2).T), 1.0, atol=1e-5)
+    np.testing.assert_allclose(np.hypot(*rows[present, :6].reshape(-1, 2).T), 1.0, atol=1e-5)
 
 
 def test_frontiers_are_found_anew_every_so_many_seconds():
     def changes(survey_time):
         env = ExploreEnv(**{**ROOMS, "observations": {"plan": {"survey_time": survey_time}}})
-        costs = [observation["plan"][4] for observation in drive(env, 100, seed=1)]
+        costs = [observation["plan"][6] for observation in drive(env, 100, seed=1)]
         return np.count_nonzero(np.diff(costs))
 
     often, seldom = changes(0.4), changes(4.0)
@@ -121,7 +122,7 @@ def test_each_robot_of_a_team_has_a_plan_of_its_own():
     for _ in range(15):
         observation, *_ = env.step(np.full((2, 2), 0.3, dtype=np.float32))
     first, second = observation["plan"]
-    assert (first[6], second[6]) == (1.0, 1.0)
+    assert (first[8], second[8]) == (1.0, 1.0)
     assert not np.array_equal(first, second)
 
 

@@ -47,7 +47,7 @@ def test_every_part_of_the_observation_reaches_the_features():
 
 
 def test_map_crops_may_be_missing_and_vectors_may_be_added():
-    plan = spaces.Box(-1.0, 1.0, (21,), np.float32)
+    plan = spaces.Box(-1.0, 1.0, (27,), np.float32)
     for parts in ({}, {"map_near": observation_space()["map_near"]}):
         space = spaces.Dict({**{key: observation_space()[key] for key in ("scan", "motion")}, **parts, "plan": plan})
         network = ExplorerFeatures(space)

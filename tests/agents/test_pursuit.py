@@ -11,7 +11,7 @@ from agents.config import TrainingConfig
 from agents.explorer import load_trained
 from agents.learned import find_policy
 from agents.ppo import build_model, mean_action
-from agents.pursuit import SPIN, TURN, pursue
+from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from envs.files import parse_record
 
@@ -32,23 +32,25 @@ TINY = {
 
 
 def plan_of(angle, *, present=1.0):
-    plan = torch.zeros(1, 21)
-    plan[0, :2], plan[0, 6] = torch.tensor([math.cos(angle), math.sin(angle)]) * present, present
+    plan = torch.zeros(1, 27)
+    plan[0, :2], plan[0, 8] = torch.tensor([math.cos(angle), math.sin(angle)]) * present, present
     return plan
 
 
 @pytest.mark.parametrize(
-    ("plan", "twist"),
+    ("plan", "bumper", "twist"),
     [
-        (plan_of(0.0), (1.0, 0.0)),
-        (plan_of(0.5), (math.cos(0.5) ** 2, 0.5 * TURN)),
-        (plan_of(-0.5), (math.cos(0.5) ** 2, -0.5 * TURN)),
-        (plan_of(2.5), (0.0, 1.0)),
-        (plan_of(0.0, present=0.0), (0.0, SPIN)),
+        (plan_of(0.0), 0.0, (1.0, 0.0)),
+        (plan_of(0.5), 0.0, (math.cos(0.5), 0.5 * TURN)),
+        (plan_of(-0.5), 0.0, (math.cos(0.5), -0.5 * TURN)),
+        (plan_of(2.5), 0.0, (0.0, 1.0)),
+        (plan_of(0.5), 1.0, (BACK, 0.5 * TURN)),
+        (plan_of(0.0, present=0.0), 0.0, (0.0, SPIN)),
     ],
 )
-def test_pursuit_turns_to_the_path_and_looks_around_without_one(plan, twist):
-    assert pursue(plan)[0].tolist() == pytest.approx(twist, abs=1e-6)
+def test_pursuit_turns_to_the_path_backs_up_in_contact_and_looks_around_without_a_path(plan, bumper, twist):
+    motion = torch.tensor([[0.5, 0.5, 0.5, 0.5, bumper, 0.5]])
+    assert pursue(plan, motion)[0].tolist() == pytest.approx(twist, abs=1e-6)
 
 
 def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
@@ -56,7 +58,7 @@ def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
     env = GymnasiumVecEnv(make_vector(config.environment, "train", 2))
     model = build_model(config, env)
     observations = env.reset()
-    followed = pursue(torch.as_tensor(observations["plan"])).numpy()
+    followed = pursue(torch.as_tensor(observations["plan"]), torch.as_tensor(observations["motion"])).numpy()
     np.testing.assert_allclose(mean_action(model.policy, observations), followed, atol=0.1)
     before = {name: weight.clone() for name, weight in model.policy.state_dict().items()}
     model.learn(64)
