@@ -4,7 +4,7 @@ import errno
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,15 +17,13 @@ from torch import Tensor
 
 from agents.config import TrainingConfig
 from agents.curves import Row
-from agents.run_folder import CheckpointError, list_checkpoints
+from agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
 from envs.files import explain_errors, write_folder
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""
 TRAINING_FILE = "training.safetensors"
 """The optimizer's moments and the random generators' states."""
-RECORD_FILE = "checkpoint.json"
-"""Everything that is not a tensor."""
 
 
 class BoxRecord(BaseModel):
@@ -129,7 +127,7 @@ class Checkpoint:
     policy: dict[str, Tensor]
     """The network's weights by name."""
     training: dict[str, Tensor]
-    """`optimizer.<weight>.<moment>`, `random.numpy`, `random.torch`."""
+    """`optimizer.<weight>.<moment>`, `random.numpy`, `random.torch`; empty where only the policy was kept."""
 
 
 def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
@@ -139,14 +137,8 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
         CheckpointError: if it cannot be written, a full disk for example; the older ones are untouched.
     """
     folder = run / "checkpoints" / f"step_{checkpoint.record.steps:09d}"
-    tensors = {
-        POLICY_FILE: safetensors.torch.save(checkpoint.policy),
-        TRAINING_FILE: safetensors.torch.save(checkpoint.training),
-    }
-    sha256 = {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}
-    record = checkpoint.record.model_copy(update={"sha256": sha256})
     try:
-        write_folder(folder, {**tensors, RECORD_FILE: record.model_dump_json(indent=1)})
+        _write(checkpoint, folder)
     except OSError as error:
         why = "no space is left on the disk" if error.errno == errno.ENOSPC else error.strerror or str(error)
         older = list_checkpoints(run)
@@ -157,17 +149,33 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
     return folder
 
 
+def save_policy(checkpoint: Checkpoint, folder: Path) -> None:
+    """Write a checkpoint without the state of its training to a new folder: to act, and not to go on from."""
+    _write(replace(checkpoint, training={}), folder)
+
+
+def _write(checkpoint: Checkpoint, folder: Path) -> None:
+    given = {POLICY_FILE: checkpoint.policy, TRAINING_FILE: checkpoint.training}
+    tensors = {name: safetensors.torch.save(content) for name, content in given.items() if content}
+    sha256 = {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}
+    record = checkpoint.record.model_copy(update={"sha256": sha256})
+    write_folder(folder, {**tensors, RECORD_FILE: record.model_dump_json(indent=1)})
+
+
 def load_checkpoint(folder: Path) -> Checkpoint:
     """Read a checkpoint.
 
     Raises:
         CheckpointError: if a file is missing, cut short, altered or no JSON; names it and an older checkpoint.
     """
-    tensors = []
+    tensors: list[dict[str, Tensor]] = []
     try:
         # Undecodable text and broken JSON are ValueErrors alike.
         record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
         for name in (POLICY_FILE, TRAINING_FILE):
+            if name == TRAINING_FILE and name not in record.sha256:  # see `save_policy`
+                tensors.append({})
+                continue
             content = (folder / name).read_bytes()
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
                 raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")

@@ -20,6 +20,8 @@ LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
 
 
+RECORD_FILE = "checkpoint.json"
+"""File of a checkpoint: everything that is not a tensor."""
 GENERATIONS = "generations.csv"
 """File of a run of evolution: the values of all individuals."""
 
@@ -40,7 +42,7 @@ def find_checkpoint(path: str | Path) -> Path:
         CheckpointError: if there is none.
     """
     path = Path(path)
-    if re.fullmatch(r"step_\d+", path.name) and path.is_dir():
+    if (re.fullmatch(r"step_\d+", path.name) and path.is_dir()) or (path / RECORD_FILE).exists():
         return path
     if found := list_checkpoints(path):
         return found[-1]
