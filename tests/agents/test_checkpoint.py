@@ -10,7 +10,7 @@ import pytest
 import safetensors.torch
 import torch
 
-from agents.checkpoint import load_checkpoint, save_checkpoint
+from agents.checkpoint import load_checkpoint, save_checkpoint, save_policy
 from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.vec_env import GymnasiumVecEnv, make_vector
@@ -169,6 +169,21 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_text() == "old"
     assert [other.name for other in tmp_path.iterdir()] == ["table.csv"]
+
+
+def test_a_policy_can_be_kept_without_the_state_of_its_training(run, fresh_model, tmp_path):
+    whole = load_checkpoint(find_checkpoint(run))
+    folder = tmp_path / "policy"
+    save_policy(whole, folder)
+    assert find_checkpoint(folder) == folder
+    kept = load_checkpoint(folder)
+    assert equal_tensors(kept.policy, whole.policy)
+    assert equal_tensors(build_policy(kept, folder).state_dict(), whole.policy)
+    with pytest.raises(CheckpointError, match="lacks the tensor"):
+        restore(fresh_model(), kept, folder)
+    (folder / "policy.safetensors").write_bytes(b"")
+    with pytest.raises(CheckpointError, match="its checksum differs"):
+        load_checkpoint(folder)
 
 
 def test_folders_without_a_checkpoint_are_reported(tmp_path):
