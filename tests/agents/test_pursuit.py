@@ -1,19 +1,21 @@
 """The policy that starts from pursuit of the plan."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 import evaluate
+from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.explorer import load_trained
 from agents.learned import find_policy
 from agents.ppo import build_model, mean_action
 from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
-from envs.files import parse_record
+from envs.files import parse_record, read_record
 
 TINY = {
     "experiment": "tiny",
@@ -89,6 +91,13 @@ def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     assert info["end_reason"] == "covered"
     assert info["time"] < 0.5 * env.unwrapped.time_limit
     assert info["collisions"] <= 1
+
+
+def test_the_policy_of_the_package_was_trained_by_its_configuration():
+    config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
+    record = load_checkpoint(find_policy("pretrained/twist")).record
+    assert record.config == config.model_copy(update={"seed": 1})
+    assert record.steps >= config.total_steps
 
 
 def test_an_evaluation_gives_a_policy_the_observations_that_it_needs(tmp_path):
