@@ -46,6 +46,8 @@ class EnvironmentConfig(Section):
     """Weights of the reward's terms; those left out keep the environment's own."""
     reward_object: str | None = None
     """`module:attribute` of reward weights of your own, terms included; replaces `reward`."""
+    observations: tuple[str, ...] | None = None
+    """Parts of the observation, by name; null leaves them to the environment."""
     clip_actions: bool = False
     """Whether the environment cuts actions to [-1, 1] rather than refuse them. PPO clips them in any case."""
 
@@ -59,8 +61,9 @@ class EnvironmentConfig(Section):
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
         arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
-        if self.max_decision_time is None:  # an argument of some environments only
-            del arguments["max_decision_time"]
+        for name in ("max_decision_time", "observations"):  # arguments of some environments only
+            if arguments[name] is None:
+                del arguments[name]
         return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
 
     @field_validator("vectorization", mode="before")
@@ -122,6 +125,8 @@ class NetworkConfig(Section):
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
     """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
+    pursuit: float = Field(default=0.0, ge=0, le=1)
+    """Weight in the mean of the twist that follows the first path of the observation `plan`; 0 leaves it out."""
 
 
 class DecisionNetworkConfig(Section):

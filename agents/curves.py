@@ -22,7 +22,9 @@ def read_evaluations(run: Path) -> list[Row]:
 
 
 def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Path) -> None:
-    """Draw the explored fraction over training steps, and the area beyond the first scan or the time to the target.
+    """Draw the explored fraction over training steps, and the time to the target coverage.
+
+    Where no run reaches it, the area beyond the first scan is drawn instead.
 
     A line is the mean over episodes; the band spans their quartiles. Explorers that do not learn are level lines.
 
@@ -36,13 +38,14 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(title)
     measures = {"explored_fraction": "explored share of the world"}
-    if all("time_to_target" in row for rows in runs.values() for row in rows):
+    rows = [row for run in runs.values() for row in run]
+    if all("time_to_target" in row for row in rows) and any(row["success"] for row in rows):
         measures["time_to_target"] = "time to the target coverage [s]"
     else:
         measures["gained_area"] = "explored beyond the first scan [m²]"
     for axes, (measure, label) in zip(figure.subplots(1, 2), measures.items(), strict=True):
-        for number, (name, rows) in enumerate(runs.items()):
-            learned = [row for row in rows if row["policy"] == "ppo"]
+        for number, (name, run) in enumerate(runs.items()):
+            learned = [row for row in run if row["policy"] == "ppo"]
             steps = [float(row["steps"]) / 1000 for row in learned]
             axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
             if measure == "explored_fraction":

@@ -37,12 +37,6 @@ class Episode:
     """Contacts."""
     success: float
     """1 if the target coverage was reached, else 0."""
-
-
-@dataclass(frozen=True, slots=True)
-class DecisionEpisode(Episode):
-    """The measures of an episode in which frontiers were chosen."""
-
     time_to_target: float
     """Until the target coverage, or the time limit if it was not reached [s]."""
 
@@ -94,12 +88,9 @@ class Evaluator:
             names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
             measures = {name: float(getattr(episode, name)) for name in names}
             measures |= {"explored_area": episode.explored_fraction * area, "gained_area": gained}
-            if self._chooses:
-                curve, target = episode.curve, exploration.target_coverage
-                time = min(first_at(curve.time, curve.explored_fraction, target), episode.time_limit)
-                episodes.append(DecisionEpisode(time_to_target=time, **measures))
-            else:
-                episodes.append(Episode(**measures))
+            curve, target = episode.curve, exploration.target_coverage
+            time = min(first_at(curve.time, curve.explored_fraction, target), episode.time_limit)
+            episodes.append(Episode(time_to_target=time, **measures))
         env.close()
         return episodes
 
@@ -114,7 +105,7 @@ def run_episodes(
         act: gives the actions for a batch of observations: shape (num_envs, num_actions), or (num_envs,) of choices.
 
     Returns:
-        The episodes by environment; `DecisionEpisode` where actions are choices.
+        The episodes by environment.
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = np.array(vector.call("time_limit"))  # type: ignore[attr-defined]  # all that there are have it
@@ -136,11 +127,8 @@ def run_episodes(
             final["success"] = final.pop("is_success")
             final["gained_area"] = final["explored_area"] - float(first_area[i])
             final["area_under_curve"] = float(integral[i] + fractions[i] * (1.0 - now[i]))
-            if isinstance(vector.single_action_space, spaces.Discrete):
-                time = float(info["final_info"]["time"][i]) if final["success"] else float(limits[i])
-                episodes[i] = DecisionEpisode(time_to_target=time, **final)
-            else:
-                episodes[i] = Episode(**final)
+            time = float(info["final_info"]["time"][i]) if final["success"] else float(limits[i])
+            episodes[i] = Episode(time_to_target=time, **final)
     return [episodes[i] for i in range(vector.num_envs)]
 
 

@@ -34,6 +34,8 @@ class _TrainedPolicy:
             raise CheckpointError(f"{name} has actions {record.action}, which {type(self).__name__} does not take")
         self._policy, self._record, self._name = policy, record, name
         self._deterministic = deterministic
+        self.observations = record.config.environment.observations
+        """Parts of the observation that it needs, by name; None for the environment's own."""
         self._needed = {
             key: (space.shape, str(space.dtype))
             for key, space in ((key, described.space()) for key, described in record.observation.items())

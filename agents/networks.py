@@ -12,37 +12,46 @@ PATCH = 10
 """Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
 SECTORS = 40
 """Number of angles into which the scan is pooled; fewer for a lidar with fewer beams."""
+NEEDED = ("scan", "motion")
+"""Observations that every network reads."""
 
 
 class ExplorerFeatures(BaseFeaturesExtractor):
-    """A patch convolution on each map crop, sector pooling on the scan, a small layer on the motion state.
+    """A patch convolution on each map crop, sector pooling on the scan, a small layer on each other vector.
 
-    A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall lies within
-    a patch matters less than that it does.
+    Reads `scan` and `motion`, and whatever else there is: parts with three axes are map crops, those with one are
+    vectors. A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall lies
+    within a patch matters less than that it does.
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
         """Build the layers for an observation space, with features of a width and convolutions of some channels.
 
         Raises:
-            ValueError: if `scan`, `map_near`, `map_far` or `motion` is missing, or crops cannot be cut into patches.
+            ValueError: if `scan` or `motion` is missing, crops cannot be cut into patches, or a part is neither a crop
+                nor a vector.
         """
         super().__init__(observation_space, features_dim)
-        needed = ("scan", "map_near", "map_far", "motion")
-        if missing := [key for key in needed if key not in observation_space.spaces]:
+        if missing := [key for key in NEEDED if key not in observation_space.spaces]:
             raise ValueError(
-                f"the network reads the observations {list(needed)}, but the observation space lacks {missing}; "
+                f"the network reads the observations {list(NEEDED)}, but the observation space lacks {missing}; "
                 f"it has {sorted(observation_space.spaces)}"
             )
-        shapes = {key: tuple(observation_space[key].shape or ()) for key in needed}
-        self.map_near = MapPatches(shapes["map_near"], channels)
-        self.map_far = MapPatches(shapes["map_far"], channels)
+        shapes = {key: tuple(space.shape or ()) for key, space in observation_space.spaces.items()}
+        if unfit := [f"{key} {shape}" for key, shape in shapes.items() if len(shape) not in (1, 3)]:
+            raise ValueError(f"the network reads vectors and map crops, and neither are {unfit}")
+        self.crops = [key for key in sorted(shapes, reverse=True) if len(shapes[key]) == 3]  # the nearer one first
+        self.vectors = [key for key in sorted(shapes) if len(shapes[key]) == 1 and key not in NEEDED]
+        for key in self.crops:
+            self.add_module(key, MapPatches(shapes[key], channels))
         num_beams = shapes["scan"][0]
         beams_per_sector = math.ceil(num_beams / SECTORS)
         self.nearest = nn.MaxPool1d(beams_per_sector, ceil_mode=True)
         self.share = nn.AvgPool1d(beams_per_sector, ceil_mode=True)
         self.scan = nn.Sequential(nn.Linear(2 * math.ceil(num_beams / beams_per_sector), 64), nn.ReLU())
         self.motion = nn.Sequential(nn.Linear(shapes["motion"][0], 32), nn.ReLU())
+        for key in self.vectors:
+            self.add_module(key, nn.Sequential(nn.Linear(shapes[key][0], 64), nn.ReLU()))
         with torch.no_grad():
             sample = {key: torch.zeros(1, *shape) for key, shape in shapes.items()}
             width = self._encode(sample).shape[1]
@@ -58,12 +67,9 @@ class ExplorerFeatures(BaseFeaturesExtractor):
         # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
         invalid = (scan == 0).float()
         nearness = (1.0 - scan) * (1.0 - invalid)
-        parts = [
-            self.map_near(observations["map_near"]),
-            self.map_far(observations["map_far"]),
-            self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)),
-            self.motion(observations["motion"]),
-        ]
+        parts = [self.get_submodule(key)(observations[key]) for key in self.crops]
+        parts.append(self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)))
+        parts += [self.get_submodule(key)(observations[key]) for key in ("motion", *self.vectors)]
         return torch.cat(parts, dim=1)
 
 

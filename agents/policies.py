@@ -59,6 +59,20 @@ def level_of(value: Any) -> Level:
     return level
 
 
+def observations_of(value: Any) -> tuple[str, ...] | None:
+    """Return the parts of the observation that a policy needs, as its attribute `observations` says; None if nothing.
+
+    Raises:
+        ValueError: if it is not a sequence of names.
+    """
+    parts = getattr(value, "observations", None)
+    if parts is None:
+        return None
+    if isinstance(parts, str) or not all(isinstance(part, str) for part in parts):
+        raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")
+    return tuple(parts)
+
+
 class CalledPolicy:
     """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3.
 

@@ -16,6 +16,7 @@ from agents.config import NetworkConfig, TrainingConfig
 from agents.curves import Row
 from agents.frontiers.policy import FrontierPolicy
 from agents.networks import ExplorerFeatures
+from agents.pursuit import PursuitPolicy
 from agents.run_folder import CheckpointError
 from agents.vec_env import Observations
 
@@ -182,7 +183,10 @@ def _policy(config: TrainingConfig, action_space: spaces.Space) -> tuple[type[Ac
     """Return the policy for an action space, and its own arguments."""
     if isinstance(action_space, spaces.Discrete):
         return FrontierPolicy, config.decision_network.model_dump()
-    return MultiInputActorCriticPolicy, _policy_arguments(config.network)
+    arguments = _policy_arguments(config.network)
+    if config.network.pursuit:
+        return PursuitPolicy, {**arguments, "weight": config.network.pursuit}
+    return MultiInputActorCriticPolicy, arguments
 
 
 def _policy_arguments(network: NetworkConfig) -> dict[str, Any]:

@@ -112,7 +112,8 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
 def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     table = io.StringIO()
-    writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
+    names = dict.fromkeys(name for row in rows for name in row)  # rows of an older version lack some
+    writer = csv.DictWriter(table, fieldnames=list(names), restval="nan", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     write_file(run / "evaluations.csv", table.getvalue())

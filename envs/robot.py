@@ -38,7 +38,8 @@ class Robot:
         self.estimator = estimator
         self.odometry = odometry
         self.ground_truth = ground_truth
-        self._period = control_period
+        self.control_period = control_period
+        """Time between two readings [s]."""
         self.peers: list[Robot] = []
         """The other robots of a team, which tell this one their poses."""
         self._peer_filter = PeerFilter(params)
@@ -76,7 +77,7 @@ class Robot:
         self.collisions += reading.bumper and not self.reading.bumper
         self.reading = reading
         motion = self.odometry.update(reading)
-        self.twist = Twist(motion.x / self._period, motion.theta / self._period)
+        self.twist = Twist(motion.x / self.control_period, motion.theta / self.control_period)
         self.motion = motion if self.ground_truth is None else self.ground_truth.update(reading)
         if self.peers:
             self.predicted_pose = self.belief.pose.compose(self.motion)

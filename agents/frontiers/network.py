@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from agents.networks import PATCH, MapPatches
-from baselines.frontier.gain_over_cost import GainOverCostParams
+from envs.navigation import GainOverCostParams
 from envs.navigation.candidate_features import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .score import FAILED

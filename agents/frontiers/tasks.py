@@ -100,14 +100,33 @@ def validation_world(rng: np.random.Generator) -> World:
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
+def sized_training_world(rng: np.random.Generator) -> World:
+    """Draw a world of a procedural family, of any size, as `environment.world`; none is of the test split."""
+    return _draw_sized(rng, 0)
+
+
+def sized_validation_world(rng: np.random.Generator) -> World:
+    """Draw the same of the families' test split, as `evaluation.world`."""
+    return _draw_sized(rng, 1)
+
+
+def _draw_sized(rng: np.random.Generator, parity: int) -> World:
+    family = str(rng.choice(tuple(SIDES)))
+    return FAMILIES[family](2 * int(rng.integers(2**30)) + parity, _draw_size(rng, family))
+
+
+def _draw_size(rng: np.random.Generator, family: str) -> tuple[float, float]:
+    low, high = SIDES[family]
+    width, height = np.exp(rng.uniform(math.log(low), math.log(high), 2)).tolist()
+    return width, height
+
+
 def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
     if not families or rng.random() < LIBRARY_SHARE:
         world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
     else:
         world = str(rng.choice(families))
-        low, high = SIDES[world]
-        width, height = np.exp(rng.uniform(math.log(low), math.log(high), 2)).tolist()
-        size = (width, height)
+        size = _draw_size(rng, world)
     is_family = world in FAMILIES
     robot = draw_robot(rng, 0.24 if is_family else 0.16)
     area = size[0] * size[1] if is_family else 150.0

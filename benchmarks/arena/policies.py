@@ -8,7 +8,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from agents.policies import Level, level_of, make_policy
+from agents.policies import Level, level_of, make_policy, observations_of
 from baselines import EXPLORERS
 from baselines.explorer import Explorer, ObservationPolicy
 from envs.files import load_object, resolve
@@ -29,6 +29,8 @@ class Policy:
     given: Any = None
     """The policy itself, where it was given in Python."""
     level: Level = "twist"
+    observations: tuple[str, ...] | None = None
+    """Parts of the observation that it needs; None for the environment's own."""
 
     def make(self, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
         """Make the policy for an action space."""
@@ -66,7 +68,7 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
         folder = find_policy(rest).resolve()
         policy = Policy(label, "ppo", str(folder))
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
-        return replace(policy, fingerprint=fingerprint(folder), level=level_of(made))
+        return replace(_checked(policy, made), fingerprint=fingerprint(folder))
     if what in EXPLORERS:
         return Policy(label, what)
     if not rest:
@@ -75,6 +77,7 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
 
 
 def _checked(policy: Policy, source: Any) -> Policy:
-    """Return a policy of the user's own with its level, after making it once."""
+    """Return a policy with its level and observations, after making it once."""
     made = make_policy(source)
-    return replace(policy, level=level_of(made if hasattr(made, "level") else source))
+    said = made if hasattr(made, "level") else source
+    return replace(policy, level=level_of(said), observations=observations_of(said))

@@ -164,9 +164,9 @@ class Evaluation:
 
     def _check_fit(self, tasks: Sequence[Task]) -> None:
         """See that every policy gets along with one of its environments; in others, its episodes will say so."""
-        groups: dict[tuple[Case, Level], list[Task]] = {}
+        groups: dict[tuple[Case, Level, tuple[str, ...] | None], list[Task]] = {}
         for task in tasks:
-            groups.setdefault((task.case, task.policy.level), []).append(task)
+            groups.setdefault((task.case, task.policy.level, task.policy.observations), []).append(task)
         pending = {task.policy.name for task in tasks}
         first: Exception | None = None
         for here in groups.values():

@@ -40,12 +40,15 @@ class Case:
         render_mode: str | None = None,
         level: Level = "twist",
         given: Mapping[str, Any] = MappingProxyType({}),
+        observations: tuple[str, ...] | None = None,
     ) -> gymnasium.Env[Any, Any]:
         """Make the environment, in which policies decide at a level; procedural families draw from their test split.
 
         `time_limit` is the length of an episode [s], None lets the environment choose it for the world. `given` holds
-        worlds, robots and SLAMs of the user's own that names stand for.
+        worlds, robots and SLAMs of the user's own that names stand for. `observations` are the parts of the
+        observation, None for the environment's own.
         """
+        parts: dict[str, Any] = {} if observations is None else {"observations": observations}
         return gymnasium.make(
             IDS[level],
             world=given.get(self.world, self.world),
@@ -56,6 +59,7 @@ class Case:
             split="test",
             render_mode=render_mode,
             disable_env_checker=True,
+            **parts,
         )
 
 

@@ -46,7 +46,10 @@ class Task:
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Make the environment."""
-        return self.case.make_env(self.time_limit, level=self.policy.level, given=self.given)
+        policy = self.policy
+        return self.case.make_env(
+            self.time_limit, level=policy.level, given=self.given, observations=policy.observations
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +130,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
-        self._env_key: tuple[Case, float | None, Level] | None = None
+        self._env_key: tuple[Case, float | None, Level, tuple[str, ...] | None] | None = None
         self._explorers: dict[str, Explorer | ObservationPolicy] = {}
 
     def run(self, task: Task) -> Result:
@@ -142,7 +145,7 @@ class _Worker:
             return Result(task.key, reason=f"{said} ({Path(last.filename).name}, line {last.lineno})")
 
     def _run(self, task: Task) -> Result:
-        env_key = (task.case, task.time_limit, task.policy.level)
+        env_key = (task.case, task.time_limit, task.policy.level, task.policy.observations)
         if self._env is None or env_key != self._env_key:
             self.close()
             self._env, self._env_key = task.make_env(), env_key

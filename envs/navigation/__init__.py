@@ -25,6 +25,7 @@ from .params import NavigatorParams, PlanningParams
 from .paths import TravelField, plan_path, travel_field
 from .planning_map import PlanningMap
 from .pursuit import FollowerParams
+from .rating import GainOverCostParams, gain_over_cost
 from .smoothing import smooth_path
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "DwbPlanner",
     "FollowerParams",
     "FrontierNavigator",
+    "GainOverCostParams",
     "LayeredCostmap",
     "LocalPlanner",
     "Navigator",
@@ -56,6 +58,7 @@ __all__ = [
     "crop_to_known",
     "free_distance",
     "frontier_mask",
+    "gain_over_cost",
     "is_path_valid",
     "make_costmap",
     "mark_missing",

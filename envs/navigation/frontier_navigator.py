@@ -115,11 +115,16 @@ class FrontierNavigator:
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
         self._has_changed = True
-        count = self._write_path(self.candidates.costmap.costs, tuple(self._found["goal"][index].tolist()))
+        count = self._write_candidate_path(index, self._path)
         view = self.candidates.frontiers[index].tolist()
         self.target = (view[0], view[1])
         goal = self.candidates.viewpoints[index].tolist()
         self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self.target, num_points=count)
+
+    def path_to(self, index: int) -> np.ndarray:
+        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; to be asked when a choice is due."""
+        path = np.empty((MAX_POINTS, 2))
+        return path[: self._write_candidate_path(index, path)]
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
@@ -331,14 +336,18 @@ class FrontierNavigator:
         end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
         if end[0] < 0:
             return False
-        self.navigator.follow(self._path, num_points=self._write_path(layer.costs, end))
+        self.navigator.follow(self._path, num_points=self._write_path(layer.costs, end, self._path))
         return True
 
-    def _write_path(self, costs: np.ndarray, cell: tuple[int, ...]) -> int:
-        """Write the path of the last search to a cell, and return how many points it has."""
+    def _write_candidate_path(self, index: int, path: np.ndarray) -> int:
+        cell = tuple(self._found["goal"][index].tolist())
+        return self._write_path(self.candidates.costmap.costs, cell, path)
+
+    def _write_path(self, costs: np.ndarray, cell: tuple[int, ...], path: np.ndarray) -> int:
+        """Write the path of the last search to a cell to `path`, and return how many points it has."""
         planning = self.map
         frame, weights = (*planning.origin, planning.side), planning.tables[self._level].weights
-        return int(write_path(costs, weights, planning.expansion, cell, self._shortcut, frame, self._path))
+        return int(write_path(costs, weights, planning.expansion, cell, self._shortcut, frame, path))
 
     def _fail(self) -> None:
         """Take note that the robot did not get to where it should look at a frontier."""

@@ -10,6 +10,7 @@ from envs.task import ObservationPart
 from .goal import Goal, PoseUncertainty
 from .maps import MapCrop
 from .peers import Peers
+from .plan import Plan
 from .route import RouteAhead
 from .scan import Motion, Scan
 
@@ -22,6 +23,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "map_near": partial(MapCrop, resolution=NEAR_PIXEL),
     "map_far": partial(MapCrop, resolution=FAR_PIXEL),
     "motion": Motion,
+    "plan": Plan,
 }
 """Parts that every task has, by name."""
 
@@ -65,6 +67,7 @@ __all__ = [
     "Motion",
     "Observations",
     "Peers",
+    "Plan",
     "PoseUncertainty",
     "RouteAhead",
     "Scan",

@@ -16,7 +16,7 @@ from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import run_episodes
 from agents.explorer import PPOExplorer
-from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints, write_evaluations
 from agents.training import train
 from agents.vec_env import make_env, make_vector
 from baselines.episode import run_episode
@@ -56,6 +56,13 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
 def read_csv(run):
     with open(run / "evaluations.csv", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def test_rows_of_an_older_version_may_lack_a_column(tmp_path):
+    row = {"policy": "ppo", "steps": 0, "explored_fraction": 0.5, "gained_area": 1.0, "success": 0.0}
+    row |= {"explored_fraction_q25": 0.4, "explored_fraction_q75": 0.6}
+    write_evaluations(tmp_path, [row, {**row, "steps": 5, "time_to_target": 9.0}], "older")
+    assert [line["time_to_target"] for line in read_csv(tmp_path)] == ["nan", "9.0"]
 
 
 def logged_evaluations(run, name="explored_fraction"):

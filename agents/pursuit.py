@@ -1,0 +1,86 @@
+"""The policy of PPO that drives, with a first guess by the plan that it sees."""
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import DiagGaussianDistribution
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.type_aliases import Schedule
+from torch import Tensor
+
+Observations = dict[str, Tensor]
+
+TURN = 1.2
+"""Yaw rate of the guess over the direction of the path, as a fraction of the robot's limit [1/rad]."""
+SPIN = 0.4
+"""Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
+BACK = -0.3
+"""Forward speed of the guess in contact, as a fraction of the robot's limit."""
+BUMPER, PRESENT = 4, 8
+"""Index in `motion` of the bumper, and in `plan` of whether there is a path."""
+
+
+def pursue(plan: Tensor, motion: Tensor) -> Tensor:
+    """Return the twist that turns towards the nearest point shown of the best path, and drives where that lies ahead.
+
+    Forward speed is the cosine of the direction, and 0 where that is negative. In contact the robot backs up.
+
+    Args:
+        plan: shape (batch, n), see `envs.observations.Plan`.
+        motion: shape (batch, 6), see `envs.observations.Motion`.
+
+    Returns:
+        Shape (batch, 2), float32: forward speed and yaw rate over the robot's limits.
+    """
+    cosine, sine, present, bumper = plan[:, 0], plan[:, 1], plan[:, PRESENT], motion[:, BUMPER]
+    turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
+    speed = (1.0 - bumper) * cosine.clamp_min(0.0) + bumper * BACK
+    return torch.stack([speed, present * turn + (1.0 - present) * SPIN], dim=1)
+
+
+class PursuitPolicy(MultiInputActorCriticPolicy):
+    """A Gaussian policy; its mean is `weight * pursue(...)` plus what the network says, which is nearly 0 at first."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        *,
+        weight: float = 1.0,
+        **arguments: Any,
+    ) -> None:
+        """Build the network; `arguments` are those of the base class.
+
+        Raises:
+            ValueError: if the observation has no `plan`.
+        """
+        if "plan" not in observation_space.spaces:
+            raise ValueError(
+                "network.pursuit needs the observation `plan`; name it in environment.observations, or set it to 0"
+            )
+        self._weight = weight
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+
+    def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
+        """Return actions, values and the logarithms of the actions' probabilities."""
+        distribution, values = self._evaluate(obs)
+        actions = distribution.get_actions(deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:  # type: ignore[override]
+        """Return values, logarithms of the probabilities of given actions, and entropies."""
+        distribution, values = self._evaluate(obs)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Observations) -> DiagGaussianDistribution:  # type: ignore[override]
+        """Return the distribution of the actions."""
+        return self._evaluate(obs)[0]
+
+    def _evaluate(self, obs: Observations) -> tuple[DiagGaussianDistribution, Tensor]:
+        """Return the distribution of the actions, and the values, shape (batch, 1)."""
+        assert isinstance(self.action_dist, DiagGaussianDistribution)
+        latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
+        mean = self.action_net(latent_pi) + self._weight * pursue(obs["plan"], obs["motion"])
+        return self.action_dist.proba_distribution(mean, self.log_std), self.value_net(latent_vf)

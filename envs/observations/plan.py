@@ -1,0 +1,147 @@
+"""Where a planner would go: ways to the frontiers that are worth most."""
+
+import math
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+
+from envs.navigation import FrontierNavigator, gain_over_cost
+from envs.navigation.candidate_features import HALF_AREA, HALF_COST
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import Twist
+
+LOOKAHEADS = (0.3, 0.6, 1.5)
+"""Distances along a path to the points whose directions are shown [m]. Who steers for 0.6 m alone cuts corners."""
+WIDTH = 2 * len(LOOKAHEADS) + 3
+"""Numbers of a candidate."""
+WINDOW = 60
+"""Points of a path among which the nearest one is looked for: more than a robot drives past between two calls."""
+
+
+@njit(cache=True, error_model="numpy")
+def look_ahead(path, first, pose, distances, out):
+    """Write the directions of points ahead on a path, in the robot's frame; beyond its end that of its last point.
+
+    Args:
+        path: shape (n, 2), float64, n > 0, map frame [m].
+        first: index from which on the point nearest to the robot is looked for.
+        pose: estimate, map frame: x, y [m], theta [rad].
+        distances: increasing lengths of the path from there [m].
+        out: shape (2 * number of distances,), float32, written: cosine and sine of each.
+
+    Returns:
+        Index of the nearest point.
+    """
+    x, y, theta = pose
+    nearest, best = first, np.inf
+    for k in range(first, min(first + WINDOW, path.shape[0])):
+        squared = (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2
+        if squared < best:
+            nearest, best = k, squared
+    at, length = nearest, 0.0
+    for i in range(len(distances)):
+        while at + 1 < path.shape[0] and length < distances[i]:
+            length += math.hypot(path[at + 1, 0] - path[at, 0], path[at + 1, 1] - path[at, 1])
+            at += 1
+        angle = math.atan2(path[at, 1] - y, path[at, 0] - x) - theta
+        out[2 * i], out[2 * i + 1] = math.cos(angle), math.sin(angle)
+    return nearest
+
+
+class Plan:
+    """Ways to the frontiers that the rule `gain_over_cost` values most, nine numbers for each, the best one first.
+
+    Cosine and sine of the direction, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path; its
+    cost as x / (x + 5 m); the unknown area in view of its end as x / (x + 10 m2); and 1. All 0 where there is none.
+
+    Frontiers and paths are those of `FrontierNavigator`, found anew every `survey_time` seconds, and at once when the
+    best one is reached. In between, the paths are followed from the point nearest to the robot. Frontiers that did not
+    vanish when they were visited, or that the robot did not get to, are dropped, as they are for explorers. Where none
+    is left, all are looked for again after the time of a turn on the spot. To be written after each control period.
+    """
+
+    def __init__(self, survey_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
+        """Choose what to show.
+
+        Args:
+            survey_time: time between two searches for frontiers [s].
+            num_candidates: how many are shown.
+            max_candidates: how many are rated at most, the cheapest to get to.
+
+        Raises:
+            ValueError: if one is not positive, or more are shown than rated.
+        """
+        if not survey_time > 0 or not 0 < num_candidates <= max_candidates:
+            raise ValueError(
+                "plan needs a positive survey_time and 0 < num_candidates <= max_candidates, got "
+                f"{survey_time!r}, {num_candidates!r} and {max_candidates!r}"
+            )
+        self._survey_time, self._num, self._max = survey_time, num_candidates, max_candidates
+        self._surveys: dict[Robot, _Survey] = {}
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (9 * num_candidates,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (WIDTH * self._num,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the plan to `out`."""
+        survey = self._surveys.get(robot)
+        if survey is None or survey.trail is not robot.trail:  # of another episode
+            navigator = FrontierNavigator(
+                robot.params, robot.control_period, max_candidates=self._max, max_time=self._survey_time
+            )
+            survey = self._surveys[robot] = _Survey(robot, navigator, self._num)
+        survey.update(robot)
+        survey.write(robot, out.reshape(-1, WIDTH))
+
+
+class _Survey:
+    """Frontiers and paths of one robot in one episode."""
+
+    def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:
+        """Find the first frontiers, of which `num` are kept."""
+        self.trail = robot.trail
+        self._navigator, self._num, self._reading = navigator, num, robot.reading
+        self._paths: list[np.ndarray] = []
+        navigator.begin(robot.reading, robot.belief)
+        self._choose()
+
+    def update(self, robot: Robot) -> None:
+        """Process the last control period, unless that is done."""
+        navigator, belief = self._navigator, robot.belief
+        if robot.reading is self._reading:
+            return
+        self._reading = robot.reading
+        if navigator.navigator.is_recovering:
+            # It counts the periods of its recoveries by the commands, which nobody carries out here.
+            navigator.command(belief)
+        navigator.navigator.note_command(Twist(*robot.action))
+        for peer in robot.peers:
+            navigator.integrate(peer.belief)
+        if belief.update.redrawn and belief.update.correction is not None:
+            self._paths = [belief.update.correction.carry(path) for path in self._paths]
+        if navigator.update(robot.reading, belief) is not None:
+            self._choose()
+
+    def write(self, robot: Robot, rows: np.ndarray) -> None:
+        """Write what there is to see of the frontiers, shape (num, WIDTH), float32."""
+        rows[:] = 0.0
+        for k, path in enumerate(self._paths):
+            self._nearest[k] = look_ahead(path, self._nearest[k], tuple(robot.belief.pose), LOOKAHEADS, rows[k])
+            rows[k, -3:] = self._values[k]
+
+    def _choose(self) -> None:
+        """Take the best of the candidates that were just found."""
+        navigator, candidates = self._navigator, self._navigator.candidates
+        best = np.lexsort((-gain_over_cost(candidates), candidates.failures > 0))[: self._num].tolist()
+        # What is to be seen lies beyond the path's end.
+        self._paths = [np.vstack([navigator.path_to(k), candidates.frontiers[k]]) for k in best]
+        self._nearest = [0] * len(best)
+        costs, visible = candidates.costs[best], candidates.visible[best]
+        self._values = np.column_stack([costs / (costs + HALF_COST), visible / (visible + HALF_AREA), costs >= 0.0])
+        if best:
+            navigator.choose(best[0])
+        else:
+            navigator.look_around()

@@ -1,0 +1,108 @@
+"""The policy that starts from pursuit of the plan."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import evaluate
+from agents.checkpoint import load_checkpoint
+from agents.config import TrainingConfig
+from agents.explorer import load_trained
+from agents.learned import find_policy
+from agents.ppo import build_model, mean_action
+from agents.pursuit import BACK, SPIN, TURN, pursue
+from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
+from envs.files import parse_record, read_record
+
+TINY = {
+    "experiment": "tiny",
+    "total_steps": 64,
+    "num_envs": 2,
+    "environment": {
+        "world": "rooms",
+        "world_size": [7, 7],
+        "observations": ["scan", "motion", "plan"],
+        "num_workers": 0,
+        "target_coverage": 0.95,
+    },
+    "ppo": {"num_steps": 32, "batch_size": 32},
+    "network": {"pursuit": 1.0},
+}
+
+
+def plan_of(angle, *, present=1.0):
+    plan = torch.zeros(1, 27)
+    plan[0, :2], plan[0, 8] = torch.tensor([math.cos(angle), math.sin(angle)]) * present, present
+    return plan
+
+
+@pytest.mark.parametrize(
+    ("plan", "bumper", "twist"),
+    [
+        (plan_of(0.0), 0.0, (1.0, 0.0)),
+        (plan_of(0.5), 0.0, (math.cos(0.5), 0.5 * TURN)),
+        (plan_of(-0.5), 0.0, (math.cos(0.5), -0.5 * TURN)),
+        (plan_of(2.5), 0.0, (0.0, 1.0)),
+        (plan_of(0.5), 1.0, (BACK, 0.5 * TURN)),
+        (plan_of(0.0, present=0.0), 0.0, (0.0, SPIN)),
+    ],
+)
+def test_pursuit_turns_to_the_path_backs_up_in_contact_and_looks_around_without_a_path(plan, bumper, twist):
+    motion = torch.tensor([[0.5, 0.5, 0.5, 0.5, bumper, 0.5]])
+    assert pursue(plan, motion)[0].tolist() == pytest.approx(twist, abs=1e-6)
+
+
+def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
+    config = parse_record(TINY, "tiny", TrainingConfig)
+    env = GymnasiumVecEnv(make_vector(config.environment, "train", 2))
+    model = build_model(config, env)
+    observations = env.reset()
+    followed = pursue(torch.as_tensor(observations["plan"]), torch.as_tensor(observations["motion"])).numpy()
+    np.testing.assert_allclose(mean_action(model.policy, observations), followed, atol=0.1)
+    before = {name: weight.clone() for name, weight in model.policy.state_dict().items()}
+    model.learn(64)
+    after = model.policy.state_dict()
+    assert all((after[name] != before[name]).any() for name in before if name.startswith("features_extractor.plan"))
+    env.close()
+
+
+def test_pursuit_needs_the_plan():
+    environment = {**TINY["environment"], "observations": ["scan", "motion"]}
+    config = parse_record({**TINY, "environment": environment}, "tiny", TrainingConfig)
+    env = GymnasiumVecEnv(make_vector(config.environment, "train", 2))
+    with pytest.raises(ValueError, match="pursuit needs the observation `plan`"):
+        build_model(config, env)
+    env.close()
+
+
+def test_the_policy_of_the_package_explores_a_small_world_without_contact():
+    driver = load_trained(find_policy("pretrained/twist"))
+    config = parse_record(TINY, "tiny", TrainingConfig).environment
+    env = make_env(config.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
+    observation, _ = env.reset(seed=0)
+    driver.reset(env.unwrapped.robot, 0.2, np.random.default_rng(0))
+    over = False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(driver(observation))
+        over = terminated or truncated
+    assert info["end_reason"] == "covered"
+    assert info["time"] < 0.5 * env.unwrapped.time_limit
+    assert info["collisions"] <= 1
+
+
+def test_the_policy_of_the_package_was_trained_by_its_configuration():
+    config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
+    record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
+    assert record.config == config.model_copy(update={"seed": 1})
+    assert record.steps >= config.total_steps
+
+
+def test_an_evaluation_gives_a_policy_the_observations_that_it_needs(tmp_path):
+    options = ["--worlds", "rooms", "--episodes", "1", "--physics", "kinematic", "--time-limit", "12"]
+    policies = ["nearest", "twist=ppo:pretrained/twist"]
+    out = tmp_path / "out"
+    assert evaluate.main(["--policies", *policies, *options, "--out", str(out), "--no-world-sections"]) == 0
+    assert {line.split(",")[0] for line in (out / "episodes.csv").read_text().splitlines()[1:]} == {"nearest", "twist"}

@@ -1,0 +1,132 @@
+"""The observation part `plan`."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from envs.explore import ExploreEnv
+from envs.geometry import Pose2D
+from envs.observations import Plan
+from envs.observations.plan import LOOKAHEADS, look_ahead
+from envs.worlds import World
+from tests.side_by_side import step_both
+
+PARTS = ("scan", "motion", "plan")
+ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0, "observations": PARTS}
+
+
+def corridor():
+    """A corridor of 12 m x 1.6 m: from its one end, all that is unknown lies at the other."""
+    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 1.6), (0.0, 1.6)])
+    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    return World("corridor", walls, np.empty((0, 3)), (Pose2D(0.8, 0.8, 0.0),), (0.0, 0.0, 12.0, 1.6))
+
+
+def test_points_ahead_are_measured_along_the_path():
+    # 1 m along x, then along y; the robot beside its first metre, and looking along y.
+    path = np.array([(0.05 * k, 0.0) for k in range(21)] + [(1.0, 0.05 * k) for k in range(1, 21)])
+    out = np.empty(6, dtype=np.float32)
+    nearest = look_ahead(path, 0, (0.5, -0.2, 0.5 * math.pi), LOOKAHEADS, out)
+    assert nearest == 10
+    # Ahead are (0.8, 0), (1, 0.1) and (1, 1): seen from (0.5, -0.2), forward is y and left is -x.
+    ahead = [(0.2, -0.3), (0.3, -0.5), (1.2, -0.5)]
+    for (cosine, sine), (forward, left) in zip(out.reshape(3, 2), ahead, strict=True):
+        assert (cosine, sine) == pytest.approx(np.array([forward, left]) / math.hypot(forward, left), abs=0.05)
+    # Beyond its end, the end counts.
+    look_ahead(path, nearest, (1.0, 0.9, 0.0), LOOKAHEADS, out)
+    assert out == pytest.approx([0.0, 1.0] * 3, abs=0.05)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, -1.5, 3.0])
+def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
+    env = ExploreEnv(
+        world=corridor(), start=(0.8, 0.8, turn), physics="kinematic", slam="truth", observations=("plan",)
+    )
+    observation, _ = env.reset(seed=0)
+    best = observation["plan"][:9]
+    for direction in best[:6].reshape(3, 2):
+        assert direction == pytest.approx([math.cos(-turn), math.sin(-turn)], abs=0.3)
+    assert best[8] == 1.0
+    assert 0.0 < best[6] < 1.0
+    assert best[7] > 0.2
+
+
+def drive(env, steps, seed):
+    """Follow the first path, and yield what is observed."""
+    observation, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        yield observation
+        cosine, sine = observation["plan"][:2].tolist()
+        action = [max(cosine, 0.0) ** 2, min(max(0.8 * math.atan2(sine, cosine), -1.0), 1.0)]
+        observation, _, terminated, truncated, info = env.step(np.array(action, dtype=np.float32))
+        if terminated or truncated:
+            assert info["end_reason"] == "covered"
+            return
+
+
+def test_who_follows_the_plan_explores_and_sees_it_change():
+    env = ExploreEnv(**ROOMS, target_coverage=0.9)
+    seen = []
+    for observation in drive(env, 2000, seed=0):
+        assert env.observation_space.contains(observation)
+        seen.append(observation["plan"])
+    assert env.coverage.explored_fraction >= 0.9
+    assert (np.ptp(seen, axis=0)[:8] > 0.2).all()  # no number of the first one stays as it is
+    rows = np.array(seen).reshape(-1, 9)
+    present = rows[:, 8] == 1.0
+    assert set(rows[:, 8]) <= {0.0, 1.0}
+    assert not rows[~present].any()
+    np.testing.assert_allclose(np.hypot(*rows[present, :6].reshape(-1, 2).T), 1.0, atol=1e-5)
+
+
+def test_frontiers_are_found_anew_every_so_many_seconds():
+    def changes(survey_time):
+        env = ExploreEnv(**{**ROOMS, "observations": {"plan": {"survey_time": survey_time}}})
+        costs = [observation["plan"][6] for observation in drive(env, 100, seed=1)]
+        return np.count_nonzero(np.diff(costs))
+
+    often, seldom = changes(0.4), changes(4.0)
+    assert often >= 40
+    assert 3 <= seldom <= 25
+
+
+def test_looking_twice_changes_nothing_and_a_reset_begins_anew():
+    env = ExploreEnv(**ROOMS)
+    first = [observation["plan"] for observation in drive(env, 20, seed=3)]
+    np.testing.assert_array_equal(env.observe()["plan"], env.observe()["plan"])
+    again = [observation["plan"] for observation in drive(env, 20, seed=3)]
+    np.testing.assert_array_equal(first, again)
+
+
+def test_vector_environments_equal_single_ones_bit_for_bit():
+    arguments = {**ROOMS, "time_limit": 6.0}
+    mode = AutoresetMode.SAME_STEP
+    ours = gymnasium.make_vec("lidarnaut/Explore-v0", 3, num_workers=2, autoreset_mode=mode, **arguments)
+    theirs = SyncVectorEnv([lambda: ExploreEnv(**arguments)] * 3, autoreset_mode=mode)
+    ours.action_space.seed(0)
+    actions = (np.abs(ours.action_space.sample()) for _ in range(70))
+    ended = sum(np.count_nonzero(truncated) for (_, _, truncated), _ in step_both(ours, theirs, actions))
+    assert ended >= 6
+    ours.close()
+
+
+def test_each_robot_of_a_team_has_a_plan_of_its_own():
+    env = gymnasium.make(
+        "lidarnaut/ExploreTeam-v0", num_robots=2, world="rooms", world_size=(8.0, 8.0), physics="kinematic",
+        observations=("plan",), disable_env_checker=True,
+    )  # fmt: skip
+    observation, _ = env.reset(seed=0)
+    for _ in range(15):
+        observation, *_ = env.step(np.full((2, 2), 0.3, dtype=np.float32))
+    first, second = observation["plan"]
+    assert (first[8], second[8]) == (1.0, 1.0)
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("arguments", [{"survey_time": 0.0}, {"num_candidates": 0}, {"max_candidates": 2}])
+def test_bad_arguments_are_named(arguments):
+    with pytest.raises(ValueError, match="plan needs"):
+        Plan(**arguments)
