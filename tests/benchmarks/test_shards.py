@@ -159,7 +159,7 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
 def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
     assert set(settings.worlds) == {*WORLD_NAMES, *FAMILIES}
-    assert set(settings.policies) == set(baselines.EXPLORERS)
+    assert set(settings.policies) == {*baselines.EXPLORERS, "learned=learned:pretrained/frontiers"}
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 
