@@ -78,8 +78,6 @@ def draw_validations(rows: Sequence[tuple[int, float, float]], path: Path) -> No
     axes.axhline(1.0, color="0.35", linestyle="--", linewidth=1.0)
     axes.plot(generations, over_rule, color="C0", marker=".", label="of gain_over_cost's, which evolution starts from")
     axes.plot(generations, over_nearest, color="C1", marker=".", label="of nearest's")
-    best = over_rule.index(min(over_rule))
-    axes.plot(generations[best], over_rule[best], color="C0", marker="o", markersize=9, fillstyle="none")
     axes.set(xlabel="generation", ylabel="time to 95 % as a share, geometric mean", title="Validation tasks")
     axes.grid(alpha=0.3)
     axes.legend()

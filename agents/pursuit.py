@@ -9,6 +9,8 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from envs.observations.plan import WIDTH
+
 Observations = dict[str, Tensor]
 
 TURN = 1.2
@@ -17,7 +19,7 @@ SPIN = 0.4
 """Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
 BACK = -0.3
 """Forward speed of the guess in contact, as a fraction of the robot's limit."""
-BUMPER, PRESENT = 4, 8
+BUMPER, PRESENT = 4, WIDTH - 1
 """Index in `motion` of the bumper, and in `plan` of whether there is a path."""
 
 
