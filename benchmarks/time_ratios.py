@@ -2,15 +2,16 @@
 
 FOLDER is what `evaluate.py --out` wrote. Geometric means over all pairs, whatever their physics and SLAM; a time that
 was not reached counts as the time limit, one of less than a second as a second. `--groups` adds rows for what training
-has seen and for what was held out from it. With `oracle` among the policies, the last column is the share of the
-oracle's gain on the reference that a policy gains (logarithms of times, interquartile means).
+has seen and for what was held out from it, `--by` rows for each world, robot, physics or SLAM. With `oracle` among the
+policies, the last column is the share of the oracle's gain on the reference that a policy gains (logarithms of times,
+interquartile means).
 """
 
 import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -69,6 +70,10 @@ def _start(row: Row) -> tuple[str, ...]:
     return tuple(row[key] for key in ("world", "robot", "physics", "slam", "seed"))
 
 
+def _starts(rows: Sequence[Row], policy: str) -> set[tuple[str, ...]]:
+    return {_start(row) for row in rows if row["policy"] == policy}
+
+
 def describe(rows: Sequence[Row], policy: str, reference: str) -> list[str]:
     """Return the cells of a policy's row in the table."""
     own, other, reached, other_reached = paired_times(rows, policy, reference)
@@ -76,7 +81,7 @@ def describe(rows: Sequence[Row], policy: str, reference: str) -> list[str]:
     cells = [f"{e.iqm:.3f} [{e.low:.3f}, {e.high:.3f}]" for e in (ratio, better)]
     counts = [str(int(np.concatenate(flags).sum())) for flags in (reached, other_reached)]
     closed = ""
-    starts = [{_start(row) for row in rows if row["policy"] == name} for name in (policy, reference, BOUND)]
+    starts = [_starts(rows, name) for name in (policy, reference, BOUND)]
     if policy != BOUND and (common := set.intersection(*starts)):
         among = [row for row in rows if _start(row) in common]
         gains = [
@@ -89,7 +94,10 @@ def describe(rows: Sequence[Row], policy: str, reference: str) -> list[str]:
 
 
 def main(
-    folder: Annotated[Path, tyro.conf.Positional], reference: str = "gain_over_cost", groups: bool = False
+    folder: Annotated[Path, tyro.conf.Positional],
+    reference: str = "gain_over_cost",
+    groups: bool = False,
+    by: tuple[Literal["world", "robot", "physics", "slam"], ...] = (),
 ) -> None:
     """Print the table.
 
@@ -97,17 +105,23 @@ def main(
         folder: of an evaluation.
         reference: name of the policy that the others are compared with.
         groups: whether to show groups of episodes, too, by what training has seen of them.
+        by: columns of the evaluation, for each value of which there is a group.
     """
     with open(folder / "episodes.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     columns = ("episodes", "policy", "pairs", f"time / {reference}'s", "faster", "reached", f"{reference} reached")
     table = Table(*columns, "gap closed")
     policies = [name for name in dict.fromkeys(row["policy"] for row in rows) if name != reference]
-    for group, holds in GROUPS.items() if groups else list(GROUPS.items())[:1]:
-        if members := [row for row in rows if holds(row)]:
+    tables = {name: [row for row in rows if holds(row)] for name, holds in GROUPS.items() if groups or name == "all"}
+    for column in by:
+        for value in sorted({row[column] for row in rows}):
+            tables[value] = [row for row in rows if row[column] == value]
+    for group, members in tables.items():
+        if members:
             table.add_section()
             for policy in policies:
-                table.add_row(group, *describe(members, policy, reference))
+                if _starts(members, policy) & _starts(members, reference):
+                    table.add_row(group, *describe(members, policy, reference))
     Console(width=180).print(table)
 
 

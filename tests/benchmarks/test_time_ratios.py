@@ -75,3 +75,14 @@ def test_groups_tell_what_training_has_seen(tmp_path, capsys):
         "all that is held out": "8",
     }
     assert all("50 % [50, 50]" in line for line in lines)
+
+
+def test_columns_of_the_evaluation_make_groups(tmp_path, capsys):
+    with open(tmp_path / "episodes.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, ROWS[0].keys())
+        writer.writeheader()
+        writer.writerows(ROWS)
+    main(tmp_path, "slow", by=("world", "slam"))
+    lines = [line for line in capsys.readouterr().out.splitlines() if " fast " in line]
+    assert [line.split()[1] for line in lines] == ["all", "a", "b", "truth"]  # hector: no pairs
+    assert "0.500" in lines[1]
