@@ -50,7 +50,7 @@ def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
 
 
 def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
-    """Return an open leaf of a door of `width` units, opened by 90 to 135 degrees, and whether it is hinged at the right."""
+    """Return the leaf of a door of `width` units, open by 90 to 135 degrees, and whether its hinge is at the right."""
     angle = float(rng.uniform(0.0, 0.25 * math.pi))
     points = np.arange(width)[:, None] * [math.sin(angle), math.cos(angle)]
     xs, ys = np.unique(points.astype(int), axis=0).T.tolist()

@@ -1,7 +1,7 @@
 """Halls: open floors with columns, screens, benches and boxes, from arenas to workshops."""
 
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -30,9 +30,8 @@ def _divide(rng: np.random.Generator, plan: Plan) -> list[Rect]:
     upright = plan.width < plan.height
     solid = plan.solid.T if upright else plan.solid
     x0, y0, x1, y1 = mirror(plan.floor) if upright else plan.floor
-    count = (
-        1 if x1 - x0 < units(9.0) or rng.random() < 0.45 else int(rng.integers(2, 4 if x1 - x0 > units(14.0) else 3))
-    )
+    most = 1 if x1 - x0 < units(9.0) else 2 if x1 - x0 < units(14.0) else 3
+    count = 1 if rng.random() < 0.3 else int(rng.integers(1, most + 1))
     wall = int(rng.integers(2, 6))
     shares = np.cumsum(rng.uniform(1.0, 2.0, size=count))
     cuts = [x0 - wall, *(x0 + (shares[:-1] / shares[-1] * (x1 - x0)).astype(int)).tolist(), x1]
@@ -57,12 +56,11 @@ def _cut_corners(rng: np.random.Generator, plan: Plan, halls: list[Rect]) -> Non
     x0, y0, x1, y1 = plan.floor
     most = min(min(extent(hall, 0)) for hall in halls)
     u, v = (most * rng.uniform(0.1, 0.35, size=2)).tolist()
-    rows, cols = np.mgrid[: plan.height, : plan.width] + 0.5
+    rows, cols = np.ogrid[0.5 : plan.height, 0.5 : plan.width]
     each = rng.random() < 0.6
-    for x in (cols - x0, x1 - cols):
-        for y in (rows - y0, y1 - rows):
-            if each or rng.random() < 0.5:
-                plan.solid |= x / u + y / v < 1.0
+    for x, y in product((cols - x0, x1 - cols), (rows - y0, y1 - rows)):
+        if each or rng.random() < 0.5:
+            plan.solid |= x / u + y / v < 1.0
 
 
 def _angle(rng: np.random.Generator, slanted: float) -> float:
@@ -78,24 +76,22 @@ def _scatter(rng: np.random.Generator, plan: Plan, hall: Rect, items: list[Item]
 
 def _count(rng: np.random.Generator, hall: Rect, low: float, high: float) -> int:
     """Draw how many things a hall holds, for one in each square of a side from `low` to `high` [m]."""
-    width, height = extent(hall, 0)
-    return min(20, max(1, round(width * height / units(rng.uniform(low, high)) ** 2)))
+    return min(20, max(1, round(math.prod(extent(hall, 0)) / units(rng.uniform(low, high)) ** 2)))
 
 
 def _grid(rng: np.random.Generator, plan: Plan, hall: Rect, item: Item, gaps: tuple[int, int]) -> None:
     """Put the same thing in rows and columns about the middle of a hall, with gaps from a range [units]; some lack."""
     side = int(rng.integers(2))
-    lack = rng.choice([0.0, 0.0, 0.25])
     starts = []
     for span, length in zip(extent(hall, side), (item.length, item.depth)):
         pitch = length + int(rng.integers(gaps[0], max(gaps[1], span // 4)))
         number = min((span - gaps[0]) // pitch, int(rng.integers(2, 8)))
         first = (span - (number - 1) * pitch - length) // 2
         starts.append([first + k * pitch for k in range(number)])
-    for along in starts[0]:
-        for gap in starts[1]:
-            if rng.random() >= lack:
-                plan.put(item, hall, side, along, gap)
+    lack = rng.choice([0.0, 0.0, 0.25])
+    for along, gap in product(*starts):
+        if rng.random() >= lack:
+            plan.put(item, hall, side, along, gap)
 
 
 def _put_columns(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
@@ -108,11 +104,10 @@ def _put_columns(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
 
 
 def _put_screens(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    slanted, thickness = rng.choice([0.0, 0.0, 0.5, 1.0]), int(rng.integers(2, 5))
+    slanted, thickness = rng.choice([0.0, 0.0, 0.3, 0.7]), int(rng.integers(2, 5))
+    longest = min(70.0, max(25.0, 0.45 * min(extent(hall, 0))))
     items = []
-    for _ in range(_count(rng, hall, 2.5, 5.0)):
-        longest = max(25.0, 0.45 * min(extent(hall, 0)))
-        u, v = rng.uniform(16.0, min(80.0, longest), size=2).tolist()
+    for u, v in rng.uniform(16.0, longest, size=(_count(rng, hall, 2.5, 5.0), 2)).tolist():
         shape: list[furniture.Bar] = [(0, 0, u, 0)]
         shape += [[], [(0, 0, 0, v)], [(u / 2, 0, u / 2, v)], [(u / 2, -v / 2, u / 2, v / 2)]][int(rng.integers(4))]
         items.append(furniture.bars(shape, thickness, _angle(rng, slanted)))
@@ -120,11 +115,8 @@ def _put_screens(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
 
 
 def _put_machines(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    items = []
-    for _ in range(_count(rng, hall, 2.5, 5.0)):
-        length, depth = rng.uniform([12.0, 10.0], [50.0, 30.0]).tolist()
-        items.append(furniture.bars([(0, 0, length, 0)], depth, _angle(rng, 0.3)))
-    _scatter(rng, plan, hall, items)
+    sizes = rng.uniform([12.0, 10.0], [50.0, 30.0], size=(_count(rng, hall, 2.5, 5.0), 2)).tolist()
+    _scatter(rng, plan, hall, [furniture.bars([(0, 0, u, 0)], v, _angle(rng, 0.3)) for u, v in sizes])
 
 
 def _put_benches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
@@ -136,9 +128,8 @@ def _put_boxes(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
     for _ in range(_count(rng, hall, 3.5, 7.0)):
         x, y = (int(rng.integers(span)) for span in extent(hall, 0))
         for _ in range(int(rng.integers(2, 8))):
-            item = furniture.block(*rng.uniform(0.3, 0.8, size=2).tolist())
             u, v = rng.integers(-24, 25, size=2).tolist()
-            plan.put(item, hall, 0, x + u, y + v)
+            plan.put(furniture.block(*rng.uniform(0.3, 0.8, size=2).tolist()), hall, 0, x + u, y + v)
 
 
 def _put_niches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:

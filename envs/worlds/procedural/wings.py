@@ -9,10 +9,8 @@ from .plan import MARGIN, Item, Plan, Rect, Size, extent, turn, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
-_LEAST = 38
-"""Least side of a room [units]."""
-_LARGEST = 160
-"""Largest depth of a room [units]."""
+_LEAST, _LARGEST = 38, 160
+"""Least side and largest depth of a room [units]."""
 _SHAPES = {
     "L": (((1, 1, 4),), ((1, 1, 4),)),
     "T": (((2, 1, 4),), ((1, 0, 4),)),
@@ -43,9 +41,8 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
     for room in rooms:
         _furnish(rng, plan, room)
     for corridor in corridors:
-        for make in furniture.WALL_FURNITURE["corridor"]:
-            if rng.random() < 0.4:
-                plan.put_somewhere(rng, make(rng), corridor)
+        for make in furniture.WALL_FURNITURE["corridor"][: int(rng.integers(4))]:
+            plan.put_somewhere(rng, make(rng), corridor)
     return plan.build(name, rng, f"A building in the shape of the letter {shape}.")
 
 
@@ -63,9 +60,8 @@ def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
     if rng.random() < 0.5:
         corridors = [(a, floor[1] + floor[3] - d, c, floor[1] + floor[3] - b) for a, b, c, d in corridors]
     if rng.random() < 0.7:
-        x = (corridors[0][0] + corridors[0][2]) // 2
-        y = (corridors[-1][1] + corridors[-1][3]) // 2
-        most = max(31, min(90, min(floor[2] - floor[0], floor[3] - floor[1]) // 6))
+        x, y = (corridors[0][0] + corridors[0][2]) // 2, (corridors[-1][1] + corridors[-1][3]) // 2
+        most = max(31, min(90, min(extent(floor, 0)) // 6))
         u, v = rng.integers(30, most, size=2).tolist()
         corridors.append((max(floor[0], x - u), max(floor[1], y - v), min(floor[2], x + u), min(floor[3], y + v)))
     return corridors
@@ -94,7 +90,7 @@ def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple
     for corridor in corridors:
         for side in rng.permutation(4).tolist():
             depth = int(rng.integers(min(60, most), most + 1))
-            if rng.random() < 0.9:
+            if taken.mean() < 0.5 or rng.random() < 0.8:
                 doors += [(room, corridor) for room in _row(rng, taken, corridor, side, depth)]
     return [room for room, _ in doors], doors
 
@@ -114,8 +110,7 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
         if limit < _LEAST:
             k += limit + 1
             continue
-        typical = ((_LEAST, 56), (56, 100), (56, 100), (70, 120), (110, _LARGEST))[int(rng.integers(5))]
-        width = int(rng.integers(*typical))
+        width = int(rng.integers(*((_LEAST, 56), (56, 100), (56, 100), (70, 120), (110, _LARGEST))[rng.integers(5)]))
         width = limit if limit - width < _LEAST + INNER else width
         deep = int(reach[k : k + width].min())
         if rng.random() < 0.2:
@@ -140,14 +135,12 @@ def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tupl
     axis = 0 if upright else 1
     side = (3 if upright else 0) if other[axis] < room[axis] else (1 if upright else 2)
     leaf, at_right = furniture.door_leaf(rng, width)
-    begins = start + width if at_right else start - leaf.length
-    return leaf, room, side, begins - room[1 - axis]
+    return leaf, room, side, (start + width if at_right else start - leaf.length) - room[1 - axis]
 
 
 def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
     """Put some furniture into a room, or none."""
-    kind = str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))
-    pieces = furniture.WALL_FURNITURE[kind]
+    pieces = furniture.WALL_FURNITURE[str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))]
     area = (room[2] - room[0]) * (room[3] - room[1])
     most = min(len(pieces), round(area / units(2.2) ** 2))
     for make in pieces[: int(rng.integers(most + 1))]:
