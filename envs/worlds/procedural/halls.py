@@ -18,7 +18,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
         _cut_corners(rng, plan, halls)
     plan.settle()
     styles = [_put_columns, _put_screens, _put_machines, _put_benches, _put_boxes, _put_niches, _put_core]
-    common = int(rng.integers(len(styles)))
+    common = int(rng.integers(len(styles) - 1))  # a large body does not stand alone
     for hall in halls:
         for k in [common, *rng.integers(len(styles), size=int(rng.integers(4)))]:
             styles[k](rng, plan, hall)
