@@ -19,6 +19,9 @@ from benchmarks.navigator_params import change_explorer, print_changes
 from benchmarks.parallel import run_each
 from envs.explore import ExploreEnv
 
+FAMILIES = ("rooms", "maze", "warehouse", "caves")
+"""Procedural families of the tasks."""
+
 
 def make_changed(name: str, changes: str) -> Explorer:
     """Return an explorer with parameters changed.
@@ -70,7 +73,7 @@ def main(
         slam: as in `ExploreEnv`.
         jobs: number of processes.
     """
-    drawn = [draw_task(np.random.default_rng([seed, i])) for i in range(tasks)]
+    drawn = [draw_task(np.random.default_rng([seed, i]), FAMILIES) for i in range(tasks)]
     work = [(explorer, change, slam, task) for change in ("", *changes) for task in drawn]
     times = np.reshape(run_each(time_explorer, work, jobs, unit="episode"), (1 + len(changes), tasks))
     print_changes(f"{explorer}, {slam}, {tasks} paired tasks", changes, times)

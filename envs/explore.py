@@ -70,7 +70,7 @@ class ExploreEnv(LidarEnv):
     ## Arguments
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`), path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`, `wings`, `halls`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
     | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |

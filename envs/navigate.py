@@ -106,7 +106,7 @@ class NavigateEnv(KnownMapEnv):
     ## Arguments
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`), path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`, `wings`, `halls`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |

@@ -16,7 +16,14 @@ TARGET = 0.95
 """Explored fraction that ends an episode."""
 LIBRARY_SHARE = 0.3
 """Share of tasks in worlds of the library; the others are in procedural families."""
-SIDES = {"rooms": (7.0, 26.0), "maze": (6.0, 16.0), "warehouse": (12.0, 36.0), "caves": (8.0, 24.0)}
+SIDES = {
+    "rooms": (7.0, 26.0),
+    "maze": (6.0, 16.0),
+    "warehouse": (12.0, 36.0),
+    "caves": (8.0, 24.0),
+    "wings": (10.0, 36.0),
+    "halls": (5.0, 28.0),
+}
 """Range of the sides of families' worlds [m]; drawn evenly in their logarithms."""
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 """Lidar ranges of robots that are made up [m]."""

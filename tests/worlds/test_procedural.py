@@ -7,7 +7,7 @@ from scipy import ndimage
 from envs.robots import load_robot
 from envs.worlds import FAMILIES, check_world, explorable_area, free_area, reachable, world_sampler
 
-SMALLEST = {"rooms": 4.0, "maze": 3.0, "warehouse": 6.0, "caves": 4.0}
+SMALLEST = {"rooms": 4.0, "maze": 3.0, "warehouse": 6.0, "caves": 4.0, "wings": 7.0, "halls": 4.0}
 
 
 @pytest.mark.parametrize("family", FAMILIES)

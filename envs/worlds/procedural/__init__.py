@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ..world import World
-from . import caves, maze, rooms, warehouse
+from . import caves, halls, maze, rooms, warehouse, wings
 from .plan import UNIT, Size, units
 
 _FAMILIES: dict[str, tuple[Callable[[str, np.random.Generator, Size], World], float, Size, Size]] = {
@@ -15,6 +15,8 @@ _FAMILIES: dict[str, tuple[Callable[[str, np.random.Generator, Size], World], fl
     "maze": (maze.build, 3.0, (7.0, 7.0), (13.0, 13.0)),
     "warehouse": (warehouse.build, 6.0, (16.0, 12.0), (30.0, 22.0)),
     "caves": (caves.build, 4.0, (9.0, 9.0), (16.0, 16.0)),
+    "wings": (wings.build, 7.0, (12.0, 10.0), (30.0, 24.0)),
+    "halls": (halls.build, 4.0, (6.0, 6.0), (24.0, 18.0)),
 }
 """What makes a world from its name, a generator and its outer size; the smallest side, and the range of sizes [m]."""
 FITTING_RADIUS = 0.25

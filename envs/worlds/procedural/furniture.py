@@ -1,5 +1,6 @@
 """Furniture as it looks to a lidar 0.2 m above the floor: cupboards are solid, tables and chairs are legs."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -10,11 +11,53 @@ from .plan import Disc, Item, Rect, units
 _LEG = 0.5
 """Radius of a table's or a chair's leg [units]."""
 
+Bar = tuple[float, float, float, float]
+"""From a point to another: (x, y, x, y) [units]."""
+
 
 def block(length: float, depth: float) -> Item:
     """Return a solid box of the given size [m]."""
     u, v = units(length), units(depth)
     return Item(u, v, rects=((0, 0, u, v),))
+
+
+def disc(radius: float) -> Item:
+    """Return a round column; `radius` in units."""
+    side = math.ceil(2 * radius)
+    return Item(side, side, discs=((side / 2, side / 2, radius),))
+
+
+def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
+    """Return straight bars of a thickness [units], turned by an angle [rad]: a screen, or with one thick bar a body."""
+    ends = np.array(lines, dtype=np.float64).reshape(-1, 2, 2)
+    ends = ends @ [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
+    low = ends.min(axis=(0, 1)) - thickness
+    width, height = np.ceil(ends.max(axis=(0, 1)) + thickness - low).astype(int).tolist()
+    points = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1) + 0.5 + low
+    mask = np.zeros((height, width), dtype=bool)
+    for start, end in ends:
+        length = math.hypot(*(end - start))
+        x, y = ((end - start) / length).tolist()
+        along, across = (points - start) @ [x, y], (points - start) @ [-y, x]
+        mask |= (along > 0) & (along < length) & (np.abs(across) < thickness / 2)
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    mask = mask[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    rects: list[Rect] = []
+    for y, row in enumerate(np.pad(mask, ((0, 0), (1, 1)))):
+        changes = np.flatnonzero(row[1:] != row[:-1]).tolist()
+        rects += [(a, y, b, y + 1) for a, b in zip(changes[::2], changes[1::2])]
+    return Item(mask.shape[1], mask.shape[0], tuple(rects))
+
+
+def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
+    """Return the leaf of a door of `width` units, open by 90 to 135 degrees, and whether its hinge is at the right."""
+    angle = float(rng.uniform(0.0, 0.25 * math.pi))
+    points = np.arange(width)[:, None] * [math.sin(angle), math.cos(angle)]
+    xs, ys = np.unique(points.astype(int), axis=0).T.tolist()
+    length = max(xs) + 1
+    at_right = bool(rng.random() < 0.5)
+    xs = xs if at_right else [length - 1 - x for x in xs]
+    return Item(length, max(ys) + 1, rects=tuple((x, y, x + 1, y + 1) for x, y in zip(xs, ys))), at_right
 
 
 def _random_block(length: tuple[float, float], depth: float | tuple[float, float], rng: np.random.Generator) -> Item:

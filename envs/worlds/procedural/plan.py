@@ -101,13 +101,13 @@ class Plan:
         Returns:
             Whether the item was put.
         """
-        x0, y0, x1, y1 = _turn((0, gap, item.length, gap + item.depth), room, side, along)
+        x0, y0, x1, y1 = turn((0, gap, item.length, gap + item.depth), room, side, along)
         if x0 < room[0] or y0 < room[1] or x1 > room[2] or y1 > room[3]:
             return False
         if self.solid[y0:y1, x0:x1].any() or self.reserved[y0:y1, x0:x1].any():
             return False
-        rects = [_turn((a, b + gap, c, d + gap), room, side, along) for a, b, c, d in item.rects]
-        turned = [_turn((x, y + gap, x, y + gap), room, side, along) for x, y, _ in item.discs]
+        rects = [turn((a, b + gap, c, d + gap), room, side, along) for a, b, c, d in item.rects]
+        turned = [turn((x, y + gap, x, y + gap), room, side, along) for x, y, _ in item.discs]
         discs = [(x, y, radius) for (x, y, _, _), (_, _, radius) in zip(turned, item.discs)]
         grown = [(a - REACH, b - REACH, c + REACH, d + REACH) for a, b, c, d in rects]
         for x, y, radius in discs:
@@ -180,8 +180,8 @@ def world_within(
     )
 
 
-def _turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Carry a rectangle from an item's frame into the plan."""
+def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
+    """Carry a rectangle from an item's frame, back to a wall of a room, into the plan."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (

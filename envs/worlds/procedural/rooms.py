@@ -4,14 +4,13 @@ import numpy as np
 
 from ..world import World
 from . import furniture
+from .doors import INNER, open_door, touching_pairs
 from .plan import MARGIN, REACH, Plan, Rect, Size, mirror, units
 
-_OUTER, _INNER = 3, 2
-"""Thickness of outer and inner walls [units]."""
+_OUTER = 3
+"""Thickness of outer walls [units]."""
 _SHORTEST = 44
 """Shortest side of a room [units]."""
-_DOOR_ROOM = 16
-"""How far before a door the floor stays empty [units]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -36,15 +35,15 @@ def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5
     longer = width if across else height
-    slack = longer - _INNER - 2 * _SHORTEST
+    slack = longer - INNER - 2 * _SHORTEST
     large = width * height > (typical * (1.1 + rng.random())) ** 2 or longer > 2.6 * min(width, height)
     if slack < 0 or not large:
         return [room]
     cut = _SHORTEST + int(slack * rng.beta(2, 2))
     if across:
-        parts = (x0, y0, x0 + cut, y1), (x0 + cut + _INNER, y0, x1, y1)
+        parts = (x0, y0, x0 + cut, y1), (x0 + cut + INNER, y0, x1, y1)
     else:
-        parts = (x0, y0, x1, y0 + cut), (x0, y0 + cut + _INNER, x1, y1)
+        parts = (x0, y0, x1, y0 + cut), (x0, y0 + cut + INNER, x1, y1)
     return [leaf for part in parts for leaf in _split(rng, part, typical)]
 
 
@@ -55,12 +54,12 @@ def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rec
         rooms, corridors = _office(rng, (y0, x0, y1, x1))
         return [mirror(room) for room in rooms], [mirror(corridor) for corridor in corridors]
     breadth = int(rng.integers(28, 37))
-    depth = (y1 - y0 - breadth) // 2 - _INNER
+    depth = (y1 - y0 - breadth) // 2 - INNER
     shift = int(rng.integers(-depth // 5, depth // 5 + 1)) if depth > 1.25 * _SHORTEST else 0
-    low = y0 + depth + _INNER + shift
+    low = y0 + depth + INNER + shift
     corridor = (x0, low, x1, low + breadth)
     rooms, corridors = [], [corridor]
-    for side in ((x0, y0, x1, low - _INNER), (x0, low + breadth + _INNER, x1, y1)):
+    for side in ((x0, y0, x1, low - INNER), (x0, low + breadth + INNER, x1, y1)):
         if side[3] - side[1] > units(9.0):
             inner_rooms, inner_corridors = _office(rng, side)
             rooms += inner_rooms
@@ -75,33 +74,17 @@ def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
     x0, y0, x1, y1 = strip
     rooms = []
     while x1 - x0 > 2 * _SHORTEST + 30:
-        width = min(int(rng.integers(_SHORTEST + 8, 110)), x1 - x0 - _SHORTEST - _INNER)
+        width = min(int(rng.integers(_SHORTEST + 8, 110)), x1 - x0 - _SHORTEST - INNER)
         rooms.append((x0, y0, x0 + width, y1))
-        x0 += width + _INNER
+        x0 += width + INNER
     return [*rooms, (x0, y0, x1, y1)]
-
-
-def _shared_wall(a: Rect, b: Rect) -> tuple[bool, int, int] | None:
-    """Return how two rooms touch: whether through an upright wall, and from where to where; None if they do not."""
-    for upright in (True, False):
-        p, q = (a, b) if upright else (mirror(a), mirror(b))
-        if p[2] + _INNER == q[0] or q[2] + _INNER == p[0]:
-            low, high = max(p[1], q[1]), min(p[3], q[3])
-            if high - low >= 28:
-                return upright, low, high
-    return None
 
 
 def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corridors: list[Rect]) -> None:
     """Open doors until all rooms hang together, through corridors where there are any, and a few more."""
     every = rooms + corridors
-    pairs: list[tuple[float, int, int, tuple[bool, int, int]]] = []
-    x0, y0, x1, y1 = np.array(every).T
-    touching = (x1[:, None] + _INNER == x0) | (y1[:, None] + _INNER == y0)
-    for j, i in np.argwhere(np.tril(touching | touching.T, -1)).tolist():
-        if wall := _shared_wall(every[i], every[j]):
-            to_corridor = j >= len(rooms)
-            pairs.append((float(rng.random()) - to_corridor, i, j, wall))
+    # A door to a corridor comes before others.
+    pairs = [(float(rng.random()) - (j >= len(rooms)), i, j, wall) for i, j, wall in touching_pairs(every)]
     group = list(range(len(every)))
     for _, i, j, wall in sorted(pairs):
         if group[i] != group[j]:
@@ -110,22 +93,8 @@ def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corrido
             continue  # a path around exists already
         # Flats have a wide opening between rooms now and then.
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
-        _open_door(
-            rng, plan, every[i], every[j], wall, int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
-        )
-
-
-def _open_door(rng: np.random.Generator, plan: Plan, a: Rect, b: Rect, wall: tuple[bool, int, int], width: int) -> None:
-    """Cut a door of `width` into the wall between two rooms and keep the floor before it empty."""
-    upright, low, high = wall
-    # Most doors are near a corner, as in real houses.
-    slack = high - low - width - 6
-    start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
-    p, q = (a, b) if upright else (mirror(a), mirror(b))
-    left = min(p[2], q[2])
-    solid, reserved = (plan.solid, plan.reserved) if upright else (plan.solid.T, plan.reserved.T)
-    solid[start : start + width, left : left + _INNER] = False
-    reserved[start : start + width, left - _DOOR_ROOM : left + _INNER + _DOOR_ROOM] = True
+        width = int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
+        open_door(rng, plan, every[i], every[j], wall, width)
 
 
 def _area(room: Rect) -> int:

@@ -1,0 +1,150 @@
+"""Wings: buildings in the shape of letters or of a ring, with rooms along corridors that meet in a lobby."""
+
+import numpy as np
+
+from ..world import World
+from . import furniture
+from .doors import INNER, open_door, shared_wall, touching_pairs
+from .plan import MARGIN, Item, Plan, Rect, Size, extent, turn, units
+
+_OUTER = 3
+"""Thickness of outer walls [units]."""
+_LEAST, _LARGEST = 38, 160
+"""Least side and largest depth of a room [units]."""
+_SHAPES = {
+    "L": (((1, 1, 4),), ((1, 1, 4),)),
+    "T": (((2, 1, 4),), ((1, 0, 4),)),
+    "U": (((1, 1, 4), (3, 1, 4)), ((1, 1, 3),)),
+    "H": (((1, 0, 4), (3, 0, 4)), ((2, 1, 3),)),
+    "O": (((1, 1, 3), (3, 1, 3)), ((1, 1, 3), (3, 1, 3))),
+    "X": (((2, 0, 4),), ((2, 0, 4),)),
+    "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
+}
+"""Corridors along y and along x as (line, from, to), in lines across: 0 and 4 at the outer walls, 2 in the middle."""
+
+
+def build(name: str, rng: np.random.Generator, size: Size) -> World:
+    """Return a building of the given outer size [m], sparsely furnished."""
+    plan = Plan(size, _OUTER, is_open=True)  # corridors overlap where they meet
+    plan.solid[:] = True
+    shape = str(rng.choice(list(_SHAPES)))
+    corridors = _corridors(rng, plan.floor, shape)
+    rooms, doors = _rooms(rng, plan, corridors)
+    for x0, y0, x1, y1 in rooms + corridors:
+        plan.solid[y0:y1, x0:x1] = False
+    loops = rng.uniform(0.0, 0.35)
+    doors += [(rooms[i], rooms[j]) for i, j, _ in touching_pairs(rooms) if rng.random() < loops]
+    leaves = [_door(rng, plan, a, b) for a, b in doors]
+    plan.settle()
+    for leaf in filter(None, leaves):
+        plan.put(*leaf)
+    for room in rooms:
+        _furnish(rng, plan, room)
+    for corridor in corridors:
+        for make in furniture.WALL_FURNITURE["corridor"][: int(rng.integers(4))]:
+            plan.put_somewhere(rng, make(rng), corridor)
+    return plan.build(name, rng, f"A building in the shape of the letter {shape}.")
+
+
+def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
+    """Return the corridors of a shape, turned at random, and a lobby where two of them meet."""
+    x_lines, width = _lines(rng, floor[0], floor[2])
+    y_lines, height = _lines(rng, floor[1], floor[3])
+    turned = rng.random() < 0.5
+    upright, level = _SHAPES[shape][::-1] if turned else _SHAPES[shape]
+    corridors = [(x_lines[i], y_lines[a], x_lines[i] + width, y_lines[b] + height) for i, a, b in upright]
+    corridors += [(x_lines[a], y_lines[i], x_lines[b] + width, y_lines[i] + height) for i, a, b in level]
+    # An L and the like may look the other way.
+    if rng.random() < 0.5:
+        corridors = [(floor[0] + floor[2] - c, b, floor[0] + floor[2] - a, d) for a, b, c, d in corridors]
+    if rng.random() < 0.5:
+        corridors = [(a, floor[1] + floor[3] - d, c, floor[1] + floor[3] - b) for a, b, c, d in corridors]
+    if rng.random() < 0.7:
+        x, y = (corridors[0][0] + corridors[0][2]) // 2, (corridors[-1][1] + corridors[-1][3]) // 2
+        most = max(31, min(90, min(extent(floor, 0)) // 6))
+        u, v = rng.integers(30, most, size=2).tolist()
+        corridors.append((max(floor[0], x - u), max(floor[1], y - v), min(floor[2], x + u), min(floor[3], y + v)))
+    return corridors
+
+
+def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], int]:
+    """Return where corridors may begin across a floor, from the first wall to the last, and their breadth."""
+    length = high - low
+    breadth = int(rng.integers(28, max(29, min(49, length // 5))))
+    near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
+    # What is too thin for rooms goes to the corridor's other side.
+    near, far = (edge if edge >= _LEAST + INNER else 0 for edge in (near, far))
+    middle = low + int((length - breadth) * rng.uniform(0.38, 0.62))
+    return [low, low + near, middle, high - breadth - far, high - breadth], breadth
+
+
+def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
+    """Return rooms along the corridors, and the pairs of a room and its corridor."""
+    x0, y0, x1, y1 = plan.floor
+    taken = np.ones_like(plan.solid)
+    taken[y0:y1, x0:x1] = False
+    for x0, y0, x1, y1 in corridors:
+        taken[y0 - INNER : y1 + INNER, x0 - INNER : x1 + INNER] = True
+    most = min(_LARGEST, int(0.4 * min(extent(plan.floor, 0))))
+    doors: list[tuple[Rect, Rect]] = []
+    for corridor in corridors:
+        for side in rng.permutation(4).tolist():
+            depth = int(rng.integers(min(60, most), most + 1))
+            if taken.mean() < 0.5 or rng.random() < 0.8:
+                doors += [(room, corridor) for room in _row(rng, taken, corridor, side, depth)]
+    return [room for room, _ in doors], doors
+
+
+def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int, depth: int) -> list[Rect]:
+    """Put rooms side by side along a corridor where nothing is taken, at most `depth` deep."""
+    length = extent(corridor, side)[0]
+    x0, y0, x1, y1 = turn((0, -INNER - depth, length, -INNER), corridor, side, 0)
+    strip = taken[max(y0, 0) : y1, max(x0, 0) : x1]
+    strip = (strip[::-1], strip.T, strip, strip.T[::-1])[side]
+    reach = np.vstack([strip, np.ones((1, length), dtype=bool)]).argmax(axis=0)
+    rooms: list[Rect] = []
+    k = 0
+    while k + _LEAST <= length:
+        short = np.flatnonzero(reach[k:] < _LEAST)
+        limit = int(short[0]) if len(short) else length - k
+        if limit < _LEAST:
+            k += limit + 1
+            continue
+        width = int(rng.integers(*((_LEAST, 56), (56, 100), (56, 100), (70, 120), (110, _LARGEST))[rng.integers(5)]))
+        width = limit if limit - width < _LEAST + INNER else width
+        deep = int(reach[k : k + width].min())
+        if rng.random() < 0.2:
+            deep = max(_LEAST, int(deep * rng.uniform(0.4, 1.0)))
+        rooms.append(turn((k, -INNER - deep, k + width, -INNER), corridor, side, 0))
+        k += width + INNER
+    for x0, y0, x1, y1 in rooms:
+        taken[y0 - INNER : y1 + INNER, x0 - INNER : x1 + INNER] = True
+    return rooms
+
+
+def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
+    """Open a door of 0.7 to 1 m; return what to put of its leaf if it stands ajar in the room."""
+    wall = shared_wall(room, other)
+    if wall is None:
+        return None
+    width = int(rng.integers(14, 21))
+    start = open_door(rng, plan, room, other, wall, width)
+    if rng.random() < 0.6:
+        return None
+    upright = wall[0]
+    axis = 0 if upright else 1
+    side = (3 if upright else 0) if other[axis] < room[axis] else (1 if upright else 2)
+    leaf, at_right = furniture.door_leaf(rng, width)
+    return leaf, room, side, (start + width if at_right else start - leaf.length) - room[1 - axis]
+
+
+def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
+    """Put some furniture into a room, or none."""
+    pieces = furniture.WALL_FURNITURE[str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))]
+    area = (room[2] - room[0]) * (room[3] - room[1])
+    most = min(len(pieces), round(area / units(2.2) ** 2))
+    for make in pieces[: int(rng.integers(most + 1))]:
+        plan.put_somewhere(rng, make(rng), room)
+    if area > units(4.5) ** 2 and rng.random() < 0.4:
+        make = furniture.table if rng.random() < 0.5 else furniture.cluster
+        plan.put_somewhere(rng, make(rng), room, MARGIN)
