@@ -19,6 +19,9 @@ from envs.navigation.tables import PlanningTables, costmap_params, tables_of
 from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
 
+NO_CELLS = np.empty((0, 2), dtype=np.int64)
+"""What `obstacle_cells` returns where there are no points."""
+
 
 class CostLayer:
     """Costs for the footprint of one padding level."""
@@ -107,7 +110,7 @@ class PlanningMap:
                 self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
         frame = tables.marking_range, tuple(pose), self.origin, self.side
-        cells = obstacle_cells(obstacles, *frame), obstacle_cells(bodies, *frame)
+        cells = [obstacle_cells(points, *frame) if len(points) else NO_CELLS for points in (obstacles, bodies)]
         marked: Window | None = None
         for found in cells:
             if len(found):
