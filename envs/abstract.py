@@ -1,12 +1,15 @@
 """Exploration by decisions without driving: the robot slides along its path. For training and for tuning of rules."""
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
+from itertools import accumulate
 from typing import Any, cast
 
 import numpy as np
 
 from envs.arguments import check_positive
+from envs.estimation import ORIGIN
 from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.records import DRIVING, FAILED, REACHED, SPUN, TIME_UP
@@ -26,9 +29,20 @@ DRIFT_LENGTH = 8.0
 """Distance over which the error of the pose forgets its past [m]."""
 
 
-def _segments(lengths: np.ndarray, at: Any) -> np.ndarray:
-    """Return which segments of a path hold the points at some lengths, by the lengths up to its points, (n,) [m]."""
-    return np.clip(np.searchsorted(lengths, at), 1, len(lengths) - 1) - 1
+def _segment(lengths: list[float], at: float) -> int:
+    """Return which segment of a path holds the point at a length, by the lengths up to its points [m]."""
+    return min(max(bisect_left(lengths, at), 1), len(lengths) - 1) - 1
+
+
+def _point(lengths: list[float], points: list[list[float]], at: float) -> tuple[float, float]:
+    """Return the point (x, y) of a path at a length, by its points and the lengths up to them [m]."""
+    k = bisect_right(lengths, at) - 1
+    x, y = points[k]
+    rest = at - lengths[k]
+    if k == len(points) - 1 or rest == 0.0:
+        return x, y
+    span, (end_x, end_y) = lengths[k + 1] - lengths[k], points[k + 1]
+    return (end_x - x) / span * rest + x, (end_y - y) / span * rest + y
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
@@ -100,7 +114,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
         self._mapping = cast(KnownPoses, self.explore.slam)
-        self._drift = np.array([drift[0], drift[0], drift[1]])
+        self._drift = float(drift[0]), float(drift[0]), float(drift[1])
         self._speed, self._turn_rate = SPEED_SHARE * robot.max_v, TURN_SHARE * robot.max_w
         self._sees_around = bool(self.navigator.navigator.numbers["sees_around"])
 
@@ -108,7 +122,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode; see `ExploreFrontiersEnv`."""
-        self._error = np.zeros(3)
+        self._error = ORIGIN
         started = super().reset(seed=seed, options=options)
         # Obstacles of the scan lie in the base frame, and nothing moves them here: plans follow the map alone.
         record = self.navigator.navigator.record
@@ -142,20 +156,20 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         """Yield the poses of scans along a path, control periods since the scan before, and the progress."""
         start, period, record = self.belief.pose, self.explore.control_period, self.navigator.navigator.record
         max_steps = int(self.navigator.navigator.numbers["max_steps"])
-        path = np.vstack([start[:2], plan])
-        steps = np.diff(path, axis=0)
-        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
-        headings = np.arctan2(steps[:, 1], steps[:, 0])
-        ahead = headings[_segments(lengths, HEADING_DISTANCE)]
+        path = np.empty((len(plan) + 1, 2))
+        path[0], path[1:] = start[:2], plan
+        steps = path[1:] - path[:-1]
+        lengths = list(accumulate(np.hypot(steps[:, 0], steps[:, 1]).tolist(), initial=0.0))
+        points, headings = path.tolist(), np.arctan2(steps[:, 1], steps[:, 0]).tolist()
+        ahead = headings[_segment(lengths, HEADING_DISTANCE)]
         turn = max(abs(wrap_angle(ahead - start.theta)) - MAX_ARC, 0.0) / self._turn_rate
         farthest = max((max_steps * period - turn) * self._speed, 0.0)
         end = min(lengths[-1], farthest)
-        stops = np.append(np.arange(self._scan_distance, end, self._scan_distance), end)
-        points = np.interp(stops, lengths, path[:, 0]), np.interp(stops, lengths, path[:, 1])
-        counts = np.maximum(np.rint((turn + stops / self._speed) / period), 1.0).astype(np.int64)
-        rows = zip(*(part.tolist() for part in (*points, headings[_segments(lengths, stops)], counts)), strict=True)
+        stops = [*np.arange(self._scan_distance, end, self._scan_distance).tolist(), end]
         before = 0
-        for k, (x, y, heading, count) in enumerate(rows, start=1):
+        for k, stop in enumerate(stops, start=1):
+            (x, y), heading = _point(lengths, points, stop), headings[_segment(lengths, stop)]
+            count = max(round((turn + stop / self._speed) / period), 1)
             record["steps"], progress = count, DRIVING
             if k == len(stops):
                 progress = REACHED if lengths[-1] <= farthest else TIME_UP
@@ -185,14 +199,16 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]
         sensors, rng, before, segments = simulator.sensors, simulator.rngs[0], robot.belief.pose, explore.world.segments
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
-        self._error = kept * self._error + math.sqrt(1.0 - kept * kept) * self._drift * rng.standard_normal(3)
-        error = Pose2D(*self._error.tolist())
+        renewed = math.sqrt(1.0 - kept * kept)
+        draws = zip(self._error, self._drift, rng.standard_normal(3).tolist(), strict=True)
+        self._error = error = Pose2D(*(kept * part + renewed * std * draw for part, std, draw in draws))
         true_pose = explore.map_pose.compose(pose).compose(error)
         is_free = self._is_free(true_pose)
         if not is_free:
             true_pose = truth.state.pose
             pose = explore.map_pose.between(true_pose.compose(error.inverse()))
-        simulator.rows[0, [X, Y, THETA]] = true_pose
+        state = simulator.rows[0]
+        state[X], state[Y], state[THETA] = true_pose
         simulator.go_to(simulator.steps + count)
         if explore.world.movers:
             simulator.circles = explore.world.circles_at(simulator.steps * explore.control_period)

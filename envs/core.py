@@ -139,17 +139,15 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Raises:
             ValueError: if an option is unknown or not allowed.
         """
-        options = self._check_options(options)
-        super().reset(seed=seed)
-        self.begin(options, is_seeded=seed is not None)
-        if self.render_mode == "human":
-            self.render()
+        self.begin(seed=seed, options=options)
         return self.observe(), self.info(dict.fromkeys(self.task.weights.names(), 0.0))
 
-    def begin(self, options: Mapping[str, Any], *, is_seeded: bool = False) -> None:
-        """Start an episode without looking at it; the part of `reset` that does not make observation and info."""
+    def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start an episode without observation and info; arguments and errors as for `reset`."""
+        options = self._check_options(options)
+        super().reset(seed=seed)
         task, num_robots = self.task, len(self.robots)
-        self.world = self._next_world(options, is_seeded)
+        self.world = self._next_world(options, seed is not None)
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         readings = self.simulator.reset(self.world, starts, rngs[::2])
@@ -160,6 +158,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plans = [None] * num_robots
         if self.on_period is not None:
             self.on_period(None)
+        if self.render_mode == "human":
+            self.render()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Drive for one control period.

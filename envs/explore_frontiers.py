@@ -155,10 +155,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Start an episode and return the first observation and info; see `LidarEnv.reset`."""
         super().reset(seed=seed)
         explore = self.explore
-        _, info = explore.reset(seed=seed, options=options)
+        explore.begin(seed=seed, options=options)
         self.navigator.begin(explore.reading, self.belief)
         self._fused = self._fuse()
-        self._steps, self._quantities = 0, dict.fromkeys(info["rewards"], 0.0)
+        self._steps, self._quantities = 0, dict.fromkeys(explore.task.weights.names(), 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         return self.observe(), self._info()
 
@@ -198,13 +198,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return sum(info["rewards"].values()), terminated, truncated, info
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in fresh arrays, or write it to the arrays of `out`."""
+        """Return the observation in fresh arrays, or write it to the arrays of `out`, which may lack the `map`."""
         if out is None:
             spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
             out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
         self.navigator.write_features(self.belief.pose, out["candidates"], out["sectors"], out["gaps"])
         out["action_mask"][...] = self._mask()
-        self._map.write(self.explore.robots[0], out["map"])
+        if "map" in out:
+            self._map.write(self.explore.robots[0], out["map"])
         out["robot"][...] = self._robot_features
         return dict(out)
 

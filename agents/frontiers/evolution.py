@@ -54,47 +54,89 @@ def evolve(
         ValueError: if the run folder is in use.
     """
     run = open_run(config, run, resume)
-    values = _read(run / GENERATIONS, config.population)
-    means: list[np.ndarray] = []
-    validated = _read(run / VALIDATIONS, 2 + NUM_FEATURES)
-    strategy = CMA(np.zeros(NUM_FEATURES), config.sigma, seed=config.seed, population_size=config.population)
-    tasks = _tasks(config, VALIDATION_SEED, config.validation_tasks)
-    log = SummaryWriter(str(run / "tensorboard"), purge_step=len(values))
-    bar = tqdm(total=config.generations, initial=len(values), disable=not progress, unit="generation")
-    with _pool(config.num_workers) as pool, bar, log:
-        variances = list(pool.map(feature_variances, _tasks(config, SCALING_SEED, config.tasks)))
-        spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
-        if not (nearest := _read(run / REFERENCE, config.validation_tasks)):
-            nearest = [_ratios(pool, tasks, [NEAREST])[:, 0]]
-            _write(run / REFERENCE, nearest)
-        for generation in range(config.generations + 1):
-            if generation % config.validate_every == 0 or generation == config.generations:
-                if not any(row[0] == generation for row in validated):
-                    policy = PRIOR + np.mean(means[generation // 2 :], axis=0) / spread if means else PRIOR
-                    jobs = [pool.submit(validate, task, policy, PRIOR) for task in tasks]
-                    ratios, explored = np.array([job.result() for job in jobs]).T
-                    validated.append(np.array([generation, ratios.mean(), *policy]))
-                    _write(run / VALIDATIONS, validated)
-                    _log_validation(log, generation, ratios, explored, nearest[0])
-                write_validations(run, sorted((int(row[0]), row[1]) for row in validated), nearest[0].mean())
-                bar.set_postfix(time_over_rule=f"{np.exp(validated[-1][1]):.3f}")
-            if generation == config.generations:
-                break
-            individuals = [strategy.ask() for _ in range(config.population)]
-            if generation == len(values):
-                drawn = _tasks(config, GENERATION_SEED, config.tasks, generation)
-                ratios = _ratios(pool, drawn, [PRIOR + individual / spread for individual in individuals])
-                values.append(ratios.mean(axis=0))
-                _write(run / GENERATIONS, values)
-                log.add_scalar("evolution/time_over_rule", np.exp(values[-1].mean()), generation)
-                bar.update()
-            strategy.tell(list(zip(individuals, values[generation].tolist(), strict=True)))
-            means.append(strategy.mean.copy())
-    last = next(row for row in validated if row[0] == config.generations)
-    record = {"generation": config.generations, "time_over_rule": float(np.exp(last[1])), "seed": config.seed}
-    shutil.rmtree(run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
-    FrontierScore(last[2:]).save(run / POLICY, record)
+    with _pool(config.num_workers) as pool:
+        evolution = _Evolution(config, run, pool)
+        bar = tqdm(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
+        with bar, evolution.log:
+            evolution.prepare()
+            for generation in range(config.generations):
+                if generation % config.validate_every == 0:
+                    bar.set_postfix(time_over_rule=f"{evolution.validate(generation):.3f}")
+                bar.update(evolution.advance(generation))
+            bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
+    evolution.save()
     return run
+
+
+class _Evolution:
+    """A run: the search by CMA-ES, and the validations of its means."""
+
+    def __init__(self, config: EvolutionConfig, run: Path, pool: ProcessPoolExecutor) -> None:
+        """Read what a run folder holds; raises `CheckpointError` if its files do not fit together."""
+        self._config, self._run, self._pool = config, run, pool
+        self.values = _read(run / GENERATIONS, config.population)
+        """What the individuals of each generation reached, each shape (population,), float64."""
+        self._means: list[np.ndarray] = []
+        self._validated = _read(run / VALIDATIONS, 2 + NUM_FEATURES)
+        seed, population = config.seed, config.population
+        self._strategy = CMA(np.zeros(NUM_FEATURES), config.sigma, seed=seed, population_size=population)
+        self._tasks = _tasks(config, VALIDATION_SEED, config.validation_tasks)
+        self.log = SummaryWriter(str(run / "tensorboard"), purge_step=len(self.values))
+
+    def prepare(self) -> None:
+        """Measure the spread of the features, and, unless that is done, the rule `nearest` on the validation tasks."""
+        config, path = self._config, self._run / REFERENCE
+        variances = list(self._pool.map(feature_variances, _tasks(config, SCALING_SEED, config.tasks)))
+        self._spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
+        rows = _read(path, config.validation_tasks)
+        if not rows:
+            rows = [_ratios(self._pool, self._tasks, [NEAREST])[:, 0]]
+            _write(path, rows)
+        self._nearest = rows[0]
+
+    def validate(self, generation: int) -> float:
+        """Validate the policy after so many generations, unless that is done; return its time over the rule's."""
+        if not any(row[0] == generation for row in self._validated):
+            policy = self._policy(generation)
+            jobs = [self._pool.submit(validate, task, policy, PRIOR) for task in self._tasks]
+            ratios, explored = np.array([job.result() for job in jobs]).T
+            self._validated.append(np.array([generation, ratios.mean(), *policy]))
+            _write(self._run / VALIDATIONS, self._validated)
+            _log_validation(self.log, generation, ratios, explored, self._nearest)
+        rows = sorted((int(row[0]), row[1]) for row in self._validated)
+        write_validations(self._run, rows, self._nearest.mean())
+        return float(np.exp(self._validated[-1][1]))
+
+    def advance(self, generation: int) -> int:
+        """Tell the strategy what the individuals of a generation reach; return 1 if they had to explore, else 0."""
+        individuals = [self._strategy.ask() for _ in range(self._config.population)]
+        is_new = generation == len(self.values)
+        if is_new:
+            self.values.append(self._explore(individuals, generation))
+            _write(self._run / GENERATIONS, self.values)
+            self.log.add_scalar("evolution/time_over_rule", np.exp(self.values[-1].mean()), generation)
+        self._strategy.tell(list(zip(individuals, self.values[generation].tolist(), strict=True)))
+        self._means.append(self._strategy.mean.copy())
+        return int(is_new)
+
+    def save(self) -> None:
+        """Write the policy of the last generation."""
+        config = self._config
+        last = next(row for row in self._validated if row[0] == config.generations)
+        record = {"generation": config.generations, "time_over_rule": float(np.exp(last[1])), "seed": config.seed}
+        shutil.rmtree(self._run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
+        FrontierScore(last[2:]).save(self._run / POLICY, record)
+
+    def _policy(self, generation: int) -> np.ndarray:
+        """Return the average of the means of the second half of the generations as weights, shape (NUM_FEATURES,)."""
+        means = self._means[generation // 2 :]
+        return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
+
+    def _explore(self, individuals: list[np.ndarray], generation: int) -> np.ndarray:
+        """Return what individuals reach in the tasks of a generation: shape (population,), float64."""
+        tasks = _tasks(self._config, GENERATION_SEED, self._config.tasks, generation)
+        weights = [PRIOR + individual / self._spread for individual in individuals]
+        return _ratios(self._pool, tasks, weights).mean(axis=0)
 
 
 def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[Task]:

@@ -58,10 +58,10 @@ class ExploreLite:
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
         params, x, y = self._params, belief.pose.x, belief.pose.y
-        values = np.empty(len(candidates))
+        values, all_cells = np.empty(len(candidates)), candidates.cells
         for group in np.unique(candidates.groups):
             own = np.flatnonzero(candidates.groups == group)
-            cells = np.concatenate([candidates.cells[k] for k in own])
+            cells = np.concatenate([all_cells[k] for k in own])
             distance = np.hypot(*(cells - (x, y)).T).min()
             cost = params.potential_scale * distance - params.gain_scale * candidates.group_sizes[own[0]] / CELL
             # Of the parts of a frontier, the one in the middle.

@@ -205,8 +205,9 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
         Cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
         (n,), int64, -1 for what is too sparse.
     """
-    cells = np.concatenate(candidates.cells)
-    owners = np.repeat(np.arange(len(candidates)), [len(own) for own in candidates.cells])
+    parts = candidates.cells
+    cells = np.concatenate(parts)
+    owners = np.repeat(np.arange(len(candidates)), [len(own) for own in parts])
     # A frontier crosses half as many cells that are twice as large.
     min_samples = max(1, round(size * CELL / candidates.costmap.grid.resolution))
     return cells, owners, DBSCAN(eps=tolerance + 1e-9, min_samples=min_samples).fit(cells).labels_

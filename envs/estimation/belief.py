@@ -22,6 +22,15 @@ class Window(NamedTuple):
     col_max: int
     row_max: int
 
+    def union(self, other: "Window") -> "Window":
+        """Return the least window that holds both."""
+        return Window(
+            min(self.col_min, other.col_min),
+            min(self.row_min, other.row_min),
+            max(self.col_max, other.col_max),
+            max(self.row_max, other.row_max),
+        )
+
 
 class Correction(NamedTuple):
     """How what a map shows was moved when it was redrawn: by the poses of which it had been seen."""

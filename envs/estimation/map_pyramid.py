@@ -1,4 +1,4 @@
-"""The map at the scales at which a policy sees it, kept up to date as scans are integrated.
+"""The map at the scales at which a policy sees it, brought up to date when a crop is asked for.
 
 A level joins blocks of map cells to one word each. A crop then costs one look-up per pixel, and no wall is lost between
 look-ups, however thin it is.
@@ -151,7 +151,12 @@ class Level:
             finer: level that it is pooled from; None for the map.
         """
         self.block = block
-        self._finer = finer
+        self.finer = finer
+        """Level that it is pooled from."""
+        self.is_stale = True
+        """Whether the level is to be rebuilt before it is read."""
+        self.pending: Window | None = None
+        """Cells that may have changed since the level was brought up to date."""
 
     def rebuild(self, data: np.ndarray) -> None:
         """Pool a map that is new, has grown, or was redrawn: shape (height, width), int8."""
@@ -162,10 +167,10 @@ class Level:
 
     def update(self, data: np.ndarray, window: Window) -> None:
         """Pool what may have changed in a map."""
-        if self._finer is None:
+        if self.finer is None:
             pool_cells(data, window, self.block, self.words)
         else:
-            finer = self._finer
+            finer = self.finer
             blocks = Window(*(cell // finer.block for cell in window))
             pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
 
@@ -192,21 +197,22 @@ class MapPyramid:
         self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
-        """Follow a change of the map."""
+        """Take note of a change of the map; levels follow when they are next asked for."""
         data = self._grid.data
         if update.redrawn or data is not self._data:
             self._data = data
             for level in self._levels.values():
-                self._rebuild(level)
+                level.is_stale = True
         elif update.window is not None:
             for level in self._levels.values():
-                level.update(data, update.window)
+                level.pending = update.window if level.pending is None else level.pending.union(update.window)
 
     def mark(self, x: float, y: float) -> None:
         """Remember that a robot has been at (x, y), map frame [m]."""
         col, row = self._in_cells(x, y)
         for level in self._levels.values():
-            level.mark(col, row)
+            if not level.is_stale:
+                level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
         """Crop the map around a pose in the map frame.
@@ -225,25 +231,31 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
+        """Return, up to date, the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self._grid.resolution)), 0)
             level = self._level_of_pixel[pixel] = self._level(block)
+        self._refresh(level)
         return level
 
     def _level(self, block: int) -> Level:
         if block not in self._levels:
             finer = self._level(block // _POOL) if block > LARGEST_POOLED else None
             self._levels[block] = Level(block, finer)
-            self._rebuild(self._levels[block])
         return self._levels[block]
 
-    def _rebuild(self, level: Level) -> None:
-        level.rebuild(self._grid.data)
-        for trail in self._trails:
-            for x, y in trail.positions.tolist():
-                level.mark(*self._in_cells(x, y))
+    def _refresh(self, level: Level) -> None:
+        if level.finer is not None:
+            self._refresh(level.finer)
+        if level.is_stale:
+            level.rebuild(self._grid.data)
+            for trail in self._trails:
+                for x, y in trail.positions.tolist():
+                    level.mark(*self._in_cells(x, y))
+        elif level.pending is not None:
+            level.update(self._grid.data, level.pending)
+        level.is_stale, level.pending = False, None
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self._grid, self._grid.origin

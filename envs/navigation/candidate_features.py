@@ -114,10 +114,18 @@ class Candidates:
     """Index of the candidate that the last drive was for; -1 if it is gone."""
     last_failed: bool
     """Whether that drive failed."""
-    cells: tuple[np.ndarray, ...]
-    """For each candidate shape (n, 2), float64: centres of all its frontier cells (x, y) [m]."""
+    frontier_cells: np.ndarray
+    """Shape (n, 2), int64: (row, column) of the planning cells of all frontiers..."""
+    spans: np.ndarray
+    """...and shape (k, 2), int64: the first of them that is the candidate's, and the one after its last."""
     costmap: Costmap
     """Costs on planning cells; its array is live."""
+
+    @property
+    def cells(self) -> tuple[np.ndarray, ...]:
+        """For each candidate shape (n, 2), float64: centres of all its frontier cells (x, y) [m]; made when asked."""
+        centers = self.costmap.grid.centers(self.frontier_cells)
+        return tuple(centers[first:last] for first, last in self.spans.tolist())
 
     def __len__(self) -> int:
         """Return how many there are."""

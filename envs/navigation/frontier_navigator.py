@@ -300,7 +300,6 @@ class FrontierNavigator:
         table, self._seen, chosen = describe(raster, found, tables, frame, pose.theta, self._now, past)
         self._table = table
         own = parts[found["part"]]
-        centers = (groups[:, ::-1] + 0.5) * planning.side + np.array(planning.origin)
         costs = planning._layers[self._level].costs
         self.candidates = Candidates(
             viewpoints=table["viewpoint"],
@@ -318,7 +317,8 @@ class FrontierNavigator:
             failures=table["failures"],
             chosen=int(chosen),
             last_failed=self._last_failed,
-            cells=tuple(centers[first:last] for first, last, _, _ in own.tolist()),
+            frontier_cells=groups,
+            spans=own[:, :2],
             costmap=Costmap(costs, planning.grid, costmap_params(planning.params, tables.robot_radius)),
         )
         """What there is to choose from."""

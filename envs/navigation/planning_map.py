@@ -19,6 +19,9 @@ from envs.navigation.tables import PlanningTables, costmap_params, tables_of
 from envs.navigation.viewpoints import is_frontier_near
 from envs.robots import RobotParams
 
+NO_CELLS = np.empty((0, 2), dtype=np.int64)
+"""What `obstacle_cells` returns where there are no points."""
+
 
 class CostLayer:
     """Costs for the footprint of one padding level."""
@@ -107,16 +110,17 @@ class PlanningMap:
                 self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
         frame = tables.marking_range, tuple(pose), self.origin, self.side
-        cells = obstacle_cells(obstacles, *frame), obstacle_cells(bodies, *frame)
+        missed = obstacle_cells(obstacles, *frame) if len(obstacles) else NO_CELLS
+        unmapped = obstacle_cells(bodies, *frame) if len(bodies) else NO_CELLS
         marked: Window | None = None
-        for found in cells:
+        for found in (missed, unmapped):
             if len(found):
                 (row, col), (last_row, last_col) = found.min(axis=0).tolist(), found.max(axis=0).tolist()
                 marked = union(marked, self._dilated((row, col, last_row + 1, last_col + 1), tables.inflation))
         window = union(union(layer.pending, layer._marked), marked)
         layer.pending, layer._marked = None, marked
         if window is not None and window[0] < window[2] and window[1] < window[3]:
-            update_costs(self.joined, *cells, tables, layer.costs, layer.open_weights, window)
+            update_costs(self.joined, missed, unmapped, tables, layer.costs, layer.open_weights, window)
         return layer
 
     @property

@@ -151,7 +151,11 @@ class Coverage:
         """Start with nothing explored; `start` is the pose of the map frame's origin in the world frame."""
         self.area = area
         self.start = start
-        self._lidar = lidar
+        self._mount = lidar.mount
+        # What is the same in all scans: the first beam's direction in the base frame, and the end of a `TrueScan`.
+        self._first_angle = float(lidar.mount.yaw), lidar.angle_min
+        is_full_turn = bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment)
+        self._beams = float(lidar.angle_increment), is_full_turn, float(lidar.range_max)
         self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
         self._cells = area.explorable.astype(np.uint8)
         self._num_explorable = int(np.count_nonzero(area.explorable))
@@ -206,17 +210,10 @@ class Coverage:
         return self._num_explored / self._num_explorable
 
     def _true_scan(self, ranges: np.ndarray, pose: Pose2D) -> TrueScan:
-        lidar = self._lidar
+        mount, (yaw, angle_min) = self._mount, self._first_angle
         c, s = math.cos(pose.theta), math.sin(pose.theta)
-        return TrueScan(
-            ranges,
-            pose.x + c * lidar.mount.x - s * lidar.mount.y,
-            pose.y + s * lidar.mount.x + c * lidar.mount.y,
-            pose.theta + float(lidar.mount.yaw) + lidar.angle_min,
-            float(lidar.angle_increment),
-            bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment),
-            float(lidar.range_max),
-        )
+        x, y = pose.x + c * mount.x - s * mount.y, pose.y + s * mount.x + c * mount.y
+        return TrueScan(ranges, x, y, pose.theta + yaw + angle_min, *self._beams)
 
 
 def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:

@@ -124,6 +124,8 @@ class FusedShard(Shard):
             self._fractions[i], self._areas[i] = coverage.explored_fraction, coverage.explored_area
             if update.redrawn or robot.belief.grid.data is not self._data[i]:
                 self._load_map(i)
+            for part in self._crops.values():  # `_observe` reads the words of the levels
+                robot.pyramid.level(part.resolution)
         if flags & REMEMBER:
             x, y, theta = rows.pose[i].tolist()
             robot.trail.append(Pose2D(x, y, theta))

@@ -70,6 +70,19 @@ def test_only_the_window_needs_pooling():
         assert (shown != old).any()
 
 
+def test_a_crop_shows_all_updates_since_the_last_one_and_where_the_robot_was_meanwhile():
+    grid, trail, pose = random_grid(), trail_of((0.5, 0.5)), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [trail])
+    crops(pyramid, pose)
+    for window in (Window(13, 41, 40, 50), Window(90, 60, 101, 77)):
+        grid.data[window.row_min : window.row_max + 1, window.col_min : window.col_max + 1] = 0
+        pyramid.update(update_of(window))
+    trail.append(Pose2D(-0.5, 0.7, 0.0))
+    pyramid.mark(-0.5, 0.7)
+    for shown, fresh in zip(crops(pyramid, pose), crops(MapPyramid(grid, [trail]), pose), strict=True):
+        np.testing.assert_array_equal(shown, fresh)
+
+
 def test_without_an_update_nothing_changes():
     grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
     pyramid = MapPyramid(grid, [])
