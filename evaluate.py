@@ -22,6 +22,7 @@ from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
 from envs.files import read_record
+from lidarnaut.configurations import find_configuration
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Command:
     """What the evaluation consists of."""
     out: Path
     """Folder for the results."""
-    config: Path | None = None
-    """YAML file with settings; those on the command line go before it."""
+    config: str | None = None
+    """YAML file with settings, or `arena`, which comes with the package; those on the command line go before it."""
     jobs: int = 1
     """Processes to spread the episodes over. Decision times are cleanest with one per core or fewer."""
     shard: str | None = None
@@ -55,10 +56,10 @@ def main(arguments: list[str] | None = None) -> int:
     messages = Console(stderr=True)
     arguments = sys.argv[1:] if arguments is None else arguments
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--config", type=Path)
+    first.add_argument("--config")
     file = first.parse_known_args(arguments)[0].config
     try:
-        settings: Any = read_record(file, Settings) if file else tyro.MISSING
+        settings: Any = read_record(find_configuration(file), Settings) if file else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
         command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
         evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))

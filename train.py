@@ -2,6 +2,7 @@
 
 python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--ppo.learning-rate 1e-3] ...
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
+lidarnaut-train --config explore_frontiers --seed 1     where the package is installed, which brings configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
 """
 
@@ -16,20 +17,21 @@ import tyro
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.run_folder import CheckpointError, find_config
 from envs.files import read_mapping, read_record
+from lidarnaut.configurations import find_configuration
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line and train; return the exit status."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--config", type=Path)
+    where.add_argument("--config")
     where.add_argument("--resume", type=Path)
     given, overrides = parser.parse_known_args(arguments)
     try:
         kind: Any = TrainingConfig
         start: Any = tyro.MISSING
         if given.resume or given.config:
-            path = find_config(given.resume) if given.resume else given.config
+            path = find_config(given.resume) if given.resume else find_configuration(given.config)
             kind = EvolutionConfig if read_mapping(path).get("algorithm") == "evolution" else TrainingConfig
             start = read_record(path, kind)
         else:

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 
 from envs.explore import ExploreEnv
+from envs.navigation.home import HomeNavigator
 from envs.tasks.coverage import map_iou
 
 from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
@@ -121,7 +122,7 @@ class Episode:
     success: bool
     """Whether the environment's target coverage was reached."""
     end_reason: str
-    """Why it ended: "covered" or "time_limit", or why the explorer stopped ("no_reachable_frontier", ...)."""
+    """Why it ended: "covered", "returned", "time_limit", or why the explorer stopped ("no_reachable_frontier", ...)."""
     duration: float
     """Time at the end [s]."""
     time_limit: float
@@ -155,15 +156,26 @@ def begin_episode(
 
 
 def decide_with(explorer: Explorer | ObservationPolicy, env: ExploreEnv) -> Decide:
-    """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw."""
+    """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw.
+
+    With `return_home=True` a navigator drives once the explorer has stopped, or the environment calls the robot back.
+    """
+    home = HomeNavigator(env.robot, env.control_period) if getattr(env, "return_home", False) else None
 
     def decide(observation: Observation) -> np.ndarray | np.integer | str:
+        if home is not None and env.is_returning:
+            twist = home.act(env.reading, env.belief)
+            env.plan = home.plan
+            return home.end_reason or to_action(twist, env.robot)
         action: np.ndarray | np.integer
         if hasattr(explorer, "act"):
             action = to_action(explorer.act(env.reading, env.belief), env.robot)
         else:
             action = explorer(observation)
         env.plan = explorer.plan
+        if home is not None and explorer.end_reason is not None:
+            env.call_back()
+            return decide(observation)
         return explorer.end_reason or action
 
     return decide

@@ -71,7 +71,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     That of `ExploreFrontiersEnv`.
 
     ## Arguments
-    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed, and
+    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed and `return_home` is missing, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -105,6 +105,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
             if value != allowed:
                 raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
+        if arguments.get("return_home"):
+            raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
         check_positive(scan_distance=scan_distance)
         if len(drift) != 2 or not min(drift) >= 0.0:
             raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")

@@ -13,6 +13,7 @@ from envs.robots import RobotParams
 from envs.slam import DEFAULT_SLAM, PoseGraphView, make_slam
 from envs.tasks.coverage import Coverage
 from envs.tasks.explore import Explore
+from envs.tasks.return_home import ExploreAndReturn
 from envs.tasks.rewards import RewardWeights
 from envs.worlds import World
 
@@ -62,10 +63,17 @@ class ExploreEnv(LidarEnv):
 
     Collisions cost, and do not end the episode.
 
+    With `return_home=True` the target coverage ends exploration, not the episode: the robot is called back to its start,
+    and termination is when it is within 0.3 m of it, by ground truth. The default observation then has a part `home`,
+    `Box(-1, 1, (4,), float32)`: 1 once the robot is called back, distance to the start by its own estimate over 32 m,
+    cosine and sine of the bearing; and the reward a term `returned`.
+
     ## Information
     Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m],
     heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the
-    end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`).
+    end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
+    `returned` and `time_home` (since the robot was called back) [s]; `end_reason` is `"returned"` in place of `"covered"`,
+    and `is_success` asks for both.
 
     ## Arguments
     | argument | default | meaning |
@@ -83,6 +91,7 @@ class ExploreEnv(LidarEnv):
     | `reward` | `RewardWeights()` | weights, also as a mapping |
     | `map_resolution` | `0.05` | side of a map cell [m] |
     | `observations` | `("scan", "map_near", "map_far", "motion")` | parts of the observation, see `envs.observations.make_parts` |
+    | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
     | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped |
     | `render_mode` | `None` | `"human"` or `"rgb_array"` |
 
@@ -112,6 +121,7 @@ class ExploreEnv(LidarEnv):
         reward: RewardWeights | Mapping[str, float] = RewardWeights(),
         map_resolution: float = 0.05,
         observations: Observations = OBSERVATIONS,
+        return_home: bool = False,
         clip_actions: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -121,7 +131,12 @@ class ExploreEnv(LidarEnv):
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
         params = choose_robot(robot, world)
-        task = Explore(
+        if return_home and self.num_robots > 1:
+            raise ValueError("return_home is for one robot, not for a team")
+        if return_home and observations is OBSERVATIONS:
+            observations = (*OBSERVATIONS, "home")
+        self.return_home = return_home
+        task = (ExploreAndReturn if return_home else Explore)(
             params,
             world=world,
             split=split,
@@ -169,6 +184,21 @@ class ExploreEnv(LidarEnv):
     def coverage(self) -> Coverage:
         """The true coverage."""
         return self.task.coverage
+
+    @property
+    def is_returning(self) -> bool:
+        """Whether the robot is to come back to its start; with `return_home=True` alone."""
+        return self.task.is_returning
+
+    def call_back(self) -> None:
+        """End exploration where no frontier is left, and call the robot back to its start.
+
+        Raises:
+            ValueError: without `return_home=True`.
+        """
+        if not isinstance(self.task, ExploreAndReturn):
+            raise ValueError("the robot can be called back with return_home=True alone")
+        self.task.call_back()
 
     @property
     def target_coverage(self) -> float:

@@ -14,8 +14,10 @@ from envs.explore import ExploreEnv
 from envs.fused import UNCHECKED, FusedDrive, is_fusible
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
 from envs.navigation.candidates import find_candidates
+from envs.navigation.home import HomeNavigator
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
+from envs.simulation import Twist
 
 RESET, EPISODE_END = "reset", "episode_end"
 """Outcomes beside those of `FrontierNavigator`: there was no drive yet; the episode ended in the midst of one."""
@@ -82,6 +84,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
        stuck if no cell of its map near it is traversable, or it has not come ten centimetres far for half a minute.
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
+    With `return_home=True` the navigator drives the robot back to its start in cases 1 and 2, within the same step, and
+    the episode ends there: see `ExploreEnv`.
+
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
     has not come half a metre far for ten seconds or there is no path any more, or when the drive has taken
     `max_decision_time`. A recovery is finished first, and looking around, where no frontier is left, comes
@@ -92,7 +97,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     was none and the robot looked around), `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`,
     `"looked_around"`, `"episode_end"`; `"reset"` after one), `decision_time` [s], `decision_length` [m],
     `decision_steps` (control steps), `area_left` (explorable and unknown) [m2]. `end_reason` may also be
-    `"no_reachable_frontier"` or `"stuck"`.
+    `"no_reachable_frontier"` or `"stuck"`; with `return_home=True` instead `"arrived_home"` where the robot believes to
+    be back, and is farther off than 0.3 m, or `"no_path_home"`.
 
     ## Arguments
     Those of `ExploreEnv`, and
@@ -160,6 +166,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._fused = self._fuse()
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.weights.names(), 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
+        self._home_reason: str | None = None
         return self.observe(), self._info()
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -183,14 +190,17 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         else:
             self.navigator.look_around()
         self._result = self._drive()
+        is_explored = self.explore.is_returning or len(self.candidates) == 0
+        if self.explore.return_home and is_explored and not any(self.explore.is_over):
+            self._home_reason = self._drive_home()
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last decision; see `LidarEnv.outcome`."""
         explore, info = self.explore, self._info()
         terminated, truncated = explore.is_over
         reason = explore.task.end_reason
-        if not (terminated or truncated or len(self.candidates)):
-            terminated, reason = True, self.navigator.end_reason
+        if not (terminated or truncated) and (self._home_reason or not len(self.candidates)):
+            terminated, reason = True, self._home_reason or self.navigator.end_reason
         truncated = truncated or (is_last and not terminated)
         if terminated or truncated:
             info |= explore.task.final_metrics()
@@ -268,16 +278,35 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Drive for one control period; return why a decision is due, if it is."""
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         explore.plan = navigator.plan
-        if explore.render_mode == "human":
-            explore.render()
-        twist = navigator.command(robot.belief)
-        robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
-        explore.advance([twist])
-        self._note(1, 0)
-        if any(explore.is_over):
+        self._control(navigator.command(robot.belief))
+        if any(explore.is_over) or explore.is_returning:
             navigator.look(robot.reading, robot.belief)
             return EPISODE_END
         return navigator.update(robot.reading, robot.belief)
+
+    def _control(self, twist: Twist) -> None:
+        """Command a twist for one control period."""
+        explore, robot = self.explore, self.explore.robots[0]
+        if explore.render_mode == "human":
+            explore.render()
+        robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
+        explore.advance([twist])
+        self._note(1, 0)
+
+    def _drive_home(self) -> str | None:
+        """Drive back to the start; return why the drive ended before the episode did, if so."""
+        explore, robot = self.explore, self.explore.robots[0]
+        explore.call_back()
+        home = HomeNavigator(explore.robot, explore.control_period)
+        while not any(explore.is_over):
+            twist = home.act(robot.reading, robot.belief)
+            if home.end_reason is not None:
+                break
+            explore.plan = home.plan
+            self._control(twist)
+            self.navigator.integrate(robot.belief)
+        self.navigator.look(robot.reading, robot.belief)
+        return home.end_reason
 
     def _advance_fused(self, fused: FusedDrive) -> str | None:
         """Do the same for as many control periods as a kernel can do."""

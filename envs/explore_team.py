@@ -58,7 +58,7 @@ class ExploreTeamEnv(ExploreEnv):
     `collisions` (both shape (num_robots,)); at the end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`).
 
     ## Arguments
-    Those of `ExploreEnv`, and
+    Those of `ExploreEnv` but for `return_home`, and
 
     | argument | default | meaning |
     |---|---|---|

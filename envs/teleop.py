@@ -160,5 +160,10 @@ def main(options: Options) -> None:
     teleop.close()
 
 
-if __name__ == "__main__":
+def cli() -> None:
+    """Drive with the options of the command line."""
     main(tyro.cli(Options))
+
+
+if __name__ == "__main__":
+    cli()

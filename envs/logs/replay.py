@@ -218,8 +218,13 @@ def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
     return relations
 
 
-if __name__ == "__main__":
+def cli() -> None:
+    """Run the command with the options of the command line; errors end it with a message."""
     try:
         main(tyro.cli(Options))
     except (ValueError, OSError, MemoryError) as error:
         sys.exit(f"error: {error}")
+
+
+if __name__ == "__main__":
+    cli()

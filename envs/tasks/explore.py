@@ -15,7 +15,7 @@ from envs.simulation import Reading, RobotState
 from envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
-from .rewards import RewardWeights
+from .rewards import RewardWeights, Weights
 from .starts import WorldTask
 
 
@@ -24,6 +24,11 @@ class Explore(WorldTask):
 
     Ends with "covered" once the explored fraction reaches the target.
     """
+
+    weights_kind: type[Weights] = RewardWeights
+    """Which reward terms there are."""
+    is_returning = False
+    """Whether the robot is to come back to its start; see `ExploreAndReturn`."""
 
     def __init__(
         self, robot: RobotParams, *, target_coverage: float, reward: RewardWeights | Mapping[str, float], **worlds: Any
@@ -35,7 +40,7 @@ class Explore(WorldTask):
         """
         if not 0 < target_coverage <= 1:
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
-        self.weights = RewardWeights.of(reward)
+        self.weights = self.weights_kind.of(reward)
         self.target_coverage = target_coverage
         super().__init__(robot, **worlds)
 

@@ -65,6 +65,14 @@ class RewardWeights(Weights):
 
 
 @dataclass(frozen=True, slots=True)
+class ReturnRewards(RewardWeights):
+    """Weights of the reward terms of an exploration after which the robot returns."""
+
+    returned: float = 10.0
+    """Once, when the robot is back at its start."""
+
+
+@dataclass(frozen=True, slots=True)
 class NavigateRewards(Weights):
     """Weights of the reward terms of driving to a goal."""
 

@@ -1,0 +1,22 @@
+"""The configurations that come with the package, by their names."""
+
+from pathlib import Path
+
+from envs.files import explain_unknown
+
+CONFIGURATIONS = Path(__file__).parents[1] / "configs"
+"""Folder of the configurations, in a checkout and where the package is installed."""
+
+
+def find_configuration(name: str) -> Path:
+    """Return the file that `name` means: a path of a YAML file, or `explore_frontiers` for one that is packaged.
+
+    Raises:
+        ValueError: if no configuration has that name; lists those there are.
+    """
+    if name.endswith((".yaml", ".yml")) or Path(name).is_file():
+        return Path(name)
+    known = {path.stem: path for path in sorted(CONFIGURATIONS.glob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
+    return known[name]

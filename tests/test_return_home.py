@@ -1,0 +1,159 @@
+"""Exploration after which the robot comes back to its start: `return_home=True`."""
+
+import math
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import begin_episode, decide_with, run
+from benchmarks.decision_rules import nearest
+from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.explore import ExploreEnv
+from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.explore_team import ExploreTeamEnv
+from envs.tasks.return_home import HOME_RADIUS
+from envs.tasks.rewards import RewardWeights
+
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
+
+
+class Tired:
+    """An explorer that stops after some control periods, with frontiers left."""
+
+    def __init__(self, patience):
+        self._explorer, self._patience, self.end_reason = make_explorer("nearest"), patience, None
+
+    plan = property(lambda self: self._explorer.plan)
+
+    def reset(self, *arguments):
+        self._explorer.reset(*arguments)
+
+    def act(self, reading, belief):
+        self._patience -= 1
+        self.end_reason = None if self._patience else "tired"
+        return self._explorer.act(reading, belief)
+
+
+def explore(explorer, **arguments):
+    """Run an episode; return the environment and every `info` of it."""
+    env, infos = ExploreEnv(**QUICK, **arguments), []
+    start = begin_episode(env, explorer, 3, np.random.default_rng(0))
+    run(env, decide_with(explorer, env), *start, infos.append)
+    return env, infos
+
+
+def distance_home(env):
+    (x, y, _), (home_x, home_y, _) = env.truths[0].state.pose, env.start
+    return math.hypot(x - home_x, y - home_y)
+
+
+def test_the_episode_ends_at_the_start_once_the_world_is_explored():
+    env, infos = explore(make_explorer("nearest"), control_hz=5.0)
+    last = infos[-1]
+    assert (last["end_reason"], last["returned"], last["is_success"]) == ("returned", True, True)
+    assert distance_home(env) <= HOME_RADIUS
+    # At the start the robot is at home, too, and has nothing to return from.
+    assert not any(info["returned"] for info in infos[:-1])
+    covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.target_coverage)
+    assert 0 < covered < len(infos) - 1
+    assert infos[covered]["time_home"] == 0.0
+    assert last["time_home"] == pytest.approx(last["time"] - infos[covered]["time"])
+    paid = {name: [k for k, i in enumerate(infos) if i["rewards"][name]] for name in ("completed", "returned")}
+    assert paid == {"completed": [covered], "returned": [len(infos) - 1]}
+
+
+def test_a_robot_whose_explorer_stops_early_returns_without_success():
+    env, infos = explore(Tired(40), control_hz=5.0)
+    assert infos[-1]["returned"]
+    assert not infos[-1]["is_success"]
+    assert infos[-1]["explored_fraction"] < env.target_coverage
+    assert distance_home(env) <= HOME_RADIUS
+
+
+def decide(seed=3, **arguments):
+    """Explore by decisions; return the environment and the last step."""
+    env = ExploreFrontiersEnv(**QUICK, **arguments)
+    observation, _ = env.reset(seed=seed)
+    while True:
+        observation, reward, terminated, truncated, info = env.step(nearest(observation))
+        assert env.observation_space.contains(observation)
+        if terminated or truncated:
+            return env, reward, terminated, info
+
+
+def test_the_last_decision_drives_home():
+    env, reward, terminated, info = decide()
+    assert terminated
+    assert (info["end_reason"], info["is_success"]) == ("returned", True)
+    assert distance_home(env.explore) <= HOME_RADIUS
+    assert info["rewards"]["returned"] == 10.0
+    assert reward == pytest.approx(sum(info["rewards"].values()))
+    assert info["decision_time"] >= info["time_home"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [("tasks.return_home.HOME_RADIUS", 0.0, "arrived_home"), ("navigation.home.HOME", (40.0, 0.0), "no_path_home")],
+)
+def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
+    """It believes to be back, but is farther off than allowed; or its map shows no path."""
+    monkeypatch.setattr(f"envs.{name}", value)
+    _, _, terminated, info = decide()
+    assert terminated
+    assert (info["end_reason"], info["returned"], info["is_success"]) == (reason, False, False)
+
+
+def test_time_limits_hold_on_the_drive_home(monkeypatch):
+    monkeypatch.setattr("envs.tasks.return_home.HOME_RADIUS", 0.0)
+    _, infos = explore(Tired(20), control_hz=5.0, time_limit=6.0)
+    assert infos[-1]["end_reason"] == "time_limit"
+    assert infos[-1]["time_home"] > 0.0
+
+
+def test_vector_environments_do_the_same():
+    arguments = QUICK | {"target_coverage": 0.01, "control_hz": 5.0}
+    make = {"num_envs": 2, "num_workers": 1, "autoreset_mode": "Disabled"}
+    vector = gymnasium.make_vec("lidarnaut/Explore-v0", **make, **arguments)
+    observations, _ = vector.reset(seed=5)
+    assert observations["home"].shape == (2, 4)
+    _, rewards, terminated, _, infos = vector.step(np.zeros((2, 2), dtype=np.float32))
+    for k in range(2):
+        env = ExploreEnv(**arguments)
+        env.reset(seed=5 + k)
+        _, reward, ended, _, info = env.step(np.zeros(2, dtype=np.float32))
+        assert (rewards[k], terminated[k], infos["returned"][k]) == (reward, ended, info["returned"])
+        assert info["end_reason"] == infos["end_reason"][k] == "returned"
+    vector.close()
+
+
+def test_policies_see_where_home_is():
+    env = pickle.loads(pickle.dumps(ExploreEnv(**QUICK, slam="truth", start="spawn")))
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_allclose(observation["home"][:2], 0.0, atol=1e-6)
+    env.call_back()
+    for _ in range(5):
+        observation, *_ = env.step(np.array([0.0, 1.0], dtype=np.float32))
+    x, y, theta = env.belief.pose
+    flag, distance, cosine, sine = observation["home"]
+    assert flag == 1.0
+    assert distance == pytest.approx(math.hypot(x, y) / 32.0, abs=1e-6)
+    to_home = np.array([math.cos(theta) * -x - math.sin(theta) * y, math.sin(theta) * x - math.cos(theta) * y])
+    np.testing.assert_allclose([cosine, sine], to_home / np.linalg.norm(to_home), atol=1e-5)
+
+
+def test_weights_of_an_exploration_keep_their_values():
+    assert ExploreEnv(**QUICK, reward=RewardWeights(time=-1.0)).task.weights.time == -1.0
+    assert ExploreEnv(**QUICK, reward={"returned": 3.0}).task.weights.returned == 3.0
+
+
+def test_what_cannot_return_says_so():
+    with pytest.raises(ValueError, match="return_home is for one robot"):
+        ExploreTeamEnv(**QUICK)
+    with pytest.raises(ValueError, match="return_home needs a robot that drives"):
+        ExploreFrontiersAbstractEnv(return_home=True)
+    with pytest.raises(ValueError, match="return_home=True"):
+        ExploreEnv(physics="kinematic").call_back()
