@@ -137,7 +137,10 @@ class DecisionNetworkConfig(Section):
     heads: PositiveInt = 4
     """Heads of the attention between candidates; must divide `width`."""
     prior: float = Field(default=10.0, ge=0)
-    """Weight of the rule `gain_over_cost` in the logits: the larger, the less is explored at first; 0 leaves it out."""
+    """Weight of the prior in the logits: the larger, the less is explored at first; 0 leaves it out."""
+    prior_policy: str = "rule"
+    """What an untrained network chooses like: `rule` for `gain_over_cost`, or the folder of a score of frontiers, of a
+    run of evolution or `pretrained/NAME`."""
 
     @model_validator(mode="after")
     def _divides(self) -> "DecisionNetworkConfig":

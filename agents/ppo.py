@@ -14,7 +14,9 @@ from torch import Tensor, nn
 from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, record_of
 from agents.config import NetworkConfig, TrainingConfig
 from agents.curves import Row
-from agents.frontiers.policy import FrontierPolicy
+from agents.frontiers.policy import RULE, FrontierPolicy
+from agents.frontiers.score import FrontierScore
+from agents.learned import find_policy
 from agents.networks import ExplorerFeatures
 from agents.pursuit import PursuitPolicy
 from agents.run_folder import CheckpointError
@@ -29,6 +31,7 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
 
     Raises:
         ValueError: if the device is `cuda` and torch sees no GPU.
+        CheckpointError: if `decision_network.prior_policy` names no score of frontiers.
     """
     ppo = config.ppo
     if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would take the CPU silently
@@ -59,7 +62,10 @@ def build_model(config: TrainingConfig, env: VecEnv) -> PPO:
         seed=config.seed,
         device=config.device,
     )
-    if policy is not FrontierPolicy:
+    if isinstance(model.policy, FrontierPolicy):
+        if (name := config.decision_network.prior_policy) != RULE:
+            model.policy.load_prior(FrontierScore.load(find_policy(name)))
+    else:
         with torch.no_grad():
             model.policy.get_parameter("action_net.bias")[0] = config.network.speed
     return model

@@ -1,5 +1,6 @@
 """The network that chooses a candidate from an observation of `ExploreFrontiersEnv`."""
 
+import numpy as np
 import torch
 from gymnasium import spaces
 from torch import Tensor, nn
@@ -9,7 +10,8 @@ from agents.networks import PATCH, MapPatches
 from envs.navigation import GainOverCostParams
 from envs.navigation.candidate_features import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
-from .score import FAILED
+from .features import NUM_FEATURES
+from .score import FAILED, FrontierScore
 
 MASKED = -1e9
 """Logit of an action without a candidate: its probability is exactly 0."""
@@ -30,19 +32,26 @@ class FrontierNetwork(nn.Module):
     """Logits of the candidates, and the value of the state. Permuted candidates give permuted logits.
 
     A layer for each candidate, self-attention between them, and layers for each candidate again. Distance between two
-    candidates counts against attention, by a slope that each head learns. What comes out is a correction of the rule
-    `gain_over_cost`: logit = prior * (log(visible + 0.3) - log(cost + 3)) + correction. It is 0 at first, so that an
-    untrained network chooses as the rule does. The value is made of mean and maximum over the candidates' features.
+    candidates counts against attention, by a slope that each head learns. What comes out is a correction of a prior:
+    logit = prior * utility + correction. The utility is that of the rule `gain_over_cost`, log(visible + 0.3) -
+    log(cost + 3), or a score of frontiers (`agents.frontiers.score`). The correction is 0 at first, so that an
+    untrained network chooses as its prior does. The value is made of mean and maximum over the candidates' features.
     """
 
-    def __init__(self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float) -> None:
+    score: Tensor | None
+    """Weights of the score that is the prior, shape (NUM_FEATURES,), float64; None where it is the rule."""
+
+    def __init__(
+        self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, has_score: bool = False
+    ) -> None:
         """Build the layers.
 
         Args:
             observation_space: of `ExploreFrontiersEnv`.
             width: of all layers, a multiple of `heads`.
             heads: of the attention.
-            prior: factor of the rule's utility in the logits.
+            prior: factor of the utility in the logits.
+            has_score: whether the utility is a score of frontiers, whose weights are to be put into `score`.
 
         Raises:
             ValueError: if an observation is missing.
@@ -55,6 +64,8 @@ class FrontierNetwork(nn.Module):
             )
         shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
         self._heads, self._prior, self._rule = heads, prior, GainOverCostParams()
+        # Part of the weights that are saved: a checkpoint does not need the policy that it started from.
+        self.register_buffer("score", torch.zeros(NUM_FEATURES, dtype=torch.float64) if has_score else None)
         self.map = MapPatches(shapes["map"], MAP_CHANNELS)
         num_patches = (shapes["map"][1] // PATCH) * (shapes["map"][2] // PATCH)
         self.context = nn.Linear(MAP_CHANNELS * num_patches + shapes["robot"][0], width)
@@ -72,7 +83,7 @@ class FrontierNetwork(nn.Module):
         """Return logits, shape (batch, max_candidates), and values, shape (batch, 1), float32."""
         slots = _Slots(observations["action_mask"] > 0)
         candidates = slots.take(observations["candidates"])
-        utility, known = self._rate(candidates, slots)
+        utility, known = self._rate(observations, candidates, slots)
         seen = torch.cat([self.map(observations["map"].float()), observations["robot"]], dim=1)
         context = functional.relu(self.context(seen))
         rows = torch.cat([candidates, slots.take(observations["sectors"]), known], dim=1)
@@ -88,14 +99,23 @@ class FrontierNetwork(nn.Module):
             self.judge(torch.cat([context, mean, greatest], dim=1)),
         )
 
-    def _rate(self, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
-        """Return the prior's logits, shape (rows,), and what it makes them of, shape (rows, 3)."""
+    def _rate(self, observations: dict[str, Tensor], candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
+        """Return the prior's logits, shape (rows,); and gain, cost and how much worse than the best, (rows, 3)."""
         gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
-        utility = gain - cost
+        utility = gain - cost if self.score is None else self._weigh(observations, self.score)
         best = slots.table(utility, MASKED).amax(dim=1)
         logits = self._prior * utility - FAILED * (candidates[:, FAILURES] > 0)
         return logits, torch.stack([gain, cost, utility - best[slots.sample]], dim=1)
+
+    @staticmethod
+    def _weigh(observations: dict[str, Tensor], score: Tensor) -> Tensor:
+        """Return the scores of candidates, which take the first slots of each sample: shape (rows,), float32."""
+        names = ("candidates", "sectors", "gaps", "robot", "action_mask")
+        samples = zip(*(observations[name].cpu().numpy() for name in names), strict=True)
+        scorer = FrontierScore(score.cpu().numpy())
+        features = [scorer.rate(dict(zip(names, sample, strict=True)))[0] for sample in samples]
+        return torch.from_numpy(np.concatenate(features) @ scorer.weights).float().to(score.device)
 
     def _attend(self, rows: Tensor, gaps: Tensor, slots: "_Slots") -> Tensor:
         """Return what each row takes from the others of its sample, shape (rows, width)."""

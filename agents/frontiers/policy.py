@@ -9,8 +9,11 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
 from .network import FrontierNetwork
+from .score import FrontierScore
 
 Observations = dict[str, Tensor]
+RULE = "rule"
+"""As `prior_policy`: the rule `gain_over_cost`."""
 
 
 class FrontierPolicy(ActorCriticPolicy):
@@ -25,12 +28,21 @@ class FrontierPolicy(ActorCriticPolicy):
         width: int = 64,
         heads: int = 4,
         prior: float = 10.0,
+        prior_policy: str = RULE,
         use_sde: bool = False,
     ) -> None:
-        """Build the network; see there for `width`, `heads` and `prior`. `use_sde` is not for choices."""
-        self._sizes = {"width": width, "heads": heads, "prior": prior}
+        """Build the network; see there for `width`, `heads` and `prior`. `use_sde` is not for choices.
+
+        With a `prior_policy` other than the rule, the network waits for the weights of that score; see `load_prior`.
+        """
+        self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # The extractor has no weights; it is what the base class asks for.
         super().__init__(observation_space, action_space, lr_schedule, features_extractor_class=FlattenExtractor)
+
+    def load_prior(self, score: FrontierScore) -> None:
+        """Start from a score of frontiers, where the policy was made with a `prior_policy`."""
+        assert self.network.score is not None
+        self.network.score.copy_(torch.from_numpy(score.weights))
 
     def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
         """Return actions, values and the logarithms of the actions' probabilities."""

@@ -13,6 +13,8 @@ from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator, run_episodes
 from agents.explorer import PPOChooser, PPOExplorer, load_trained
+from agents.frontiers.features import NEAREST
+from agents.frontiers.score import FrontierScore
 from agents.frontiers.tasks import HELD_OUT, training_world, validation_world
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
@@ -69,6 +71,29 @@ def test_a_run_measures_references_and_itself(run):
     assert 10.0 < float(rule["time_to_target"]) < float(chance["time_to_target"])
     record = load_checkpoint(find_checkpoint(run)).record
     assert (str(record.action), str(record.observation["action_mask"])) == ("Discrete(48)", "MultiBinary(48)")
+
+
+def test_a_training_starts_from_a_score_which_its_checkpoints_hold(tmp_path):
+    folder = tmp_path / "nearest"
+    FrontierScore(NEAREST).save(folder, {})
+    config = changed(
+        decision_network={"prior_policy": str(folder)}, evaluation={"references": ["nearest"]}, total_steps=32
+    )
+    run = train(config, run=tmp_path / "run", progress=False)
+    shutil.rmtree(folder)
+    reference, untrained, _ = read_csv(run / "evaluations.csv")
+    assert untrained["time_to_target"] == reference["time_to_target"]
+    checkpoint = find_checkpoint(run)
+    np.testing.assert_array_equal(load_checkpoint(checkpoint).policy["network.score"].numpy(), NEAREST)
+    env = make_env(config.environment, "test")
+    assert env.action_space.contains(load_trained(checkpoint)(env.reset(seed=0)[0]))
+
+
+def test_a_prior_that_is_no_score_of_frontiers_is_refused(run, tmp_path):
+    for folder, message in ((run, "holds no frontier policy"), (tmp_path, "is neither a run folder")):
+        with pytest.raises(CheckpointError, match=message):
+            train(changed(decision_network={"prior_policy": str(folder)}), run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
 
 
 def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(run, tmp_path):

@@ -5,8 +5,10 @@ import pytest
 import torch
 from gymnasium import spaces
 
+from agents.frontiers.features import NUM_FEATURES, PRIOR
 from agents.frontiers.network import FrontierNetwork
 from agents.frontiers.policy import FrontierPolicy
+from agents.frontiers.score import FrontierScore
 from agents.ppo import mean_action
 from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv
@@ -40,9 +42,12 @@ def episode():
     return (env.observation_space, env.action_space), batch_of(observations), np.array(choices)
 
 
-def make_policy(spaces_, seed=0, untrained=True):
+def make_policy(spaces_, seed=0, untrained=True, weights=None):
     torch.manual_seed(seed)
-    policy = FrontierPolicy(*spaces_, lambda _: 1e-3, width=32, heads=4, prior=15.0)
+    prior = {} if weights is None else {"prior_policy": "pretrained/frontiers"}
+    policy = FrontierPolicy(*spaces_, lambda _: 1e-3, width=32, heads=4, prior=15.0, **prior)
+    if weights is not None:
+        policy.load_prior(FrontierScore(weights))
     if not untrained:
         torch.nn.init.normal_(policy.network.correct[-1].weight)
     return policy
@@ -54,6 +59,22 @@ def test_untrained_it_chooses_as_the_rule(episode):
     assert (batch["candidates"][:, :, 13] > 0).any()
     np.testing.assert_array_equal(mean_action(make_policy(spaces_), batch), choices)
     assert (mean_action(make_policy(spaces_, untrained=False), batch) != choices).any()
+
+
+def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
+    spaces_, batch, choices = episode
+    weights = PRIOR + np.random.default_rng(0).normal(0.0, 0.5, NUM_FEATURES)
+    score = FrontierScore(weights)
+    expected = [score({key: value[i] for key, value in batch.items()}) for i in range(len(choices))]
+    assert (expected != choices).any()
+    np.testing.assert_array_equal(mean_action(make_policy(spaces_, weights=weights), batch), expected)
+
+
+def test_a_score_with_the_weights_of_the_rule_gives_the_logits_of_the_rule(episode):
+    spaces_, batch, _ = episode
+    with torch.no_grad():
+        rule, score = (make_policy(spaces_, False, weights=w).network(to_tensors(batch))[0] for w in (None, PRIOR))
+    assert torch.allclose(score, rule, atol=1e-3)
 
 
 def test_permuted_candidates_give_permuted_logits_and_the_same_value(episode):
