@@ -63,8 +63,10 @@ class RuleExplorer:
 
     @property
     def scores(self) -> np.ndarray | None:
-        """Values by which the last choice was made, shape (k,), float64, of the navigator's candidates, the greater the
-        better; None where the rule has no method `rate(candidates)`."""
+        """Values of the navigator's candidates, the greatest of which the rule chooses, shape (k,), float64.
+
+        None where the rule has no method `rate(candidates)`.
+        """
         rate = getattr(self.rule, "rate", None)
         return rate(self._navigator.candidates) if rate is not None and self._navigator is not None else None
 

@@ -38,9 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_file(out, page)
     except (ValueError, OSError) as error:
-        print(f"envs.player: {error}", file=sys.stderr)
+        sys.stderr.write(f"envs.player: {error}\n")
         return 2
-    print(f"{out}: {len(page) / 1e6:.1f} MB")
+    sys.stdout.write(f"{out}: {len(page) / 1e6:.1f} MB\n")
     if options.open:
         webbrowser.open(out.resolve().as_uri())
     return 0

@@ -68,4 +68,4 @@ def pack(recordings: Sequence[Recording]) -> bytes:
         episodes.append({"about": recording.about, "arrays": listed})
     header = json.dumps({"episodes": episodes, "rangeSteps": RANGE_STEPS, "noReturn": NO_RETURN}).encode()
     header += b" " * (-len(header) % 4)
-    return gzip.compress(b"".join([len(header).to_bytes(4, "little"), header, *parts]), mtime=0)
+    return gzip.compress(b"".join([len(header).to_bytes(4, "little"), header, *parts]), compresslevel=6, mtime=0)

@@ -13,7 +13,9 @@ class Panels {
     this.words = new Uint32Array(this.pixels.data.buffer);
     this.world = document.createElement("canvas");
     for (const type of ["pointermove", "pointerdown"]) map.addEventListener(type, (event) => this.point(event));
-    map.addEventListener("pointerleave", () => (tip.hidden = true));
+    map.addEventListener("pointerleave", (event) => {
+      if (event.pointerType === "mouse") tip.hidden = true; // a finger that is lifted has left, too
+    });
   }
 
   /** Fit to the screen and to the theme. */

@@ -119,7 +119,7 @@ class Player {
     speed.value = SPEEDS.find((one) => this.end / one <= PLAY_TIME) || SPEEDS[SPEEDS.length - 1];
     for (const id of ["show-candidates", "show-scan"]) byId(id).addEventListener("change", () => this.draw());
     document.addEventListener("keydown", (event) => this.onKey(event));
-    new ResizeObserver(() => this.layout()).observe(byId("episodes"));
+    new ResizeObserver(() => this.size() !== this.laidOut && this.layout()).observe(byId("episodes"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layout());
     const fromHash = () => this.seek(Number((location.hash.match(/t=([\d.]+)/) || [0, 0])[1]));
     window.addEventListener("hashchange", fromHash);
@@ -140,13 +140,12 @@ class Player {
 
   seek(time) {
     this.time = Math.min(Math.max(time || 0, 0), this.end);
-    if (this.isLaidOut) this.draw();
+    if (this.laidOut) this.draw();
   }
 
   play(isPlaying) {
     this.isPlaying = isPlaying;
     byId("play").textContent = isPlaying ? "Pause" : "Play";
-    byId("play").setAttribute("aria-pressed", isPlaying);
     if (!isPlaying) return;
     if (this.time >= this.end) this.time = 0;
     let before = performance.now();
@@ -160,9 +159,13 @@ class Player {
     requestAnimationFrame(step);
   }
 
+  size() {
+    return `${byId("episodes").clientWidth} x ${byId("episodes").clientHeight}`;
+  }
+
   layout() {
     for (const part of [...this.rows.map((row) => row.panels), ...this.plots]) part.layout();
-    this.isLaidOut = true;
+    this.laidOut = this.size();
     this.draw();
   }
 

@@ -93,9 +93,7 @@ class EpisodeRecorder:
         self._candidates = candidates
         target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
         rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
-        rows[:, :5] = np.column_stack(
-            [candidates.frontiers, candidates.costs, candidates.visible, candidates.failures]
-        )
+        rows[:, :5] = np.column_stack([candidates.frontiers, candidates.costs, candidates.visible, candidates.failures])
         if scores is not None and len(scores) <= len(rows):  # a policy may score fewer than are offered
             rows[: len(scores), 5] = scores
         gaps = np.abs(candidates.frontiers - (target or (math.inf, math.inf))).sum(axis=1)

@@ -11,9 +11,9 @@ import threading
 from pathlib import Path
 
 import pytest
-from tests.player.episodes import synthetic
 
 from envs.player import build_page
+from tests.player.episodes import synthetic
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)

@@ -2,10 +2,10 @@ import re
 import webbrowser
 
 import pytest
-from tests.player.episodes import synthetic
 
 from envs.player import build_page
 from envs.player.__main__ import main
+from tests.player.episodes import synthetic
 
 
 def test_an_hour_in_a_large_hall_stays_below_five_megabytes_and_loads_nothing():

@@ -2,7 +2,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import envs
 from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.score import FrontierScore
 from baselines.episode import run_episode

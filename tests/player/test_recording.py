@@ -2,9 +2,9 @@ import io
 
 import numpy as np
 import pytest
-from tests.player.episodes import synthetic
 
 from envs.player import Recording
+from tests.player.episodes import synthetic
 
 
 def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(tmp_path):
@@ -44,7 +44,7 @@ def rewritten(change):
 def test_what_is_no_recording_is_named(tmp_path, content, says):
     path = tmp_path / "other.npz"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match="other.npz is no recorded episode") as error:
+    with pytest.raises(ValueError, match=r"other\.npz is no recorded episode") as error:
         Recording.load(path)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
