@@ -1,12 +1,11 @@
-"""Recorded episodes, and the pages of the report that play them."""
+"""The pages of the report that play recorded episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from benchmarks.arena.measures import MEASURES
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import by_start, case_of, label_cases, policies_of, reference_of, start_of
+from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Row
 from benchmarks.arena.summary import PRIMARY, typical_and_worst
 from benchmarks.arena.theme import short
@@ -14,28 +13,8 @@ from benchmarks.arena.trace import episode_name
 from envs.files import write_file
 from envs.player import Recording, build_page
 
-RECORDINGS, PAGES = "recordings", "players"
-"""Folders of the recordings and of the pages."""
-LEFT_OUT = ("decision_ms", "success_rate")
-"""Measures that a recording does not hold: the first one differs from run to run."""
-
-
-def recording_path(folder: Path, row: Row) -> Path:
-    """Return where the recording of a row's episode lies."""
-    return folder / RECORDINGS / f"{episode_name(row)}.npz"
-
-
-def describe(row: Row) -> dict[str, Any]:
-    """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
-    measures = [measure for measure in MEASURES if measure.name not in LEFT_OUT]
-    values = [(measure, row[measure.column]) for measure in measures]
-    texts = [str(value) if isinstance(value, int) else measure.text(value) for measure, value in values]
-    texts = ["never" if text == "inf" else text for text in texts]
-    titles = [f"{measure.label} [{measure.unit}]" if measure.unit else measure.label for measure in measures]
-    figures = dict(zip(titles, texts, strict=True))
-    about = {"explorer": short(row["policy"])} | {name: row[name] for name in ("world", "robot", "seed")}
-    ended = {"duration [s]": f"{row['duration']:.0f}", "ended by": row["end_reason"].replace("_", " ")}
-    return about | {"end_reason": row["end_reason"], "figures": figures | ended}
+PAGES = "players"
+"""Folder of the pages."""
 
 
 def players_section(folder: Path, rows: Sequence[Row]) -> Section | None:
@@ -74,4 +53,4 @@ def players_section(folder: Path, rows: Sequence[Row]) -> Section | None:
         f"Of each explorer the episode with the median {PRIMARY.label}, and the one with the lowest, "
         f"to play and to drag through, beside {short(reference)} from the same start."
     )
-    return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines, words=(1, 2))))
+    return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines)))

@@ -11,8 +11,8 @@ from agents.policies import Level
 from agents.run_folder import CheckpointError
 from baselines.episode import exploration_of
 from benchmarks.arena.pairs import BOUND
-from benchmarks.arena.players import recording_path
 from benchmarks.arena.policies import parse_policy
+from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path

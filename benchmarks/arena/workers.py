@@ -18,8 +18,8 @@ from agents.policies import Level
 from agents.run_folder import CheckpointError
 from baselines.episode import begin_episode, decide_with, exploration_of, run, run_episode
 from baselines.explorer import Explorer, ObservationPolicy
-from benchmarks.arena.players import describe
 from benchmarks.arena.policies import Policy
+from benchmarks.arena.recordings import describe
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder

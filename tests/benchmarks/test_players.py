@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from benchmarks.arena.players import describe
+from benchmarks.arena.recordings import describe
 from benchmarks.arena.records import COLUMNS, read_tables
 from benchmarks.arena.trace import Trace
 from envs.player import Recording
