@@ -43,6 +43,8 @@ class Command:
     """Address of a Ray cluster to run the episodes on (needs the extra `ray`)."""
     bags: Path | None = None
     """Folder for a ROS 2 bag (MCAP) of each episode that is run."""
+    record: bool = False
+    """Keep a recording of each episode that is run; the report links to pages that play them."""
     report: bool = False
     """Run nothing; publish what the folder holds."""
     publish: Path | None = None
@@ -65,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
         evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))
         failures = []
         if not command.report:
-            failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags)
+            failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags, command.record)
         if command.shard:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0

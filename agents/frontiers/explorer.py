@@ -37,6 +37,11 @@ class ScoreExplorer(RuleExplorer):
         super().reset(robot, control_period, rng)
         self._observation["robot"] = robot_features(robot)
 
+    @property
+    def scores(self) -> np.ndarray | None:
+        """Scores of the candidates at the last choice, shape (k,), float64."""
+        return self.score.rate(self._observation)[1]
+
     def _decide(self, navigator: FrontierNavigator, belief: Belief) -> int:
         seen = self._observation
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])

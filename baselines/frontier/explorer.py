@@ -56,6 +56,20 @@ class RuleExplorer:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._navigator.plan if self._navigator is not None and self._has_begun else None
 
+    @property
+    def navigator(self) -> FrontierNavigator | None:
+        """What finds the candidates and drives to them; None before the first `reset`."""
+        return self._navigator
+
+    @property
+    def scores(self) -> np.ndarray | None:
+        """Values of the navigator's candidates, the greatest of which the rule chooses, shape (k,), float64.
+
+        None where the rule has no method `rate(candidates)`.
+        """
+        rate = getattr(self.rule, "rate", None)
+        return rate(self._navigator.candidates) if rate is not None and self._navigator is not None else None
+
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._navigator = FrontierNavigator(
             robot,

@@ -1,5 +1,7 @@
 """The ratio of gain and cost: unknown area in view over the length of the path; see `envs.navigation.rating`."""
 
+import numpy as np
+
 from baselines.frontier.explorer import RuleExplorer, least
 from envs.estimation import Belief
 from envs.navigation import Candidates, GainOverCostParams, gain_over_cost
@@ -12,7 +14,11 @@ class GainOverCost:
         self._params = params
 
     def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        return least(-gain_over_cost(candidates, self._params), candidates)
+        return least(-self.rate(candidates), candidates)
+
+    def rate(self, candidates: Candidates) -> np.ndarray:
+        """Return the logarithms of the ratios, shape (k,), float64."""
+        return gain_over_cost(candidates, self._params)
 
 
 class GainOverCostExplorer(RuleExplorer):

@@ -24,6 +24,8 @@ class Cell:
     note: str = ""
     """In small print: an interval."""
     is_best: bool = False
+    link: str = ""
+    """Where the text leads, relative to the report; Markdown and terminal leave it out."""
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
@@ -121,7 +123,7 @@ def _html_table(table: Table) -> str:
     lines = []
     for first, *others in table.lines:
         cells = "".join(
-            f'<td class="{"best" if cell.is_best else "words" if k in table.words else ""}">{html.escape(cell.text)}'
+            f'<td class="{"best" if cell.is_best else "words" if k in table.words else ""}">{_linked(cell)}'
             f"<small>{html.escape(cell.note)}</small></td>"
             for k, cell in enumerate(others, start=1)
         )
@@ -131,6 +133,11 @@ def _html_table(table: Table) -> str:
     if not table.title:
         return content
     return f"<details><summary>{html.escape(table.title)}</summary>{content}</details>"
+
+
+def _linked(cell: Cell) -> str:
+    text = html.escape(cell.text)
+    return f'<a href="{html.escape(cell.link)}">{text}</a>' if cell.link else text
 
 
 def _markdown_table(table: Table) -> str:

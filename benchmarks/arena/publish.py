@@ -14,6 +14,7 @@ from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.overview import curves_section, gallery_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
 from benchmarks.arena.pairs import common_starts, relate, split
+from benchmarks.arena.players import players_section
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
 from benchmarks.arena.report import build_report, draw_case
 from benchmarks.arena.runner import Evaluation
@@ -36,7 +37,7 @@ PRINTED = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", 
 
 
 def run_with_progress(
-    evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None
+    evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None, record: bool = False
 ) -> list[Result]:
     """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
     columns = (
@@ -55,7 +56,7 @@ def run_with_progress(
             latest = f"{short(result.key.policy)} in {result.key.world}: {came}"
             progress.update(task, advance=1, latest=latest)
 
-        failures = evaluation.run(jobs, ray, on_result, bags)
+        failures = evaluation.run(jobs, ray, on_result, bags, record)
     for (where, reason), (number, who) in group_failures(failures).items():
         line = f"{number} episodes of {who} in {where} could not be run: {reason}"
         console.print(line, style="red", markup=False, highlight=False)
@@ -87,7 +88,9 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
     all_rows = list({key_of(row): row for row in (*rows, *evaluation.slam_axis_rows())}.values())
     has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
     sections = _leaderboard(evaluation, rows, all_rows, command) if has_more else []
-    write_file(folder / "report.html", build_report(rows, summary, settings, pictures, sections, **report))
+    players = players_section(folder, rows)  # in the report alone: other pages lie elsewhere
+    shown = [players, *sections] if players else sections
+    write_file(folder / "report.html", build_report(rows, summary, settings, pictures, shown, **report))
     if sections:
         write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:

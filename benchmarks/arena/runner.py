@@ -12,6 +12,7 @@ from agents.run_folder import CheckpointError
 from baselines.episode import exploration_of
 from benchmarks.arena.pairs import BOUND
 from benchmarks.arena.policies import parse_policy
+from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path
@@ -100,6 +101,7 @@ class Evaluation:
         ray: str | None = None,
         on_result: Callable[[Result], None] | None = None,
         bags: Path | None = None,
+        record: bool = False,
     ) -> list[Result]:
         """Run the episodes that are missing.
 
@@ -108,6 +110,7 @@ class Evaluation:
             ray: address of a Ray cluster that runs them instead.
             on_result: called with each episode that has ended, also in failure.
             bags: folder that gets a ROS 2 bag of each of them, see `envs.wrappers.BagRecorder`; None for none.
+            record: whether to keep a recording of each of them for the player, see `envs.player`.
 
         Returns:
             The episodes that could not be run. The others are in the folder.
@@ -116,7 +119,7 @@ class Evaluation:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         if bags and ray:
             raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
-        tasks = self._missing
+        tasks = [replace(task, has_recording=record) for task in self._missing]
         if bags:
             bags.mkdir(parents=True, exist_ok=True)
             tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
@@ -129,6 +132,10 @@ class Evaluation:
                 path = trace_path(self.folder, result.row)
                 path.parent.mkdir(exist_ok=True)
                 write_file(path, result.trace)
+                if result.recording:
+                    path = recording_path(self.folder, result.row)
+                    path.parent.mkdir(exist_ok=True)
+                    write_file(path, result.recording)
                 self._records.add(result.row)
             if on_result:
                 on_result(result)

@@ -19,9 +19,11 @@ from agents.run_folder import CheckpointError
 from baselines.episode import begin_episode, decide_with, exploration_of, run, run_episode
 from baselines.explorer import Explorer, ObservationPolicy
 from benchmarks.arena.policies import Policy
+from benchmarks.arena.recordings import describe
 from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
+from envs.player import EpisodeRecorder
 from envs.processes import start_worker
 from envs.wrappers import BagRecorder
 
@@ -43,6 +45,8 @@ class Task:
     """World, robot and SLAM of the user's own that the case names."""
     bag: Path | None = None
     """File that the episode is recorded in, as a ROS 2 bag; None for none."""
+    has_recording: bool = False
+    """Whether the episode is recorded for the player."""
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Make the environment."""
@@ -61,6 +65,8 @@ class Result:
     """The episode; None if it could not be run."""
     trace: bytes = b""
     """Its trace, as a file holds it."""
+    recording: bytes = b""
+    """Its recording for the player, as a file holds it; empty without one."""
     reason: str = ""
     """Why it could not be run."""
 
@@ -156,10 +162,11 @@ class _Worker:
             prepare(env, explorer, task.key.seed, WARM_UP_STEPS)
             self._explorers[task.policy.name] = explorer
         recorder = Recorder(exploration_of(env))
-        with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext():
+        film = EpisodeRecorder(env, explorer) if task.has_recording else None
+        with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext(), film or contextlib.nullcontext():
             episode = run_episode(env, explorer, task.key.seed, recorder.watch)
-        trace = recorder.trace(episode.curve).to_bytes()
-        return Result(task.key, make_row(task.policy, task.key, episode), trace)
+        trace, row = recorder.trace(episode.curve).to_bytes(), make_row(task.policy, task.key, episode)
+        return Result(task.key, row, trace, film.recording(describe(row)).to_bytes() if film else b"")
 
     def close(self) -> None:
         """Close the environment."""

@@ -1,0 +1,33 @@
+"""Recordings of episodes in the folder of an evaluation."""
+
+from pathlib import Path
+from typing import Any
+
+from benchmarks.arena.measures import MEASURES
+from benchmarks.arena.records import Row
+from benchmarks.arena.trace import episode_name
+
+RECORDINGS = "recordings"
+"""Folder of the recordings."""
+LEFT_OUT = ("decision_ms", "success_rate")
+"""Measures that a recording does not hold: the first one differs from run to run, the second is told by the end."""
+
+
+def recording_path(folder: Path, row: Row) -> Path:
+    """Return where the recording of a row's episode lies."""
+    return folder / RECORDINGS / f"{episode_name(row)}.npz"
+
+
+def describe(row: Row) -> dict[str, Any]:
+    """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
+    from benchmarks.arena.theme import short  # brings matplotlib, which processes that record nothing need not load
+
+    measures = [measure for measure in MEASURES if measure.name not in LEFT_OUT]
+    values = [(measure, row[measure.column]) for measure in measures]
+    texts = [str(value) if isinstance(value, int) else measure.text(value) for measure, value in values]
+    texts = ["never" if text == "inf" else text for text in texts]
+    titles = [f"{measure.label} [{measure.unit}]" if measure.unit else measure.label for measure in measures]
+    figures = dict(zip(titles, texts, strict=True))
+    about = {"explorer": short(row["policy"])} | {name: row[name] for name in ("world", "robot", "seed")}
+    ended = {"duration [s]": f"{row['duration']:.0f}", "ended by": row["end_reason"].replace("_", " ")}
+    return about | {"end_reason": row["end_reason"], "figures": figures | ended}

@@ -1,0 +1,129 @@
+// The recordings: decoded as `pack` of page.py wrote them, and asked for moments.
+
+const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
+const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
+
+/** Decode the page's data into episodes. */
+async function readEpisodes(base64) {
+  const text = atob(base64.trim());
+  const bytes = new Uint8Array(text.length);
+  for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const buffer = await new Response(stream).arrayBuffer();
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  return header.episodes.map((one) => new Episode(one, buffer, 4 + length, header));
+}
+
+/** Return the number of values in a rising array that are not greater than a value. */
+function countUpTo(values, value) {
+  let low = 0, high = values.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (values[middle] <= value) low = middle + 1; else high = middle;
+  }
+  return low;
+}
+
+/** Carry a pose (x, y, heading) of a frame into the frame in which `frame` is given. */
+function compose(frame, x, y, heading = 0) {
+  const c = Math.cos(frame[2]), s = Math.sin(frame[2]);
+  return [frame[0] + c * x - s * y, frame[1] + s * x + c * y, frame[2] + heading];
+}
+
+class Episode {
+  constructor({ about, arrays }, buffer, first, { rangeSteps, noReturn }) {
+    Object.assign(this, { about, rangeSteps, noReturn });
+    for (const [name, type, , offset, count] of arrays) {
+      this[name] = new TYPES[type](buffer, first + offset, count);
+    }
+    const columns = Object.fromEntries(arrays.map(([name, , width]) => [name, width]));
+    this.numBeams = columns.scans;
+    this.candidateWidth = columns.candidates;
+    this.floorWidth = columns.floor;
+    for (let k = 1; k < this.map_cells.length; k++) this.map_cells[k] += this.map_cells[k - 1];
+    this.count = this.time.length;
+    this.end = this.time[this.count - 1];
+    [this.rows, this.cols] = about.map.shape;
+    this.kinds = new Uint8Array(this.rows * this.cols);
+    this.mapSample = -1; // the sample that `kinds` shows
+    this.worldPoses = new Float32Array(3 * this.count);
+    this.errors = new Float32Array(this.count);
+    for (let i = 0; i < this.count; i++) {
+      const pose = compose(about.start, ...this.poses.subarray(3 * i, 3 * i + 3));
+      this.worldPoses.set(pose, 3 * i);
+      this.errors[i] = Math.hypot(pose[0] - this.true_poses[3 * i], pose[1] - this.true_poses[3 * i + 1]);
+    }
+  }
+
+  /** Return the last sample at or before a time [s]. */
+  sampleAt(time) {
+    return Math.max(0, countUpTo(this.time, time) - 1);
+  }
+
+  /** Return the last decision at or before a time [s]; -1 before the first. */
+  decisionAt(time) {
+    return countUpTo(this.decision_times, time) - 1;
+  }
+
+  /** Return a pose between samples: of `true_poses` or `worldPoses`, which are in the world frame. */
+  poseAt(poses, time) {
+    const i = this.sampleAt(time), j = Math.min(i + 1, this.count - 1);
+    const share = j > i ? Math.min(1, (time - this.time[i]) / (this.time[j] - this.time[i])) : 0;
+    const turn = poses[3 * j + 2] - poses[3 * i + 2];
+    const values = [0, 1].map((k) => poses[3 * i + k] + share * (poses[3 * j + k] - poses[3 * i + k]));
+    return [...values, poses[3 * i + 2] + share * Math.atan2(Math.sin(turn), Math.cos(turn))];
+  }
+
+  /** Return the planned path at a sample, as points of the world frame. */
+  plan(i) {
+    const points = [];
+    for (let k = i ? this.plan_ends[i - 1] : 0; k < this.plan_ends[i]; k++) {
+      points.push(compose(this.about.start, this.plans[2 * k], this.plans[2 * k + 1]));
+    }
+    return points;
+  }
+
+  /** Return the candidates of a decision, in the world frame, the greatest score first where there are scores. */
+  candidatesOf(decision) {
+    const found = [];
+    if (decision < 0) return found;
+    const begin = decision ? this.candidate_ends[decision - 1] : 0;
+    for (let k = begin; k < this.candidate_ends[decision]; k++) {
+      const [x, y, cost, visible, failures, score] = this.candidates.subarray(k * this.candidateWidth);
+      const [worldX, worldY] = compose(this.about.start, x, y);
+      const isChosen = k - begin === this.decision_chosen[decision];
+      found.push({ x: worldX, y: worldY, cost, visible, failures, score, isChosen });
+    }
+    return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
+  }
+
+  /** Make `kinds` the map of a sample; return the rows and columns that changed, [top, left, bottom, right], or null. */
+  showMap(i) {
+    const ends = this.map_ends, cols = this.cols;
+    const from = Math.min(this.mapSample, i), to = Math.max(this.mapSample, i);
+    let top = this.rows, left = cols, bottom = -1, right = -1;
+    // Changes are joined by exclusive or: applied once more, they are undone.
+    for (let k = from < 0 ? 0 : ends[from]; k < (to < 0 ? 0 : ends[to]); k++) {
+      const cell = this.map_cells[k], row = (cell / cols) | 0, col = cell - row * cols;
+      this.kinds[cell] ^= this.map_changes[k];
+      if (row < top) top = row;
+      if (row > bottom) bottom = row;
+      if (col < left) left = col;
+      if (col > right) right = col;
+    }
+    this.mapSample = i;
+    return bottom < 0 ? null : [top, left, bottom, right];
+  }
+
+  /** Tell whether a free cell has an unknown one among its eight neighbours. */
+  isFrontier(row, col) {
+    for (let r = row - 1; r <= row + 1; r++) {
+      for (let c = col - 1; c <= col + 1; c++) {
+        const isInside = r >= 0 && c >= 0 && r < this.rows && c < this.cols;
+        if (!isInside || this.kinds[r * this.cols + c] === UNKNOWN) return true;
+      }
+    }
+    return false;
+  }
+}

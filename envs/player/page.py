@@ -1,0 +1,71 @@
+"""One self-contained page that shows recorded episodes in a browser."""
+
+import base64
+import gzip
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from .recording import NO_RETURN, RANGE_STEPS, Recording
+
+MAX_EPISODES = 2
+"""Episodes that a page shows."""
+SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
+"""Joined in this order."""
+_FOLDER = Path(__file__).parent
+
+
+def build_page(recordings: Sequence[Recording], title: str | None = None) -> str:
+    """Return a page with one episode, or with two in step, as HTML that loads nothing else.
+
+    Args:
+        recordings: what to show.
+        title: of the page; None for the explorers and the world.
+
+    Raises:
+        ValueError: if there are none or too many.
+    """
+    if not 1 <= len(recordings) <= MAX_EPISODES:
+        raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
+    texts = {name: (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}
+    return Template(texts["page.html"]).substitute(
+        title=html.escape(title or title_of(recordings)),
+        style=texts["page.css"],
+        script="\n".join(texts[name] for name in SCRIPTS),
+        data=base64.b64encode(pack(recordings)).decode(),
+    )
+
+
+def title_of(recordings: Sequence[Recording]) -> str:
+    """Return who explores what."""
+    explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
+    worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
+    return f"{explorers} in {', '.join(worlds)}"
+
+
+def pack(recordings: Sequence[Recording]) -> bytes:
+    """Return episodes as `data.js` reads them, compressed: the length of a header, the header as JSON, and arrays.
+
+    The header lists for each episode `about` and `arrays`: [name, type, columns, first byte, number of values].
+    """
+    episodes, parts, offset = [], [], 0
+    for recording in recordings:
+        arrays = recording.arrays
+        # Small numbers compress better; the page sums them up.
+        arrays["map_cells"] = np.diff(recording.map_cells, prepend=np.int32(0)).astype(np.int32)
+        listed = []
+        for name, array in arrays.items():
+            content = array.astype(array.dtype.newbyteorder("<")).tobytes()
+            content += bytes(-len(content) % 4)
+            columns = array.shape[1] if array.ndim == 2 else 1
+            listed.append([name, array.dtype.name, columns, offset, array.size])
+            parts.append(content)
+            offset += len(content)
+        episodes.append({"about": recording.about, "arrays": listed})
+    header = json.dumps({"episodes": episodes, "rangeSteps": RANGE_STEPS, "noReturn": NO_RETURN}).encode()
+    header += b" " * (-len(header) % 4)
+    return gzip.compress(b"".join([len(header).to_bytes(4, "little"), header, *parts]), compresslevel=6, mtime=0)

@@ -1,0 +1,204 @@
+// The page: episodes in step, the time line, and what the keys do.
+
+const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
+const PLAY_TIME = 45; // the first choice of the speed plays the whole in about this time [s]
+const LEGEND = [
+  ["true path", "true"], ["scan", "lidar", "dot"], ["estimated path", "estimated"], ["frontier", "frontier"],
+  ["candidate", "frontier", "dot"], ["plan", "plan"], ["chosen candidate", "plan", "dot"],
+];
+
+/** Return a new element with attributes, and texts or elements in it. */
+function element(tag, attributes = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), attributes);
+  made.append(...children);
+  return made;
+}
+
+const byId = (id) => document.getElementById(id);
+
+/** One episode: heading, figures of the moment, two panels. */
+class Row {
+  constructor(episode, number) {
+    const { about } = episode, name = about.explorer || "explorer";
+    this.episode = episode;
+    const canvases = ["Ground truth", "Map and estimates"].map((title) => {
+      const canvas = element("canvas");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${title} of ${name}`);
+      return canvas;
+    });
+    const tip = element("div", { className: "tip", hidden: true });
+    const [truth, map] = canvases;
+    const figures = [
+      element("figure", {}, truth, element("figcaption", {}, "Ground truth")),
+      element("figure", {}, map, tip, element("figcaption", {}, "Map and estimates")),
+    ];
+    this.now = ["explored", "pose error", "path", "contacts"].map((title) => [title, element("b")]);
+    this.decision = element("p", { className: "decision" });
+    const facts = [about.world, about.robot, about.seed === undefined ? "" : `seed ${about.seed}`].filter(Boolean);
+    this.element = element(
+      "section",
+      { className: "episode" },
+      element(
+        "div",
+        { className: "head" },
+        element("h3", {}, name),
+        element("span", { className: "muted" }, facts.join(", ")),
+        element("span", { className: "now" }, ...this.now.map(([title, value]) => element("span", {}, `${title} `, value))),
+      ),
+      element("div", { className: "pair" }, ...figures),
+      this.decision,
+    );
+    this.element.style.setProperty("--color", `var(--${number ? "second" : "first"})`);
+    this.panels = new Panels(episode, truth, map, tip);
+  }
+
+  draw(time, shown) {
+    const { episode } = this, i = episode.sampleAt(time);
+    const texts = [
+      `${(100 * episode.explored[i]).toFixed(1)} %`,
+      `${(100 * episode.errors[i]).toFixed(1)} cm`,
+      `${episode.path_length[i].toFixed(1)} m`,
+      String(episode.contacts[i]),
+    ];
+    this.now.forEach(([, value], k) => (value.textContent = texts[k]));
+    this.panels.draw(time, shown);
+    this.decision.textContent = time > episode.end ? this.ending() : this.decided(time);
+  }
+
+  ending() {
+    const { end, about } = this.episode, reason = (about.end_reason || "").replaceAll("_", " ");
+    return `Ended after ${clockText(end)}${reason ? `: ${reason}` : ""}.`;
+  }
+
+  /** Say what was decided last. */
+  decided(time) {
+    const { episode } = this, k = episode.decisionAt(time), candidates = episode.candidatesOf(k);
+    if (k < 0) return episode.decision_times.length ? "" : "This explorer shows no candidates.";
+    const chosen = candidates.findIndex((one) => one.isChosen);
+    const when = `Decision ${k + 1} of ${episode.decision_times.length}, ${clockText(episode.decision_times[k])}`;
+    if (chosen < 0) return `${when}: none of ${candidates.length} candidates`;
+    const one = candidates[chosen], score = Number.isNaN(one.score) ? "" : `, score ${one.score.toFixed(2)}`;
+    const order = Number.isNaN(one.score) ? "by path" : "by score";
+    const found = `path ${one.cost.toFixed(1)} m, unknown in view ${one.visible.toFixed(1)} m²${score}`;
+    return `${when}: ${found}; number ${chosen + 1} of ${candidates.length} ${order}`;
+  }
+}
+
+class Player {
+  constructor(episodes) {
+    this.end = Math.max(...episodes.map((episode) => episode.end));
+    this.rows = episodes.map((episode, k) => new Row(episode, k));
+    byId("episodes").append(...this.rows.map((row) => row.element));
+    byId("episodes").className = episodes.length > 1 ? "two" : "";
+    for (const [text, color, kind] of LEGEND) {
+      const mark = element("span");
+      mark.style.background = `var(--${color})`;
+      byId("legend").append(element("li", { className: kind || "" }, mark, text));
+    }
+    const seek = (time) => this.seek(time);
+    const percent = (episode) => episode.explored.map((value) => 100 * value);
+    const centimetres = (episode) => episode.errors.map((value) => 100 * value);
+    this.plots = [
+      new Plot(byId("plot-explored"), "Explored [%]", episodes, percent, this.end, seek),
+      new Plot(byId("plot-error"), "Position error [cm]", episodes, centimetres, this.end, seek),
+    ];
+    this.fillFigures(episodes);
+    this.connect();
+    byId("status").hidden = true;
+    byId("player").hidden = false;
+    this.layout();
+  }
+
+  connect() {
+    const slider = byId("time"), speed = byId("speed");
+    slider.max = this.end;
+    slider.addEventListener("input", () => this.seek(Number(slider.value)));
+    byId("play").addEventListener("click", () => this.play(!this.isPlaying));
+    speed.append(...SPEEDS.map((one) => element("option", { value: one }, `${one} x`)));
+    speed.value = SPEEDS.find((one) => this.end / one <= PLAY_TIME) || SPEEDS[SPEEDS.length - 1];
+    for (const id of ["show-candidates", "show-scan"]) byId(id).addEventListener("change", () => this.draw());
+    document.addEventListener("keydown", (event) => this.onKey(event));
+    new ResizeObserver(() => this.size() !== this.laidOut && this.layout()).observe(byId("episodes"));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layout());
+    const fromHash = () => this.seek(Number((location.hash.match(/t=([\d.]+)/) || [0, 0])[1]));
+    window.addEventListener("hashchange", fromHash);
+    this.time = 0;
+    fromHash();
+  }
+
+  onKey(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.tagName === "SELECT") return;
+    const step = event.shiftKey ? 30 : 5;
+    const targets = { ArrowLeft: this.time - step, ArrowRight: this.time + step, Home: 0, End: this.end };
+    const isControl = ["BUTTON", "INPUT"].includes(event.target.tagName) && event.target.id !== "time";
+    if (event.key in targets) this.seek(targets[event.key]);
+    else if (event.key === " " && !isControl) this.play(!this.isPlaying);
+    else return;
+    event.preventDefault();
+  }
+
+  seek(time) {
+    this.time = Math.min(Math.max(time || 0, 0), this.end);
+    if (this.laidOut) this.draw();
+  }
+
+  play(isPlaying) {
+    this.isPlaying = isPlaying;
+    byId("play").textContent = isPlaying ? "Pause" : "Play";
+    if (!isPlaying) return;
+    if (this.time >= this.end) this.time = 0;
+    let before = performance.now();
+    const step = (now) => {
+      if (!this.isPlaying) return;
+      this.seek(this.time + ((now - before) / 1000) * Number(byId("speed").value));
+      before = now;
+      if (this.time >= this.end) this.play(false);
+      else requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  size() {
+    return `${byId("episodes").clientWidth} x ${byId("episodes").clientHeight}`;
+  }
+
+  layout() {
+    for (const part of [...this.rows.map((row) => row.panels), ...this.plots]) part.layout();
+    this.laidOut = this.size();
+    this.draw();
+  }
+
+  draw() {
+    const { time } = this, slider = byId("time");
+    const shown = { candidates: byId("show-candidates").checked, scan: byId("show-scan").checked };
+    for (const row of this.rows) row.draw(time, shown);
+    for (const plot of this.plots) plot.draw(time);
+    slider.value = time;
+    slider.setAttribute("aria-valuetext", `${clockText(time)} of ${clockText(this.end)}`);
+    byId("clock").textContent = `${clockText(time)} / ${clockText(this.end)}`;
+  }
+
+  fillFigures(episodes) {
+    const names = [...new Set(episodes.flatMap((episode) => Object.keys(episode.about.figures)))];
+    const head = episodes.map((episode) => element("th", { scope: "col" }, episode.about.explorer || "explorer"));
+    const lines = names.map((name) => {
+      const cells = episodes.map((episode) => element("td", {}, episode.about.figures[name] ?? ""));
+      return element("tr", {}, element("th", { scope: "row" }, name), ...cells);
+    });
+    byId("figures").append(element("thead", {}, element("tr", {}, element("td"), ...head)), element("tbody", {}, ...lines));
+    byId("figures").closest("section").hidden = !names.length;
+  }
+}
+
+async function open() {
+  const player = new Player(await readEpisodes(byId("data").textContent));
+  const state = document.documentElement.dataset;
+  state.samples = player.rows.map((row) => row.episode.count).join(" ");
+  state.loadedAfter = Math.round(performance.now()); // since the page was asked for [ms]
+}
+
+open().catch((error) => {
+  byId("status").textContent = `This page cannot be shown: ${error.message}. It needs a browser of 2023 or later.`;
+  throw error;
+});

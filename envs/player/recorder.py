@@ -1,0 +1,190 @@
+"""Records an episode for the player."""
+
+import math
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs.explore import ExploreEnv
+from envs.navigation import Candidates, FrontierNavigator
+from envs.simulation import Twist
+
+from .map_history import MapHistory, ends_of
+from .recording import CANDIDATE_COLUMNS, NO_RETURN, RANGE_STEPS, Recording
+
+PERIOD = 0.5
+"""Time between two samples [s]."""
+MAX_BEAMS = 90
+"""Beams of a scan that are kept at most."""
+PLAN_TOLERANCE = 0.03
+"""How far the corners that are kept may lead off a planned path [m]."""
+
+
+class EpisodeRecorder:
+    """Records one episode of an exploration by one robot, from its reset on.
+
+    A context manager: within it, the environment's `on_period` also records. It watches, and changes nothing.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None, period: float = PERIOD) -> None:
+        """Prepare to record; the next reset must follow.
+
+        Args:
+            env: an `ExploreEnv` or `ExploreFrontiersEnv`, wrapped or not.
+            explorer: what drives. Candidates are recorded of explorers whose `navigator` is a `FrontierNavigator`, and
+                scores where `scores` has them (`baselines.frontier.explorer.RuleExplorer`).
+            period: time between two samples [s].
+
+        Raises:
+            ValueError: the environment is another one, or has several robots.
+        """
+        inner = getattr(env.unwrapped, "explore", env.unwrapped)
+        if not isinstance(inner, ExploreEnv) or len(inner.robots) > 1:
+            raise ValueError(f"only explorations by one robot can be recorded for the player, got {env.unwrapped}")
+        self._env, self._explorer, self._period = inner, explorer, period
+        self._chooser = next((one for one in (env.unwrapped, explorer) if hasattr(one, "navigator")), None)
+        angles = inner.robot.lidar.angles
+        self._beams = np.unique(np.linspace(0, len(angles) - 1, MAX_BEAMS).astype(int))
+
+    def __enter__(self) -> "EpisodeRecorder":
+        self._before = self._env.on_period
+        self._env.on_period = self._record
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._env.on_period = self._before
+
+    def _record(self, commands: Sequence[Twist] | None) -> None:
+        """Take a sample after a reset, and after a control period where one is due."""
+        if self._before is not None:
+            self._before(commands)
+        if commands is None:
+            self._begin()
+        else:
+            self._note_decision()
+        if commands is None or self._env.time - self._samples[-1][0] >= self._period - 1e-6:
+            self._sample()
+        self._previous = self._env.time
+
+    def _begin(self) -> None:
+        self._samples: list[tuple[float, ...]] = []
+        self._scans: list[np.ndarray] = []
+        self._plans: list[np.ndarray] = []
+        self._movers: list[list[float]] = []
+        self._map = MapHistory(self._env.belief.grid)
+        self._decisions: list[tuple[float, int, np.ndarray]] = []
+        # Those of an episode before are not told from new ones otherwise.
+        self._candidates = self._offered()
+
+    def _offered(self) -> Candidates | None:
+        navigator = getattr(self._chooser, "navigator", None)
+        return getattr(navigator, "candidates", None) if isinstance(navigator, FrontierNavigator) else None
+
+    def _note_decision(self) -> None:
+        """Record candidates that a choice was made from at the beginning of this control period."""
+        candidates = self._offered()
+        if candidates is self._candidates or candidates is None:
+            return
+        self._candidates = candidates
+        target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
+        rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
+        rows[:, :5] = np.column_stack([candidates.frontiers, candidates.costs, candidates.visible, candidates.failures])
+        if scores is not None and len(scores) <= len(rows):  # a policy may score fewer than are offered
+            rows[: len(scores), 5] = scores
+        gaps = np.abs(candidates.frontiers - (target or (math.inf, math.inf))).sum(axis=1)
+        chosen = int(gaps.argmin()) if len(gaps) and gaps.min() < 1e-9 else -1
+        self._decisions.append((self._previous, chosen, rows))
+
+    def _sample(self) -> None:
+        env, robot = self._env, self._env.robots[0]
+        truth, pose = env.truths[0], robot.belief.pose
+        counts = env.coverage.explored_fraction, truth.path_length, robot.collisions
+        self._samples.append((env.time, *truth.state.pose, *pose, *counts))
+        ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
+        steps = np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)
+        self._scans.append(np.rint(steps).astype(np.uint8))
+        self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
+        self._movers.append([x for mover in env.world.movers for x in mover.position(env.time)])
+        self._map.append(robot.belief.grid)
+
+    def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
+        """Return what was recorded since the last reset, with the moment of the call at its end.
+
+        Args:
+            about: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
+        """
+        env = self._env
+        if env.time > self._samples[-1][0]:
+            self._sample()
+        lidar, area = env.robot.lidar, env.coverage.area
+        map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
+        facts = {
+            "explorer": type(self._explorer).__name__ if self._explorer is not None else "",
+            "world": env.world.name,
+            "robot": env.robot.name,
+            "radius": env.robot.radius,
+            "lidar": {
+                "range_max": lidar.range_max,
+                "mount": [lidar.mount.x, lidar.mount.y, lidar.mount.yaw],
+                "angles": np.round(lidar.angles[self._beams], 6).tolist(),
+                "is_full_turn": lidar.fov > 2 * math.pi - 1e-6,
+            },
+            "start": list(env.start),
+            "map": {"shape": map_shape, "resolution": env.belief.grid.resolution, "origin": map_origin},
+            "floor": {"resolution": area.walls.resolution, "origin": list(map(float, area.walls.origin))},
+            "figures": {},
+        }
+        samples = np.array(self._samples)
+        times, chosen, rows = zip(*self._decisions) if self._decisions else ((), (), ())
+        world = env.world
+        return Recording(
+            about=facts | dict(about or {}),
+            time=samples[:, 0].astype(np.float32),
+            true_poses=samples[:, 1:4].astype(np.float32),
+            poses=samples[:, 4:7].astype(np.float32),
+            explored=samples[:, 7].astype(np.float32),
+            path_length=samples[:, 8].astype(np.float32),
+            contacts=samples[:, 9].astype(np.int32),
+            scans=np.stack(self._scans),
+            map_cells=cells,
+            map_changes=changes,
+            map_ends=map_ends,
+            plans=np.concatenate(self._plans).astype(np.float32),
+            plan_ends=ends_of(self._plans),
+            decision_times=np.array(times, dtype=np.float32),
+            decision_chosen=np.array(chosen, dtype=np.int32),
+            candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]).astype(np.float32),
+            candidate_ends=ends_of(rows),
+            segments=world.segments.astype(np.float32).reshape(-1, 4),
+            circles=world.circles.astype(np.float32).reshape(-1, 3),
+            mover_radii=np.array([mover.radius for mover in world.movers], dtype=np.float32),
+            movers=np.array(self._movers, dtype=np.float32).reshape(len(samples), -1),
+            floor=area.explorable.astype(np.uint8),
+        )
+
+
+def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the corners of a polyline, shape (n, 2), from which it strays no farther than a tolerance: shape (m, 2).
+
+    Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a digitized line"
+    (1973).
+    """
+    if len(path) < 3:
+        return np.array(path, dtype=np.float64).reshape(-1, 2)
+    keep = {0, len(path) - 1}
+    pending = [(0, len(path) - 1)]
+    while pending:
+        first, last = pending.pop()
+        (x, y), points = path[last] - path[first], path[first + 1 : last] - path[first]
+        length = math.hypot(x, y)
+        away = np.abs(points @ (-y, x)) / length if length > 0.0 else np.hypot(*points.T)
+        if len(away) and away.max() > tolerance:
+            middle = first + 1 + int(away.argmax())
+            keep.add(middle)
+            pending += [(first, middle), (middle, last)]
+    return np.array(path[sorted(keep)], dtype=np.float64)

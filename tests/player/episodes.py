@@ -1,0 +1,77 @@
+"""Made-up recordings."""
+
+import numpy as np
+
+from envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
+
+
+def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0):
+    """Return an episode in a hall with sides of `size` [m] whose map grows column by column; a sample each half second.
+
+    `flicker` cells in the last three metres change their kind with every sample, and every fourth second is a decision.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, duration + 0.25, 0.5)
+    n, (width, height), resolution = len(time), size, 0.05
+    columns, rows = round(width / resolution), round(height / resolution)
+    share = time / duration
+    x, y = 1.0 + (width - 2.0) * share, height / 2 + 0.3 * height * np.sin(0.1 * time)
+    true_poses = np.column_stack([x, y, 0.5 * np.cos(0.1 * time)])
+    truth = np.full((rows, columns), FREE, dtype=np.uint8)
+    truth[[0, -1]] = truth[:, [0, -1]] = OCCUPIED
+    index = np.arange(rows * columns).reshape(rows, columns)
+    cells, changes = [], []
+    known, before = 0, np.empty(0, dtype=np.int64)
+    for now in np.rint((0.15 + 0.85 * share) * columns).astype(int):
+        near = rng.integers(max(1, known - 60), max(2, known - 1), size=flicker)
+        taken = np.unique(rng.integers(1, rows - 1, size=flicker) * columns + near) if known else before
+        flipped = np.setxor1d(taken, before)  # to occupied, and those of the last sample back to free
+        cells.append(np.concatenate([flipped, index[:, known:now].ravel()]))
+        changes.append(np.concatenate([np.full(len(flipped), FREE ^ OCCUPIED), truth[:, known:now].ravel()]))
+        order = np.argsort(cells[-1])
+        cells[-1], changes[-1] = cells[-1][order], changes[-1][order]
+        known, before = now, taken
+    decisions = np.arange(0.0, duration, 4.0)
+    candidates = rng.uniform(0.5, 7.0, (len(decisions) * num_candidates, len(CANDIDATE_COLUMNS)))
+    candidates[:, 4] = 0.0
+    plan_lengths = np.full(n, 6)
+    noise = rng.normal(0.0, 0.02, (n, 2))
+    angles = np.linspace(-np.pi, np.pi, 90, endpoint=False)
+    return Recording(
+        about={
+            "explorer": explorer,
+            "world": "hall",
+            "robot": "burger",
+            "seed": seed,
+            "end_reason": "time_limit",
+            "radius": 0.15,
+            "lidar": {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True},
+            "start": [0.0, 0.0, 0.0],
+            "map": {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]},
+            "floor": {"resolution": resolution, "origin": [0.0, 0.0]},
+            "figures": {"explored [%]": "100.0"},
+        },
+        time=time.astype(np.float32),
+        true_poses=true_poses.astype(np.float32),
+        poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]).astype(np.float32),
+        explored=(0.15 + 0.85 * share).astype(np.float32),
+        path_length=(0.2 * time).astype(np.float32),
+        contacts=(time // 50).astype(np.int32),
+        scans=rng.normal(180.0, 8.0, (n, 90)).clip(1, 255).astype(np.uint8),
+        map_cells=np.concatenate(cells).astype(np.int32),
+        map_changes=np.concatenate(changes).astype(np.uint8),
+        map_ends=np.cumsum([len(one) for one in cells]).astype(np.int32),
+        plans=rng.uniform(0.0, 5.0, (plan_lengths.sum(), 2)).astype(np.float32),
+        plan_ends=np.cumsum(plan_lengths).astype(np.int32),
+        decision_times=decisions.astype(np.float32),
+        decision_chosen=np.zeros(len(decisions), dtype=np.int32),
+        candidates=candidates.astype(np.float32),
+        candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)).astype(np.int32),
+        segments=np.array(
+            [(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)], np.float32
+        ),
+        circles=np.array([(width / 2, 1.0, 0.3)], np.float32),
+        mover_radii=np.array([0.2], np.float32),
+        movers=np.column_stack([x, y + 1.0]).astype(np.float32),
+        floor=(truth == FREE).astype(np.uint8),
+    )

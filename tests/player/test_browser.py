@@ -1,0 +1,136 @@
+"""The page in a real browser: Debian's chromium, without a window."""
+
+import functools
+import http.server
+import json
+import os
+import queue
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+
+import pytest
+
+from envs.player import build_page
+from tests.player.episodes import synthetic
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason=f"needs a browser: {', '.join(BROWSERS)}")
+HARNESS = Path(__file__).with_name("harness.html")
+
+
+class Handler(http.server.SimpleHTTPRequestHandler):
+    """Serves a folder, and puts what is posted into a queue."""
+
+    def __init__(self, *arguments, answers, **keywords):
+        self._answers = answers
+        super().__init__(*arguments, **keywords)
+
+    def do_POST(self):
+        self._answers.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *arguments):
+        pass
+
+
+def visit(folder, query, timeout=120.0):
+    """Open the harness in the browser, and return what it reports."""
+    shutil.copy(HARNESS, folder)
+    answers = queue.Queue()
+    handler = functools.partial(Handler, directory=folder, answers=answers)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        root = ["--no-sandbox"] if os.geteuid() == 0 else []  # chromium refuses a sandbox to root
+        options = ["--headless=new", "--disable-gpu", "--no-first-run", f"--user-data-dir={folder / 'browser'}", *root]
+        address = f"http://127.0.0.1:{server.server_address[1]}/{HARNESS.name}?{query}"
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        process = subprocess.Popen([BROWSER, *options, address], start_new_session=True, **silent)
+        try:
+            return answers.get(timeout=timeout) | {"processor_time": processor_time(process.pid)}
+        finally:
+            process.terminate()
+            process.wait()
+            server.shutdown()
+
+
+def processor_time(session):
+    """Return the processor time of all processes of a session so far [s]."""
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:  # it has ended
+            continue
+        if int(fields[3]) == session:
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """Return what the harness reports of two episodes, of a minute and of half a minute, by the width of the page."""
+    folder = tmp_path_factory.mktemp("pair")
+    page = build_page([synthetic(60.0), synthetic(30.0, explorer="other", seed=1)])
+    (folder / "page.html").write_text(page)
+    return {width: visit(folder, f"page=page.html&width={width}") for width in (1280, 390)}
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_page_draws_and_fits(pair, width):
+    report = pair[width]
+    assert report["errors"] == []
+    assert report["samples"] == "121 61"
+    assert report["overflow"] <= 0  # nothing to scroll sideways
+    # The panels lie side by side, or one below the other where the page is narrow.
+    truth, estimate = report["boxes"][:2]
+    assert (estimate["left"] > truth["right"]) == (width > 600)
+    assert (estimate["top"] > truth["bottom"]) == (width <= 600)
+    for name in ("true", "wall", "lidar", "mover"):
+        assert report["colors"][0].get(name, 0) > 20, name
+    for name in ("estimated", "plan", "frontier", "free", "unknown"):
+        assert report["colors"][1].get(name, 0) > 20, name
+
+
+def test_time_is_set_by_line_keys_and_plot_and_runs_by_itself(pair):
+    report = pair[1280]
+    assert report["clocks"] == {
+        "opened": "0:20 / 1:00",  # the harness asks for #t=20
+        "right": "0:25 / 1:00",
+        "shift left": "0:00 / 1:00",
+        "end": "1:00 / 1:00",
+        "line": "0:12 / 1:00",
+        "plot": "0:30 / 1:00",
+    }
+    assert report["played"] > 1.0
+
+
+def test_both_episodes_run_in_step_and_the_shorter_one_stays_at_its_end(pair):
+    at_20, at_end = pair[1280]["explored"]["opened"], pair[1280]["explored"]["end"]
+    assert at_20 == ["43.3 %", "71.7 %"]
+    assert at_end == ["100.0 %", "100.0 %"]
+    assert "Ended after 0:30: time limit" in pair[1280]["decisions"]["end"][1]
+
+
+def test_maps_run_backwards_to_what_they_were(pair):
+    assert pair[1280]["isMapRestored"]
+    assert pair[1280]["isMapChanged"]
+
+
+def test_candidates_are_described_where_one_points(pair):
+    assert "score" in pair[1280]["tip"]
+    assert "path" in pair[1280]["tip"]
+
+
+def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
+    page = build_page([synthetic(3600.0, (50.0, 30.0), num_candidates=20, flicker=40)])
+    (tmp_path / "page.html").write_text(page)
+    (tmp_path / "brief.html").write_text(build_page([synthetic(1.0)]))
+    brief, hour = (visit(tmp_path, f"page={name}.html&width=1280&brief=1") for name in ("brief", "page"))
+    assert hour["errors"] == []
+    assert hour["samples"] == "7201"
+    # Processor time of all threads, beyond the browser's own start: the clock says little where cores are shared.
+    assert hour["processor_time"] - brief["processor_time"] <= 2.0

@@ -1,0 +1,60 @@
+import re
+import webbrowser
+
+import pytest
+
+from envs.player import build_page
+from envs.player.__main__ import main
+from tests.player.episodes import synthetic
+
+
+def test_an_hour_in_a_large_hall_stays_below_five_megabytes_and_loads_nothing():
+    page = build_page([synthetic(3600.0, (50.0, 30.0), num_candidates=20, flicker=40)])
+    assert len(page) < 5e6
+    assert re.findall(r"https?:|src=|<link|@import", re.sub(r'id="data">[^<]*', "", page)) == []
+
+
+def test_names_are_escaped_and_the_same_episodes_make_the_same_page():
+    page = build_page([synthetic(5.0, explorer="<b>&"), synthetic(5.0)])
+    assert "<title>&lt;b&gt;&amp; beside made_up in hall</title>" in page
+    assert page == build_page([synthetic(5.0, explorer="<b>&"), synthetic(5.0)])
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_a_page_shows_one_or_two_episodes(count):
+    with pytest.raises(ValueError, match=f"1 to 2 episodes, got {count}"):
+        build_page([synthetic(5.0)] * count)
+
+
+def test_the_command_writes_the_page_and_opens_it(tmp_path, monkeypatch, capsys):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    (tmp_path / "a.npz").write_bytes(synthetic(5.0).to_bytes())
+    out = tmp_path / "new" / "page.html"
+    assert main([str(tmp_path / "a.npz"), "--out", str(out)]) == 0
+    assert out.read_text().startswith("<!doctype html>")
+    assert opened == [out.as_uri()]
+    assert main([str(tmp_path / "a.npz"), str(tmp_path / "a.npz"), "--out", str(out), "--no-open"]) == 0
+    assert len(opened) == 1
+    assert str(out) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (["missing.npz"], "missing.npz"),
+        (["notes.txt"], "notes.txt is no recorded episode"),
+        (["a.npz", "notes.txt"], "notes.txt is no recorded episode"),
+        (["a.npz", "a.npz", "a.npz"], "one or two episodes can be shown, got 3"),
+        ([], "one or two"),
+    ],
+)
+def test_wrong_input_is_named_in_one_line(tmp_path, capsys, names, says):
+    (tmp_path / "a.npz").write_bytes(synthetic(5.0).to_bytes())
+    (tmp_path / "notes.txt").write_text("no episode")
+    out = tmp_path / "page.html"
+    assert main([*(str(tmp_path / name) for name in names), "--out", str(out), "--no-open"]) == 2
+    message = capsys.readouterr().err
+    assert says in message
+    assert message.count("\n") == 1
+    assert not out.exists()

@@ -1,0 +1,150 @@
+import gymnasium
+import numpy as np
+import pytest
+
+from agents.frontiers.explorer import ScoreExplorer
+from agents.frontiers.score import FrontierScore
+from baselines.episode import run_episode
+from baselines.frontier.gain_over_cost import GainOverCostExplorer
+from baselines.frontier.nearest import NearestExplorer
+from envs.geometry import OccupancyGrid
+from envs.navigation import gain_over_cost
+from envs.player import EpisodeRecorder
+from envs.player.map_history import MapHistory
+from envs.player.recorder import PLAN_TOLERANCE, corners
+
+
+def make_env(id="lidarnaut/Explore-v0", **arguments):
+    arguments = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 12.0} | arguments
+    return gymnasium.make(id, disable_env_checker=True, **arguments)
+
+
+def record(env, explorer, seed=0):
+    seen = []
+
+    def watch(info):
+        inner = getattr(env.unwrapped, "explore", env.unwrapped)
+        pose = inner.truths[0].state.pose
+        seen.append((info["time"], *pose, info["pose_error"][0], info["explored_fraction"], info["path_length"]))
+
+    with EpisodeRecorder(env, explorer) as recorder:
+        episode = run_episode(env, explorer, seed, watch)
+    return recorder.recording(), episode, np.array(seen)
+
+
+def final_kinds(recording):
+    kinds = np.zeros(np.prod(recording.about["map"]["shape"]), dtype=np.uint8)
+    np.bitwise_xor.at(kinds, recording.map_cells, recording.map_changes)
+    return kinds.reshape(recording.about["map"]["shape"])
+
+
+def test_a_recording_holds_what_happened_and_changes_nothing():
+    env = make_env()
+    recording, episode, seen = record(env, NearestExplorer())
+    belief, start = env.unwrapped.belief, env.unwrapped.start
+    plain = run_episode(make_env(), NearestExplorer(), 0)
+    np.testing.assert_array_equal(plain.curve.explored_fraction, episode.curve.explored_fraction)
+    assert recording.time[0] == 0.0
+    assert recording.time[-1] == pytest.approx(episode.duration)
+    assert np.diff(recording.time)[:-1] == pytest.approx(0.5)
+    rows = np.searchsorted(seen[:, 0], recording.time - 1e-3)
+    np.testing.assert_allclose(recording.true_poses, seen[rows, 1:4], atol=1e-5)
+    np.testing.assert_allclose(recording.explored, seen[rows, 5], atol=1e-6)
+    np.testing.assert_allclose(recording.path_length, seen[rows, 6], atol=1e-5)
+    away = start.transform(recording.poses[:, :2].astype(float)) - recording.true_poses[:, :2]
+    np.testing.assert_allclose(np.hypot(*away.T), seen[rows, 4], atol=1e-5)
+    known = belief.grid.known_part()
+    expected = np.where(known.data < 0, 0, np.where(known.data >= 50, 2, 1))
+    np.testing.assert_array_equal(final_kinds(recording), expected)
+    assert recording.about["map"]["origin"] == pytest.approx(list(known.origin))
+    assert recording.plan_ends[-1] > 0
+
+
+def test_the_same_episode_gives_the_same_bytes():
+    first, second = (record(make_env(time_limit=5.0), NearestExplorer())[0].to_bytes() for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("make", "has_scores"),
+    [(GainOverCostExplorer, True), (lambda: ScoreExplorer(FrontierScore()), True), (NearestExplorer, False)],
+)
+def test_decisions_are_recorded_with_the_scores_by_which_they_were_made(make, has_scores):
+    recording, *_ = record(make_env(), make())
+    assert len(recording.decision_times) >= 3
+    assert recording.decision_times[0] == 0.0
+    first = recording.candidates[: recording.candidate_ends[0]]
+    values = -first[:, 5] if has_scores else first[:, 2]
+    assert len(first) > 1
+    assert values[recording.decision_chosen[0]] == values.min()
+    # Later on, a goal that the robot has turned away from during a drive is not turned to again, whatever its score.
+    assert (recording.decision_chosen >= 0).all()
+    assert np.isnan(recording.candidates[:, 5]).all() != has_scores
+
+
+def test_candidates_have_their_costs_and_the_rules_values():
+    env, explorer = make_env(time_limit=3.0), GainOverCostExplorer()
+    recording, *_ = record(env, explorer)
+    candidates = explorer.navigator.candidates  # the last ones that were chosen from
+    last = recording.candidates[-len(candidates) :]
+    np.testing.assert_allclose(last[:, :2], candidates.frontiers, atol=1e-5)
+    np.testing.assert_allclose(last[:, 2], candidates.costs, rtol=1e-6)
+    np.testing.assert_allclose(last[:, 5], gain_over_cost(candidates), rtol=1e-5)
+
+
+def test_decisions_of_the_decision_level_are_recorded_too():
+    class First:
+        level, end_reason, plan = "decision", None, None
+
+        def reset(self, robot, control_period, rng):
+            pass
+
+        def __call__(self, observation):
+            return np.int64(0)
+
+    recording, episode, _ = record(make_env("lidarnaut/ExploreFrontiers-v0"), First())
+    assert recording.time[-1] == pytest.approx(episode.duration)
+    assert len(recording.decision_times) >= 2
+    assert (recording.decision_chosen == 0).all()
+
+
+def test_the_callback_of_another_recorder_goes_on():
+    env, calls = make_env(time_limit=1.0), []
+    env.unwrapped.on_period = calls.append
+    recording, *_ = record(env, NearestExplorer())
+    assert len(calls) == 1 + round(1.0 / env.unwrapped.control_period)
+    assert env.unwrapped.on_period == calls.append
+    assert len(recording.time) == 3
+
+
+def test_teams_are_refused():
+    env = gymnasium.make("lidarnaut/ExploreTeam-v0", world="turtlebot3_world", physics="kinematic", num_robots=2)
+    with pytest.raises(ValueError, match="one robot"):
+        EpisodeRecorder(env)
+
+
+def test_a_map_that_grows_and_is_redrawn_is_replayed():
+    history = MapHistory(OccupancyGrid(np.full((2, 2), -1, np.int8), 0.5, (0.0, 0.0)))
+    history.append(OccupancyGrid(np.array([[-1, 0], [-1, 100]], np.int8), 0.5, (0.0, 0.0)))
+    history.append(OccupancyGrid(np.array([[30, -1, -1], [-1, -1, 0], [-1, 60, 100]], np.int8), 0.5, (-0.5, -0.5)))
+    history.append(OccupancyGrid(np.array([[0, 100]], np.int8), 0.5, (0.5, 0.5)))  # the others are unknown again
+    shape, origin, cells, changes, ends = history.arrays()
+    maps = []
+    kinds = np.zeros(np.prod(shape), dtype=np.uint8)
+    for cells_now, changes_now in zip(np.split(cells, ends[:-1]), np.split(changes, ends[:-1])):
+        kinds[cells_now] ^= changes_now
+        maps.append(kinds.reshape(shape).tolist())
+    assert (shape, origin) == ([3, 4], [-0.5, -0.5])
+    assert maps[0] == [[0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 2, 0]]
+    assert maps[1] == [[1, 0, 0, 0], [0, 0, 1, 0], [0, 2, 2, 0]]
+    assert maps[2] == [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 2]]
+
+
+def test_corners_keep_within_the_tolerance():
+    turn = np.linspace(0.0, 3.0, 200)
+    path = np.column_stack([turn, np.sin(3.0 * turn)])
+    kept = corners(path, PLAN_TOLERANCE)
+    assert len(kept) < 40
+    away = np.abs(path[:, 1] - np.interp(path[:, 0], *kept.T))
+    assert away.max() < 3.2 * PLAN_TOLERANCE  # across a slope of 3, vertical distances are longer
+    np.testing.assert_array_equal(corners(np.array([(0, 0), (1, 0), (2, 0), (2, 1.0)]), 0.1), [(0, 0), (2, 0), (2, 1)])
