@@ -11,6 +11,8 @@ from envs.explore_team import ExploreTeamEnv
 Observation = dict[str, np.ndarray]
 PER_ROBOT = ("pose_error", "path_length", "collisions")
 """Entries of `info` that have a row per robot."""
+OPTIONS = ("world", "start")
+"""Options of `reset`."""
 
 
 class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
@@ -53,9 +55,10 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode; see `LidarEnv.reset`."""
+        """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
         self.agents = list(self.possible_agents)
-        observation, info = self.env.reset(seed=seed, options=options)
+        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        observation, info = self.env.reset(seed=seed, options=known)
         return self._split(observation), self._infos(info)
 
     def step(
