@@ -24,7 +24,11 @@ WIDTH, QUALITY = 720, 50
 """Width [px] and quality of the WebP pictures, up to 100."""
 FRAME_MS, HOLD_MS = 120, 2500
 """How long a frame is shown, and the last one [ms]."""
-WORLDS = {"lidarnaut/ExploreTeam-v0": "rrt_house", "lidarnaut/Explore-v0": "aws_small_house"}
+WORLDS = {
+    "lidarnaut/Explore-v0": "aws_small_house",
+    "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
+    "lidarnaut/ExploreTeam-v0": "rrt_house",
+}
 """Worlds of ids whose default is shown by another one."""
 
 
@@ -80,6 +84,7 @@ DRIVERS: Sequence[tuple[str, float, Callable[[Any, int, Watch], None]]] = (
     ("lidarnaut/ExploreFrontiers", 1.0, _choose_nearest),
     ("lidarnaut/ExploreTeam", 4.0, _explore_as_team),
     ("lidarnaut/ExploreTurtleBot3World", 0.6, _explore),
+    ("lidarnaut/Explore-v0", 9.5, _explore),
     ("lidarnaut/Explore", 4.0, _explore),
     ("lidarnaut/Navigate", 1.0, _navigate),
     ("lidarnaut/Track", 3.0, _follow),

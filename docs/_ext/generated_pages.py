@@ -60,6 +60,7 @@ def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: lis
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the extension."""
     app.connect("builder-inited", write_pages)
-    app.connect("autodoc-process-docstring", to_rst)
+    # Before napoleon, which would split single backticks at a colon within.
+    app.connect("autodoc-process-docstring", to_rst, priority=100)
     app.connect("source-read", link_within)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
