@@ -1,6 +1,7 @@
 """Every example runs, on a small budget, and gives what its text says."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,12 @@ def test_the_quick_start_films_the_pretrained_explorer(tmp_path):
     film = tmp_path / "film.gif"
     assert load("quick_start").main(seconds=5.0, film=film) > 0.05
     assert film.stat().st_size > 10_000
+
+
+def test_the_quick_start_of_the_readme_explores(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "README.md").read_text(), re.DOTALL)
+    exec(code.replace('"human"', "None"), {})
+    assert re.search(r"explored 99 % in \d+ s", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("name", ["sb3_ppo", "maskable_ppo", "recurrent_ppo"])
