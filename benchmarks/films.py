@@ -28,6 +28,7 @@ WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
     "lidarnaut/ExploreTeam-v0": "rrt_house",
+    "lidarnaut/Navigate-v0": "turtlebot3_house",
 }
 """Worlds of ids whose default is shown by another one."""
 
