@@ -106,7 +106,7 @@ def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes
     margin = 0.01 * max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     x_min, y_min, x_max, y_max = (side + sign * margin for side, sign in zip(bounds, (-1, -1, 1, 1)))
     figure = Figure(figsize=SIZE, facecolor="white")
-    below = 0.12
+    below = 0.13
     ax = figure.add_axes((0.02, below + 0.01, 0.96, 0.97 - below))
     ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max), aspect="equal")
     ax.set_axis_off()
@@ -116,8 +116,8 @@ def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes
     bar = figure.add_axes((left, 0.03, length * scale, 0.04))
     bar.set(xlim=(0, 1), ylim=(0, 1))
     bar.set_axis_off()
-    bar.plot([0, 0, 0, 1, 1, 1], [1, 0, 0.5, 0.5, 0, 1], color=_INK, linewidth=1.6, clip_on=False)
-    figure.text(left + length * scale + 0.02, 0.05, f"{length:g} m", color=_INK, va="center", fontsize=10)
+    bar.plot([0, 0, 0, 1, 1, 1], [1, 0, 0.5, 0.5, 0, 1], color=_INK, linewidth=2.2, clip_on=False)
+    figure.text(left + length * scale + 0.02, 0.05, f"{length:g} m", color=_INK, va="center", fontsize=16)
     return figure, ax
 
 
