@@ -43,7 +43,7 @@ def test_the_quick_start_films_the_pretrained_explorer(tmp_path):
 def test_the_quick_start_of_the_readme_explores(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "README.md").read_text(), re.DOTALL)
     exec(code.replace('"human"', "None"), {})
-    assert re.search(r"explored 99 % in \d+ s", capsys.readouterr().out)
+    assert re.search(r"explored (99|100) % in \d+ s", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("name", ["sb3_ppo", "maskable_ppo", "recurrent_ppo"])
