@@ -40,7 +40,7 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
         self.agents: list[str] = []
         observation, action = self.env.observation_space, self.env.action_space
         assert isinstance(observation, spaces.Dict)
-        rows = {name: _row(part) for name, part in observation.items()}
+        rows: dict[str, spaces.Space] = {name: _row(part) for name, part in observation.items()}
         self.observation_spaces = {agent: spaces.Dict(rows) for agent in self.possible_agents}
         self.action_spaces = {agent: _row(action) for agent in self.possible_agents}
 
@@ -103,4 +103,4 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
 def _row(space: spaces.Space) -> spaces.Box:
     """Return the space of one row of a box."""
     assert isinstance(space, spaces.Box)
-    return spaces.Box(space.low[0], space.high[0], dtype=space.dtype)  # type: ignore[arg-type]
+    return spaces.Box(space.low[0], space.high[0], dtype=space.dtype)
