@@ -85,7 +85,6 @@ DRIVERS: Sequence[tuple[str, float, Callable[[Any, int, Watch], None]]] = (
     ("lidarnaut/ExploreFrontiers", 1.0, _choose_nearest),
     ("lidarnaut/ExploreTeam", 4.0, _explore_as_team),
     ("lidarnaut/ExploreTurtleBot3World", 0.6, _explore),
-    ("lidarnaut/Explore-v0", 9.5, _explore),
     ("lidarnaut/Explore", 4.0, _explore),
     ("lidarnaut/Navigate", 1.0, _navigate),
     ("lidarnaut/Track", 3.0, _follow),
