@@ -1,8 +1,9 @@
 PYTHON ?= python3.11
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install demo test check format clean clean-cache
+.PHONY: install demo test check format docs clean clean-cache
 
 install: $(INSTALLED)
 
@@ -27,9 +28,17 @@ format: install
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: $(DOCS_INSTALLED)
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/site
+	@echo "the site is in build/site/index.html"
+
+$(DOCS_INSTALLED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,docs]"
+	touch $@
+
 # Compiled kernels: Numba does not notice when a kernel that another one calls has changed.
 clean-cache:
 	find envs baselines agents benchmarks tests -name __pycache__ -prune -exec rm -rf {} +
 
 clean: clean-cache
-	rm -rf .venv build *.egg-info
+	rm -rf .venv build *.egg-info docs/environments docs/examples docs/gallery

@@ -1,0 +1,117 @@
+"""Animated pictures of the registered environments: `python -m benchmarks.films --out docs/images/environments`."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import tyro
+from PIL import Image
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import Watch, run, run_episode
+from baselines.explorer import to_action
+from baselines.navigation.episode import drive
+from baselines.route_follower import RouteFollower
+from baselines.rrt.team import RrtTeam
+from baselines.rrt.team_episode import run_team_episode
+
+NUM_FRAMES = 40
+"""Frames of a film, besides the last one, at most."""
+WIDTH, QUALITY = 720, 50
+"""Width [px] and quality of the WebP pictures, up to 100."""
+FRAME_MS, HOLD_MS = 120, 2500
+"""How long a frame is shown, and the last one [ms]."""
+WORLDS = {
+    "lidarnaut/Explore-v0": "aws_small_house",
+    "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
+    "lidarnaut/ExploreTeam-v0": "rrt_house",
+    "lidarnaut/Navigate-v0": "turtlebot3_house",
+}
+"""Worlds of ids whose default is shown by another one."""
+
+
+class Film:
+    """Takes pictures of an episode at intervals of simulated time, also within decisions."""
+
+    def __init__(self, env: gymnasium.Env, every: float) -> None:
+        """Begin; `every` is the simulated time between two pictures [s]."""
+        self._env = getattr(env.unwrapped, "explore", env.unwrapped)
+        self._every = every
+        self.frames: list[np.ndarray] = []
+        self._env.on_period = self.shoot
+
+    def shoot(self, _: Any) -> None:
+        """Take a picture if it is time for one."""
+        if len(self.frames) < NUM_FRAMES and self._env.time >= len(self.frames) * self._every - 1e-6:
+            self.frames.append(self._env.render())
+
+    def save(self, path: Path) -> None:
+        """Write an endless WebP."""
+        frames = [*self.frames, self._env.render()]
+        height = round(frames[0].shape[0] * WIDTH / frames[0].shape[1])
+        first, *rest = [Image.fromarray(f).resize((WIDTH, height), Image.Resampling.LANCZOS) for f in frames]
+        durations = [FRAME_MS] * len(rest) + [HOLD_MS]
+        first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, quality=QUALITY, method=4)
+
+
+def _explore(env: Any, seed: int, watch: Watch) -> None:
+    run_episode(env, make_explorer("gain_over_cost"), seed)
+
+
+def _explore_as_team(env: Any, seed: int, watch: Watch) -> None:
+    run_team_episode(env.unwrapped, RrtTeam(), seed)
+
+
+def _choose_nearest(env: Any, seed: int, watch: Watch) -> None:
+    observation, info = env.reset(seed=seed)
+    run(env, lambda _: np.int64(0), observation, info, watch)
+
+
+def _navigate(env: Any, seed: int, watch: Watch) -> None:
+    drive(env.unwrapped, seed)
+
+
+def _follow(env: Any, seed: int, watch: Watch) -> None:
+    observation, info = env.reset(seed=seed)
+    inner, follower = env.unwrapped, RouteFollower()
+    follower.reset(inner.robot, inner.control_period, inner.route)
+    run(env, lambda _: to_action(follower.act(inner.reading, inner.estimate.pose), inner.robot), observation, info)
+
+
+DRIVERS: Sequence[tuple[str, float, Callable[[Any, int, Watch], None]]] = (
+    ("lidarnaut/ExploreFrontiers", 1.0, _choose_nearest),
+    ("lidarnaut/ExploreTeam", 4.0, _explore_as_team),
+    ("lidarnaut/ExploreTurtleBot3World", 0.6, _explore),
+    ("lidarnaut/Explore", 4.0, _explore),
+    ("lidarnaut/Navigate", 1.0, _navigate),
+    ("lidarnaut/Track", 3.0, _follow),
+)
+"""Time between two pictures [s], and what drives, by the beginning of the id; the first that fits."""
+
+
+def main(out: Path = Path("docs/images/environments"), only: str = "", seed: int = 0) -> None:
+    """Film an episode of each registered environment, kinematic physics.
+
+    Args:
+        out: Folder of the pictures, one per id.
+        only: Film only ids that contain this.
+        seed: Of worlds, starts and noise.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
+    for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # those that set no arguments come first
+        arguments: dict[str, Any] = {"world": WORLDS[id]} if id in WORLDS else {}
+        env = gymnasium.make(id, physics="kinematic", render_mode="rgb_array", disable_env_checker=True, **arguments)
+        every, driver = next(how for start, *how in DRIVERS if id.startswith(start))
+        film = Film(env, every)
+        driver(env, seed, film.shoot)
+        film.save(path := out / f"{id.partition('/')[2].lower()}.webp")
+        env.close()
+        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,48 @@
+"""The documentation site: `make docs` builds it into build/site."""
+
+import importlib.metadata
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
+# Notebooks and generated pictures open no window, and import this checkout.
+os.environ |= {"SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "agg", "PYTHONPATH": str(HERE.parent)}
+
+project = "Lidarnaut"
+author = "the Lidarnaut contributors"
+release = version = importlib.metadata.version("lidarnaut")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "generated_pages",
+]
+exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
+suppress_warnings = ["ref.python"]  # words of docstrings such as "height" that are attributes of several classes
+
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_heading_anchors = 4
+nb_execution_mode = "force"
+nb_execution_timeout = 900
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+
+# Docstrings write code in single backticks.
+default_role = "code"
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+
+html_theme = "furo"
+html_title = "Lidarnaut"
+html_copy_source = False
+html_theme_options = {"navigation_with_keys": True}
+copybutton_prompt_text = r">>> |\$ "
+copybutton_prompt_is_regexp = True

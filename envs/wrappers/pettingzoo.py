@@ -1,0 +1,106 @@
+"""Teams as PettingZoo's `ParallelEnv`; needs the extra `[pettingzoo]`."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+
+from envs.explore_team import ExploreTeamEnv
+
+Observation = dict[str, np.ndarray]
+PER_ROBOT = ("pose_error", "path_length", "collisions")
+"""Entries of `info` that have a row per robot."""
+OPTIONS = ("world", "start")
+"""Options of `reset`."""
+
+
+class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
+    """`ExploreTeamEnv` with an agent per robot: "robot_0", "robot_1", ...
+
+    Each agent gets its own row of actions, observations and of what `info` has per robot. The reward is the team's, the
+    same for each: `info["rewards"]` has its terms. All agents end together.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {**ExploreTeamEnv.metadata, "name": "lidarnaut_explore_team_v0"}
+
+    def __init__(self, **arguments: Any) -> None:
+        """Make the team.
+
+        Args:
+            **arguments: of `ExploreTeamEnv`.
+
+        Raises:
+            ValueError: if an argument is not among the allowed values; the message names it and them.
+        """
+        self.env = ExploreTeamEnv(**arguments)
+        """The environment of the team."""
+        self.render_mode = self.env.render_mode
+        self.possible_agents = [f"robot_{k}" for k in range(self.env.num_robots)]
+        self.agents: list[str] = []
+        observation, action = self.env.observation_space, self.env.action_space
+        assert isinstance(observation, spaces.Dict)
+        rows: dict[str, spaces.Space] = {name: _row(part) for name, part in observation.items()}
+        self.observation_spaces = {agent: spaces.Dict(rows) for agent in self.possible_agents}
+        self.action_spaces = {agent: _row(action) for agent in self.possible_agents}
+
+    def observation_space(self, agent: str) -> spaces.Space:
+        """Return the observation space of an agent; always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space:
+        """Return the action space of an agent; always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
+        self.agents = list(self.possible_agents)
+        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        observation, info = self.env.reset(seed=seed, options=known)
+        return self._split(observation), self._infos(info)
+
+    def step(
+        self, actions: dict[str, np.ndarray]
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Drive for one control period.
+
+        Args:
+            actions: of each agent, shape (2,), float32.
+
+        Raises:
+            ValueError: if an action has the wrong shape, is not finite, or lies outside [-1, 1] and is not clipped.
+        """
+        agents = self.agents
+        rows = np.stack([actions[agent] for agent in agents])
+        observation, reward, terminated, truncated, info = self.env.step(rows)
+        split, infos = self._split(observation), self._infos(info)
+        if terminated or truncated:
+            self.agents = []
+        ended = dict.fromkeys(agents, bool(terminated)), dict.fromkeys(agents, bool(truncated))
+        return split, dict.fromkeys(agents, float(reward)), *ended, infos
+
+    def render(self) -> np.ndarray | None:
+        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
+        return self.env.render()
+
+    def state(self) -> np.ndarray:
+        """Return the shared map, shape (height, width), int8: -1 unknown, 0 to 100 percent occupied. It grows."""
+        return self.env.belief.grid.data.copy()
+
+    def close(self) -> None:
+        """Release the physics engine and the window."""
+        self.env.close()
+
+    def _split(self, observation: Observation) -> dict[str, Observation]:
+        return {agent: {name: rows[k] for name, rows in observation.items()} for k, agent in enumerate(self.agents)}
+
+    def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        return {agent: info | {name: info[name][k] for name in PER_ROBOT} for k, agent in enumerate(self.agents)}
+
+
+def _row(space: spaces.Space) -> spaces.Box:
+    """Return the space of one row of a box."""
+    assert isinstance(space, spaces.Box)
+    return spaces.Box(space.low[0], space.high[0], dtype=space.dtype)

@@ -1,0 +1,50 @@
+"""Explore, save the map, start at an unknown pose on it, localize, and drive to a goal.
+
+`python -m baselines.global_localization` does the same with several goals and a film.
+"""
+
+from pathlib import Path
+
+import tyro
+
+from baselines import make_explorer
+from baselines.episode import run_episode
+from baselines.navigation import MapNavigatorParams
+from baselines.navigation.episode import drive
+from envs.explore import ExploreEnv
+from envs.navigate import NavigateEnv
+from envs.navigation import crop_to_known
+from envs.worlds import save_map
+
+
+def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_drive"), seed: int = 0) -> str:
+    """Run the experiment; return how the drive to the goal ended.
+
+    Args:
+        world: World to explore.
+        out: Folder of the map.
+        seed: Of starts, noise and goal.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    exploration = ExploreEnv(world=world, physics="kinematic", start="spawn")
+    episode = run_episode(exploration, make_explorer("nearest"), seed)
+    # The format of ROS's map_server: map.pgm and map.yaml.
+    map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
+    exploration.close()
+    print(f"explored {100 * episode.explored_fraction:.0f} %; map in {map_path}")
+
+    # The map's frame begins where the robot started to explore; `map_pose` says where that is in the world.
+    env = NavigateEnv(
+        world=world, physics="kinematic", map=map_path, map_pose=exploration.start, initial_pose="unknown"
+    )
+    driven = drive(env, seed + 1, MapNavigatorParams(lost_time=120.0))
+    env.close()
+    print(
+        f"goal {driven.geodesic_distance:.1f} m away: {driven.end_reason} after {driven.duration:.0f} s and "
+        f"{driven.path_length:.1f} m, localization included; {driven.collisions} collisions"
+    )
+    return driven.end_reason
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,44 @@
+"""A world drawn with NumPy: cells of a map become walls, and a robot explores them."""
+
+import gymnasium
+import numpy as np
+import tyro
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import run_episode
+from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from envs.worlds import World, world_from_map
+
+RESOLUTION = 0.1
+"""Side of a cell [m]."""
+
+
+def draw_world() -> World:
+    """Return a hall of 10 m x 6 m with a wall that has a door, and four pillars. Row 0 is the lowest y."""
+    cells = np.full((60, 100), FREE, dtype=np.int8)
+    cells[[0, -1], :] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    cells[:, 50:52] = OCCUPIED
+    cells[25:37, 50:52] = FREE
+    for row, col in ((15, 70), (15, 85), (40, 70), (40, 85)):
+        cells[row : row + 4, col : col + 4] = OCCUPIED
+    grid = OccupancyGrid(cells, RESOLUTION, (0.0, 0.0))
+    return world_from_map(grid, "my_hall", spawn=Pose2D(2.0, 3.0, 0.0))
+
+
+def main(seconds: float = 120.0) -> float:
+    """Explore it; return the explored fraction.
+
+    Args:
+        seconds: Simulated time.
+    """
+    env = gymnasium.make("lidarnaut/Explore-v0", world=draw_world(), physics="kinematic", time_limit=seconds)
+    episode = run_episode(env, make_explorer("nearest"), seed=0)
+    env.close()
+    print(f"explored {100 * episode.explored_fraction:.0f} % of my_hall in {episode.duration:.0f} s")
+    return episode.explored_fraction
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

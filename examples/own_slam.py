@@ -1,0 +1,53 @@
+"""A SLAM of one's own: maps at the pose of a filter that takes 98 % of each turn, to see what that costs.
+
+An `Estimator` has `reset`, `update` and `belief` (`envs/estimation/estimator.py`). This one changes a smaller part of
+`KnownPoses`; from scratch, subclass `envs.slam.key_scans.KeyScanSlam`, or nothing at all.
+"""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import tyro
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import run_episode
+from envs.estimation import Belief
+from envs.geometry import Pose2D
+from envs.robots import LidarParams
+from envs.slam import KnownPoses, load_params
+
+
+class Forgetful(KnownPoses):
+    """Maps at the pose by odometry, of whose turns it takes 98 %."""
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
+        """Process a scan, shape (num_beams,), float32 [m], and the motion since the one before."""
+        return super().update(ranges, motion._replace(theta=0.98 * motion.theta))
+
+
+def make_forgetful(lidar: LidarParams, resolution: float) -> Forgetful:
+    """Return the SLAM for a lidar and a cell size [m]; `slam=` takes this function, or "own_slam:make_forgetful"."""
+    return Forgetful(lidar, replace(load_params("default"), resolution=resolution))
+
+
+def main(seconds: float = 60.0) -> dict[str, float]:
+    """Explore with it, and with Hector; return the RMSE of the heading [rad] of each.
+
+    Args:
+        seconds: Simulated time.
+    """
+    errors = {}
+    for name, slam in (("forgetful", make_forgetful), ("hector", "hector")):
+        env = gymnasium.make(
+            "lidarnaut/Explore-v0", world="turtlebot3_world", slam=slam, physics="kinematic", time_limit=seconds
+        )
+        errors[name] = run_episode(env, make_explorer("nearest"), seed=0).heading_rmse
+        env.close()
+        print(f"{name}: heading off by {np.degrees(errors[name]):.1f} degrees (RMSE)")
+    return errors
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

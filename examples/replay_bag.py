@@ -1,0 +1,61 @@
+"""Record an episode as a ROS 2 bag, convert it to arrays, and replay both through SLAMs. No ROS is needed.
+
+`python examples/replay_bag.py --bag my.bag` takes a ROS 1 bag, the folder of a ROS 2 bag, or .mcap.
+"""
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import tyro
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import run_episode
+from envs.logs import load_log
+from envs.logs.replay import Options
+from envs.logs.replay import main as replay
+from envs.wrappers import RecordBag
+
+
+def convert(bag: Path, archive: Path) -> Path:
+    """Write what a bag holds of odometry and scans as the arrays that `load_log` reads."""
+    log = load_log(bag)
+    np.savez_compressed(
+        archive,
+        t=log.times,
+        odo=log.odometry,
+        idx=log.scan_rows,
+        ranges=log.ranges,
+        ang0=log.lidar.angle_min + log.lidar.mount.yaw,
+        dang=log.lidar.angle_increment,
+        maxr=log.lidar.range_max,
+        mount_x=log.lidar.mount.x,
+    )
+    return archive
+
+
+def main(bag: Path | None = None, out: Path = Path("runs/replay_bag"), seconds: float = 30.0) -> dict[str, float]:
+    """Replay a bag through two SLAMs; return the share of beams that conflict with the map of each.
+
+    Args:
+        bag: The bag; records one in simulation if not given.
+        out: Folder of bag, arrays, maps and trajectories.
+        seconds: Length of the episode that is recorded [s].
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if bag is None:
+        env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", physics="kinematic", time_limit=seconds)
+        with RecordBag(env, out) as recorded:
+            run_episode(recorded, make_explorer("nearest"), seed=0)
+        bag = out / "episode_0.mcap"
+    archive = convert(bag, out / "log.npz")
+    conflicts = {}
+    for path, slam in ((bag, "hector"), (archive, "tinyslam")):
+        (run,) = replay(Options(path, slam=slam, preset="default", out=out / slam))
+        conflicts[slam] = run.conflict_share
+    return conflicts
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,41 @@
+"""Teams as PettingZoo's `ParallelEnv`."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pettingzoo", reason="pettingzoo is not installed")
+
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from envs.explore_team import ExploreTeamEnv
+from envs.wrappers.pettingzoo import TeamParallelEnv
+
+QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.0}
+
+
+def test_the_api_is_that_of_pettingzoo():
+    parallel_api_test(TeamParallelEnv(num_robots=3, **QUICK), num_cycles=50)
+
+
+def test_episodes_repeat():
+    parallel_seed_test(lambda: TeamParallelEnv(num_robots=2, **QUICK), num_cycles=5)
+
+
+def test_agents_get_their_rows_of_the_team_environment():
+    team, env = ExploreTeamEnv(num_robots=2, **QUICK), TeamParallelEnv(num_robots=2, **QUICK)
+    team.reset(seed=3)
+    env.reset(seed=3)
+    rows = np.array([[0.5, 0.2], [1.0, -0.4]], dtype=np.float32)
+    while env.agents:
+        expected, reward, terminated, truncated, info = team.step(rows)
+        observations, rewards, terminations, truncations, infos = env.step(dict(zip(env.agents, rows)))
+        for k, agent in enumerate(env.possible_agents):
+            assert env.observation_space(agent).contains(observations[agent])
+            for name, part in expected.items():
+                np.testing.assert_array_equal(observations[agent][name], part[k])
+            assert rewards[agent] == reward
+            assert (terminations[agent], truncations[agent]) == (terminated, truncated)
+            assert infos[agent]["path_length"] == info["path_length"][k]
+    assert truncated
+    team.close()
+    env.close()
