@@ -1,6 +1,7 @@
 """Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
 
 import io
+import os
 import warnings
 from pathlib import Path
 from typing import Annotated, Literal
@@ -102,14 +103,15 @@ def load_map(path: str | Path) -> OccupancyGrid:
         raise ValueError(f"{path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image")
     if not file.free_thresh < file.occupied_thresh:
         raise ValueError(f"{path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
-    data = _read_image(path.parent / file.image, file)
+    data = _read_image(path, file)
     return OccupancyGrid(np.ascontiguousarray(data[::-1]), file.resolution, (file.origin[0], file.origin[1]))
 
 
-def _read_image(path: Path, file: MapFile) -> np.ndarray:
-    """Return the occupancy of an image's pixels, shape of the image, int8 [percent], -1 for unknown."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no map image {path}")
+def _read_image(source: Path, file: MapFile) -> np.ndarray:
+    """Return the occupancy of the pixels of the image that a YAML file names, its shape, int8 [percent], -1 unknown."""
+    path = source.parent / file.image
+    if not os.path.isfile(path):  # False for what is no path at all
+        raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # there is a limit of ours
@@ -124,7 +126,7 @@ def _read_image(path: Path, file: MapFile) -> np.ndarray:
         raise
     except Exception as error:  # Pillow raises many kinds for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"map image {path} cannot be read: {said}") from error
+        raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
     data = np.full(array.shape[:2], UNKNOWN, dtype=np.int8)
     for first in range(0, len(array), _ROWS):
         rows = slice(first, first + _ROWS)
