@@ -60,6 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--config")
     file = first.parse_known_args(arguments)[0].config
+    command: Command | None = None
     try:
         settings: Any = read_record(find_configuration(file), Settings) if file else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
@@ -76,7 +77,10 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        messages.print(f"evaluate.py: {error}", style="red", markup=False, highlight=False)
+        said = str(error)
+        if isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries do not say more
+            said += f" (while writing to {command.out})" if command else ""
+        messages.print(f"evaluate.py: {said}", style="red", markup=False, highlight=False)
         return 2
     if command.json:
         print(json.dumps(to_json(summary), indent=1))

@@ -2,16 +2,17 @@
 
 import errno
 import hashlib
-import json
+import math
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import safetensors.torch
+import torch
 from gymnasium import spaces
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, ValidationError, model_validator
 from safetensors import SafetensorError
 from torch import Tensor
 
@@ -24,6 +25,16 @@ POLICY_FILE = "policy.safetensors"
 """The network's weights."""
 TRAINING_FILE = "training.safetensors"
 """The optimizer's moments and the random generators' states."""
+MAX_SIZE = 100_000
+"""Longest axis of a space, and most of its actions."""
+MAX_ELEMENTS = 10_000_000
+"""Most elements of a space."""
+MAX_AXES = 4
+"""Most axes of a space."""
+MAX_RECORD = 64 * 2**20
+"""Largest file of a record [bytes]."""
+
+Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 
 
 class BoxRecord(BaseModel):
@@ -31,10 +42,18 @@ class BoxRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    shape: tuple[int, ...]
-    dtype: str
+    shape: tuple[Size, ...]
+    dtype: Literal["float32", "float64", "uint8", "int8", "int16", "int32", "int64", "bool"]
     low: float
     high: float
+
+    @model_validator(mode="after")
+    def _check(self) -> "BoxRecord":
+        if len(self.shape) > MAX_AXES or math.prod(self.shape) > MAX_ELEMENTS:
+            raise ValueError(f"shape {self.shape} has more than {MAX_AXES} axes or {MAX_ELEMENTS:,} elements")
+        if not self.low <= self.high:
+            raise ValueError(f"low must be at most high, got {self.low} and {self.high}")
+        return self
 
     @classmethod
     def of(cls, box: spaces.Box) -> "BoxRecord":
@@ -52,7 +71,7 @@ class DiscreteRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    n: int
+    n: Size
 
     def space(self) -> spaces.Discrete:
         return spaces.Discrete(self.n)
@@ -66,7 +85,7 @@ class MultiBinaryRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    bits: int
+    bits: Size
 
     def space(self) -> spaces.MultiBinary:
         return spaces.MultiBinary(self.bits)
@@ -100,9 +119,9 @@ class Record(BaseModel):
 
     format: Literal[1] = 1
     """Version of this format."""
-    steps: int
+    steps: NonNegativeInt
     """Environment steps taken."""
-    updates: int
+    updates: NonNegativeInt
     """Passes over the samples made."""
     config: TrainingConfig
     """The experiment."""
@@ -110,7 +129,9 @@ class Record(BaseModel):
     """Observation space."""
     action: SpaceRecord
     """Action space."""
-    numpy_random: tuple[str, int, int, float]
+    numpy_random: tuple[
+        Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
+    ]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
     evaluations: list[Row]
     """Rows of `evaluations.csv` so far."""
@@ -159,17 +180,20 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
     """Read a checkpoint; with `policy_only` without the state of the training, whose file may be missing.
 
     Raises:
-        CheckpointError: if a file is missing, cut short, altered or no JSON; names it and an older checkpoint.
+        CheckpointError: if a file is missing, cut short, altered or no JSON, or a weight is not finite; names it and
+            an older checkpoint.
     """
     tensors = []
     try:
-        # Undecodable text and broken JSON are ValueErrors alike.
-        record = Record.model_validate(json.loads((folder / RECORD_FILE).read_text()))
+        if (size := (folder / RECORD_FILE).stat().st_size) > MAX_RECORD:
+            raise ValueError(f"{size:,} bytes, at most {MAX_RECORD:,} are allowed")
+        # Undecodable text and broken JSON are ValueErrors alike, and so is JSON that nests too deeply for pydantic.
+        record = Record.model_validate_json((folder / RECORD_FILE).read_bytes())
         for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
             content = (folder / name).read_bytes()
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
                 raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
-            tensors.append(safetensors.torch.load(content))
+            tensors.append(_load_tensors(name, content))
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
     except ValidationError as error:
@@ -177,6 +201,22 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
     except ValueError as error:
         raise damaged(folder, f"{RECORD_FILE}: {error}") from error
     return Checkpoint(record, *tensors, *([{}] if policy_only else []))
+
+
+def _load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
+    """Read the tensors of a file.
+
+    Raises:
+        SafetensorError: if it is damaged, holds a type that this version of torch does not have, or NaN or infinity.
+    """
+    try:
+        tensors = safetensors.torch.load(content)
+    except (SafetensorError, ValueError, KeyError, AttributeError, TypeError, RuntimeError) as error:
+        raise SafetensorError(f"{name}: {type(error).__name__}: {error}") from error
+    for key, tensor in tensors.items():
+        if tensor.is_floating_point() and not torch.isfinite(tensor.float()).all():
+            raise SafetensorError(f"{name}: {key!r} holds numbers that are not finite")
+    return tensors
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:

@@ -3,9 +3,9 @@
 import dataclasses
 import math
 import warnings
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
 from envs.files import explain_unknown, load_object
 from envs.slam import DEFAULT_SLAM
@@ -15,7 +15,15 @@ from envs.tasks.rewards import RewardWeights
 class Section(BaseModel):
     """Part of a configuration: immutable, and unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False)
+
+
+Width = Annotated[int, Field(ge=1, le=8192)]
+"""Width of a layer; more takes all memory before anything is learned."""
+Count = Annotated[int, Field(ge=1, le=10**12)]
+"""Number of steps or episodes."""
+Side = Annotated[int, Field(ge=1, le=100_000)]
+"""Number of what exists at the same time."""
 
 
 class EnvironmentConfig(Section):
@@ -54,7 +62,7 @@ class EnvironmentConfig(Section):
     vectorization: Literal["native", "sync", "async"] = "native"
     """How sub-environments run side by side: in the package's own vector environment, one after the other, or in a
     process each."""
-    num_workers: int | None = Field(default=None, ge=0)
+    num_workers: int | None = Field(default=None, ge=0, le=100_000)
     """Processes of the native vector environment, 0 for none but this one; null takes as many as there are cores."""
 
     @property
@@ -90,11 +98,11 @@ class PPOConfig(Section):
     """Step size of Adam at the start."""
     anneal: bool = True
     """Whether the learning rate falls linearly to zero at `total_steps`."""
-    num_steps: PositiveInt = 128
+    num_steps: Side = 128
     """Steps of each environment between two updates."""
     batch_size: int = Field(default=512, ge=2)
     """Samples per gradient step."""
-    num_epochs: PositiveInt = 4
+    num_epochs: Side = 4
     """Passes over the samples of an update."""
     gamma: float = Field(default=0.99, gt=0, le=1)
     """Discount per step. 1 where steps last for different times: there it treats all seconds alike."""
@@ -115,13 +123,13 @@ class PPOConfig(Section):
 class NetworkConfig(Section):
     """Network that drives, and the first spread of its actions."""
 
-    features: PositiveInt = 128
+    features: Width = 128
     """Width of the features that policy and value share."""
-    channels: PositiveInt = 16
+    channels: Width = 16
     """Features of a patch of a map crop."""
-    hidden: PositiveInt = 64
+    hidden: Width = 64
     """Width of the hidden layer of the policy and of the value."""
-    log_std: float = -0.5
+    log_std: float = Field(default=-0.5, ge=-20, le=20)
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
     """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
@@ -132,9 +140,9 @@ class NetworkConfig(Section):
 class DecisionNetworkConfig(Section):
     """Network that chooses frontiers; see `agents.frontiers.network`."""
 
-    width: PositiveInt = 64
+    width: Width = 64
     """Width of all layers."""
-    heads: PositiveInt = 4
+    heads: Width = 4
     """Heads of the attention between candidates; must divide `width`."""
     prior: float = Field(default=10.0, ge=0)
     """Weight of the prior in the logits: the larger, the less is explored at first; 0 leaves it out."""
@@ -152,9 +160,9 @@ class DecisionNetworkConfig(Section):
 class EvaluationConfig(Section):
     """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
 
-    every: PositiveInt = 25_000
+    every: Count = 25_000
     """Training steps between evaluations."""
-    episodes: PositiveInt = 20
+    episodes: Side = 20
     """Episodes of an evaluation; episode i is seeded with i."""
     references: tuple[str, ...] = ("random",)
     """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training. Where
@@ -166,7 +174,7 @@ class EvaluationConfig(Section):
 class CheckpointConfig(Section):
     """When the state of the training is saved."""
 
-    every: PositiveInt = 20_000
+    every: Count = 20_000
     """Training steps between checkpoints, at most: what a kill can cost. Not less than an update takes."""
     keep: int = Field(default=3, ge=2)
     """Newest checkpoints that are kept."""
@@ -179,23 +187,23 @@ class EvolutionConfig(Section):
     """Tells this configuration from that of PPO."""
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
     """Name, the first part of the run folder's."""
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of everything."""
-    generations: PositiveInt = 100
+    generations: Count = 100
     """Generations to train for."""
-    population: int = Field(default=14, ge=4)
+    population: int = Field(default=14, ge=4, le=100_000)
     """Individuals of a generation."""
-    tasks: PositiveInt = 24
+    tasks: Side = 24
     """Episodes that every individual of a generation explores."""
     sigma: PositiveFloat = 0.06
     """First standard deviation of every weight, times the spread of its feature."""
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
     """Procedural families of the training worlds."""
-    validation_tasks: PositiveInt = 240
+    validation_tasks: Side = 240
     """Episodes, the same ones each time, on which the policy is measured; they select nothing."""
-    validate_every: PositiveInt = 10
+    validate_every: Count = 10
     """Generations between two validations."""
-    num_workers: PositiveInt | None = None
+    num_workers: Side | None = None
     """Processes; null takes as many as there are cores."""
 
 
@@ -204,15 +212,15 @@ class TrainingConfig(Section):
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
     """Name, the first part of the run folder's."""
-    total_steps: PositiveInt
+    total_steps: Count
     """Environment steps to train for, all environments together; rounded up to whole updates."""
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of everything."""
-    num_envs: PositiveInt = 16
+    num_envs: Side = 16
     """Environments that run side by side."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Where torch computes: `auto` takes a GPU if there is one. Networks this small gain nothing on a GPU."""
-    torch_threads: PositiveInt = 1
+    torch_threads: Side = 1
     """Threads of torch. More than one slows small networks down."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Where to learn."""

@@ -42,7 +42,10 @@ def load_policy(folder: Path) -> Explorer | ObservationPolicy:
         CheckpointError: if it is damaged.
     """
     if (folder / RECORD_FILE).exists():
-        return ScoreExplorer(FrontierScore.load(folder))
+        try:
+            return ScoreExplorer(FrontierScore.load(folder))
+        except (AttributeError, TypeError, RecursionError) as error:  # JSON of another form
+            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
     from agents.explorer import load_trained  # torch takes seconds to load
 
     return load_trained(folder)

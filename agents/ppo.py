@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
-from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, record_of
+from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, damaged, record_of
 from agents.config import NetworkConfig, TrainingConfig
 from agents.curves import Row
 from agents.frontiers.policy import RULE, FrontierPolicy
@@ -81,7 +81,11 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> ActorCriticPolicy:
     observation_space = spaces.Dict({key: box.space() for key, box in record.observation.items()})
     action_space = record.action.space()
     make, arguments = _policy(record.config, action_space)
-    policy = make(observation_space, action_space, lambda _: 0.0, **arguments)
+    try:
+        policy = make(observation_space, action_space, lambda _: 0.0, **arguments)
+    except Exception as error:  # networks raise many kinds for shapes that they cannot be made for
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise damaged(folder, f"there is no network for its spaces and its configuration ({said})") from error
     check_tensors(folder, POLICY_FILE, checkpoint.policy, policy.state_dict())
     policy.load_state_dict(checkpoint.policy)
     policy.set_training_mode(False)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.curves import Row, draw_learning_curve, draw_validations
-from envs.files import dump_record, write_file
+from envs.files import dump_record, sweep, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
@@ -138,6 +138,9 @@ def write_validations(run: Path, validated: Sequence[tuple[int, float]], nearest
 
 
 def _record(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
+    """Take a folder for a run: remove what a killed process left, write the configuration and the versions."""
+    for folder in (run, run / "checkpoints"):
+        sweep(folder)
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))

@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+import numpy as np
+
 from envs.robots import RobotParams, load_robot
 from envs.worlds import World
 
@@ -42,3 +44,16 @@ def check_positive(**values: float) -> None:
     for name, value in values.items():
         if not 0 < value < math.inf:
             raise ValueError(f"{name} must be positive, got {value!r}")
+
+
+def read_action(action: Any) -> np.ndarray:
+    """Return an action, or several, as an array of real numbers.
+
+    Raises:
+        ValueError: if it holds something else, or is a masked array, whose masked numbers would count.
+    """
+    numbers = np.asarray(action)
+    if numbers.dtype.kind not in "iuf" or isinstance(action, np.ma.MaskedArray):
+        kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype
+        raise ValueError(f"action must hold real numbers, got {kind}")
+    return numbers

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 from numba import njit
 
-from envs.arguments import check_positive
+from envs.arguments import check_positive, read_action
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
@@ -122,6 +122,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         space: Any = self.observation_space
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._prepared: tuple[Mapping[str, Any], World] | None = None
+        self._has_begun = False
         self._renderer: Any = None
         for k, robot in enumerate(self.robots):
             robot.peers = [*self.robots[:k], *self.robots[k + 1 :]]
@@ -147,6 +148,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         options = self._check_options(options)
         super().reset(seed=seed)
         task, num_robots = self.task, len(self.robots)
+        self._has_begun = False  # unless all of it succeeds
         self.world = self._next_world(options, seed is not None)
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
@@ -156,6 +158,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         usual = task.reset(self.robots, readings, rngs[1::2], self.np_random, own)
         self._set_time_limit(usual)
         self.plans = [None] * num_robots
+        self._has_begun = True
         if self.on_period is not None:
             self.on_period(None)
         if self.render_mode == "human":
@@ -166,6 +169,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1] and is not clipped.
+            gymnasium.error.ResetNeeded: if no episode has begun.
         """
         self.apply(action)
         outcome = self.outcome()
@@ -179,7 +183,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def twists(self, action: Any) -> list[Twist]:
         """Return the twists that an action commands, and let the robots remember it; raises as `step`."""
-        action = np.asarray(action, dtype=np.float32)
+        self.check_begun()
+        action = read_action(action).astype(np.float32, copy=False)
         if action.shape != self._action_shape:
             raise ValueError(f"action must have shape {self._action_shape}, got {action.shape}")
         rows = action.tolist() if self._is_team else [action.tolist()]
@@ -193,6 +198,15 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             robot.action = (v, w)
             twists.append(Twist(v * max_v, w * max_w))
         return twists
+
+    def check_begun(self) -> None:
+        """Make sure that an episode has begun.
+
+        Raises:
+            gymnasium.error.ResetNeeded: if none has: `reset` was not called, or failed.
+        """
+        if not self._has_begun:
+            raise gymnasium.error.ResetNeeded(f"call reset of {type(self).__name__} first: no episode has begun")
 
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
@@ -305,6 +319,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
             return None
+        self.check_begun()
         if self._renderer is None:
             from envs.rendering import Renderer
 

@@ -174,13 +174,15 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
         Raises:
             ValueError: if the action is not an integer from 0 to `max_candidates` - 1.
+            gymnasium.error.ResetNeeded: if no episode has begun.
         """
         self.apply(action)
         return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
         """Drive until the next decision is due, without an observation or outcome; raises as `step`."""
-        if not self.action_space.contains(action):
+        self.explore.check_begun()
+        if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
         self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
         self._path_length = self.explore.truths[0].path_length

@@ -262,3 +262,53 @@ def test_rewards_name_what_is_wrong():
     for wrong in ({"fame": 1.0}, {"time": np.nan}, 5):
         with pytest.raises(ValueError, match=r"fame|time|reward must be"):
             RewardWeights.of(wrong)
+
+
+@pytest.mark.parametrize("id", ["Explore", "ExploreTeam", "ExploreFrontiers", "Navigate", "Track"])
+def test_steps_and_pictures_before_a_reset_are_refused(id):
+    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", slam="truth", render_mode="rgb_array").unwrapped
+    for call in (lambda: env.step(env.action_space.sample()), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+            call()
+    env.close()
+
+
+def test_a_reset_that_failed_begins_no_episode():
+    env = ExploreEnv(**QUICK, slam="truth")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="atlantis"):
+        env.reset(options={"world": "atlantis"})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+        env.step(STILL)
+    env.reset()
+    env.step(STILL)
+
+
+@pytest.mark.parametrize(
+    "action",
+    [STILL.astype(complex), np.ma.masked_array(STILL, [True, False]), ["0.5", "0.5"], [None, 0.0], [True, True]],
+)
+def test_actions_that_are_no_real_numbers_are_refused(action):
+    env = ExploreEnv(**QUICK, slam="truth")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must hold real numbers, got"):
+        env.step(action)
+
+
+def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
+    env = ExploreEnv(**QUICK, slam="truth")
+    env.reset(seed=0)
+    env.step(STILL + 0.5)
+    copy = pickle.loads(pickle.dumps(env))
+    assert same(env.step(STILL + 0.5), copy.step(STILL + 0.5))
+
+    pytest.importorskip("pybullet")
+    env = ExploreEnv(**QUICK | {"physics": "bullet"}, slam="truth")
+    env.reset(seed=0)
+    for copy in (pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(env))))):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="cannot be copied in mid-episode"):
+            copy.step(STILL)
+        copy.reset(seed=0)
+        copy.step(STILL)
+        copy.close()
+    env.close()

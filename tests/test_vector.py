@@ -101,7 +101,7 @@ def test_disabled_autoreset_resets_by_mask():
     for action in actions_of(env, 15):
         observation, _, _, truncated, _ = env.step(action)
     assert truncated.all()
-    with pytest.raises(ValueError, match="reset_mask"):
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset_mask"):
         env.step(action)
     after, info = env.reset(options={"reset_mask": np.array([True, False])})
     np.testing.assert_array_equal(after["scan"][1], observation["scan"][1])
@@ -266,4 +266,36 @@ def test_no_process_is_forked_while_an_episode_is_being_prepared():
     if (child := os.fork()) == 0:
         os._exit(int(SlowlyPrepared.is_preparing))
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    env.close()
+
+
+@pytest.mark.parametrize("num_workers", [0, 2])
+def test_calls_out_of_order_are_refused_by_gymnasiums_errors(num_workers):
+    env, actions = ExploreVectorEnv(2, num_workers=num_workers, **QUICK), np.zeros((2, 2))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes have begun"):
+        env.step(actions)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="first reset must start all"):
+        env.reset(options={"reset_mask": np.array([True, False])})
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="atlantis"):
+        env.reset(options={"world": "atlantis"})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes have begun"):
+        env.step(actions)
+    env.reset(seed=0)
+    env.step(actions)
+    env.close()
+    for call in (env.reset, lambda: env.step(actions), lambda: env.call("belief"), lambda: env.get_attr("world")):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            call()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "actions", [np.zeros((2, 2), dtype=complex), np.ma.masked_array(np.zeros((2, 2))), [["0"] * 2] * 2]
+)
+def test_actions_that_are_no_real_numbers_are_refused(actions):
+    env = ExploreVectorEnv(2, num_workers=0, **QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must hold real numbers, got"):
+        env.step(actions)
     env.close()

@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 from agents.run_folder import commit
 from baselines.episode import Episode
 from benchmarks.arena.policies import Policy
-from envs.files import write_file
+from envs.files import naming, sweep, write_file
 
 ROWS = "episodes"
 """The rows are in `episodes.csv`, those of a shard in a file of its own, `episodes-<shard>.csv`."""
 FAILURES = "failures"
 """What could not be run is in `failures.csv` or `failures-<shard>.csv`."""
+TRACES = "episodes"
+"""Folder of the traces."""
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
@@ -77,12 +79,23 @@ class Records:
         """
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
+        for part in (folder, folder / TRACES):
+            sweep(part)
         self._check_settings(settings)
         ending = f"-{shard}.csv" if shard else ".csv"
         self._rows_file = folder / f"{ROWS}{ending}"
         self._failures_file = folder / f"{FAILURES}{ending}"
-        self._rows = {key_of(row): row for row in read_tables(folder, ROWS, COLUMNS)}
-        self._failures = {key_of(row): row["reason"] for row in read_tables(folder, FAILURES, FAILURE_COLUMNS)}
+        self.read()
+
+    def read(self) -> None:
+        """Read the tables again: other processes may have added to them.
+
+        Raises:
+            ValueError: if one holds rows that this version cannot read.
+        """
+        self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, COLUMNS)}
+        failures = read_tables(self.folder, FAILURES, FAILURE_COLUMNS)
+        self._failures = {key_of(row): row["reason"] for row in failures}
 
     def find(self, policy: Policy, key: Key) -> Row | None:
         """Return the row of an episode, or None if it has not been run.
@@ -118,7 +131,12 @@ class Records:
         if not path.exists():
             write_file(path, json.dumps(settings | {"versions": _versions()}, indent=1) + "\n")
             return
-        there = json.loads(path.read_text())
+        try:
+            there = json.loads(path.read_text())
+            if not isinstance(there, dict):
+                raise ValueError(f"holds {type(there).__name__}")
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path} is damaged: {error}; choose another --out, or remove the folder") from error
         for key, value in settings.items():
             if there.get(key) != value:
                 raise ValueError(
@@ -136,13 +154,14 @@ def append_row(path: Path, columns: Readers, row: Row) -> None:
     """Append a row to a table, which gets its columns at the top if it is new, and see it to the disk."""
     content = path.read_bytes() if path.exists() else b""
     whole = content[: content.rfind(b"\n") + 1]
-    if whole != content:
-        # The process died while it wrote the last line: that episode runs again.
-        os.truncate(path, len(whole))
-    with open(path, "a", newline="") as file:
-        file.write(("" if whole else _line(columns)) + _line(row[name] for name in columns))
-        file.flush()
-        os.fsync(file.fileno())
+    with naming(path):
+        if whole != content:
+            # The process died while it wrote the last line: that episode runs again.
+            os.truncate(path, len(whole))
+        with open(path, "a", newline="") as file:
+            file.write(("" if whole else _line(columns)) + _line(row[name] for name in columns))
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def _line(values: Iterable[Any]) -> str:
@@ -158,12 +177,20 @@ def read_tables(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
         ValueError: if a file has other columns.
     """
     for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
-        content = path.read_bytes().decode()
+        try:
+            content = path.read_bytes().decode()
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path} is no table: {error}") from error
         header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
         if header and header != list(columns):
             raise ValueError(f"{path} has other columns than this version writes; choose another --out")
-        for record in records:
-            yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
+        for number, record in enumerate(records, start=2):
+            try:
+                yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
+            except ValueError as error:
+                raise ValueError(
+                    f"{path}, row {number}: damaged: {error}; remove the row, and it runs again"
+                ) from error
 
 
 def _versions() -> dict[str, str]:

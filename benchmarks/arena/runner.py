@@ -17,7 +17,7 @@ from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all, run_on_ray
-from envs.files import write_file
+from envs.files import Lock, write_file
 
 NOT_RUN = "not tried yet"
 """Why an episode is missing that was not tried."""
@@ -85,6 +85,7 @@ class Evaluation:
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in tasks))}
         own = [task for key, task in tasks.items() if groups[key.world, key.seed] % shard.total == shard.number - 1]
         self._check_fit(list(tasks.values()))
+        self._shard = shard
         self._records = Records(folder, {"time_limit": settings.time_limit}, shard.name)
         self._missing = [task for task in own if self._find(task) is None]
         self.total = len(own)
@@ -114,11 +115,32 @@ class Evaluation:
 
         Returns:
             The episodes that could not be run. The others are in the folder.
+
+        Raises:
+            envs.files.LockedError: another process runs the evaluation of the folder, or the same shard of it.
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         if bags and ray:
             raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
+        name = self._shard.name
+        with contextlib.ExitStack() as locks:
+            # Shards share the folder with each other, and not with a run of the whole.
+            locks.enter_context(Lock(self.folder, shared=bool(name)))
+            if name:
+                locks.enter_context(Lock(self.folder, f"lock-{name}"))
+            self._records.read()
+            return self._run(jobs, ray, on_result, bags, record)
+
+    def _run(
+        self,
+        jobs: int,
+        ray: str | None,
+        on_result: Callable[[Result], None] | None,
+        bags: Path | None,
+        record: bool,
+    ) -> list[Result]:
+        self._missing = [task for task in self._missing if self._find(task) is None]
         tasks = [replace(task, has_recording=record) for task in self._missing]
         if bags:
             bags.mkdir(parents=True, exist_ok=True)

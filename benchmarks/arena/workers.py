@@ -24,7 +24,7 @@ from benchmarks.arena.records import Key, Row, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
 from envs.player import EpisodeRecorder
-from envs.processes import start_worker
+from envs.processes import interrupts_held, start_worker, stop_workers
 from envs.wrappers import BagRecorder
 
 MAX_RETRIES = 1
@@ -81,9 +81,15 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(tasks)), context, start_worker) as pool:
         try:
-            # No list of futures: each would keep its trace until the end.
-            for future in as_completed([pool.submit(run_in_worker, task) for task in tasks]):
+            with interrupts_held():
+                futures = [pool.submit(run_in_worker, task) for task in tasks]
+            waiting = as_completed(futures)
+            del futures  # each would keep its trace until the end
+            for future in waiting:
                 yield future.result()
+        except (KeyboardInterrupt, GeneratorExit):
+            stop_workers(pool)
+            raise
         except BrokenProcessPool as error:
             raise RuntimeError(
                 "a process died while it ran an episode (out of memory?); the same command goes on from there"

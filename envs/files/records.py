@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import reprlib
 import typing
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,18 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from .names import explain_unknown
 
 Record = TypeVar("Record")
+
+MAX_BYTES = 8 * 2**20
+"""Largest YAML file that is read."""
+MAX_VALUES = 500_000
+"""Most values in a YAML file, those that aliases repeat counted each time."""
+MAX_DEPTH = 50
+"""Deepest nesting of a YAML file."""
+MAX_MISTAKES = 10
+"""Most mistakes that an error lists."""
+_SHORT = reprlib.Repr()
+"""Writes values in messages, the long ones in part."""
+_SHORT.maxstring = _SHORT.maxother = 200
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -36,17 +49,51 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: there is no such file; lists the YAML files beside it.
-        ValueError: it is not YAML, or holds something else; names the file.
+        ValueError: it is not YAML, holds something else, or is too large; names the file.
     """
     path = Path(path)
     if not path.is_file():
         others = ", ".join(sorted(str(other) for other in path.parent.glob("*.yaml")))
         raise FileNotFoundError(f"{path}: no such file" + (f"; there are {others}" if others else ""))
+    if (size := path.stat().st_size) > MAX_BYTES:
+        raise ValueError(f"{path}: {size:,} bytes; at most {MAX_BYTES:,} are allowed")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+        _check_size(text)
+        content = yaml.load(text, _Loader)
+        _count_values(content, {})
+    except (yaml.YAMLError, ValueError, RecursionError, OverflowError) as error:
         raise ValueError(f"{path}: not readable as YAML: {error}") from error
     return _checked_mapping(content, str(path))
+
+
+def _check_size(text: str) -> None:
+    """Refuse text that nests deeply or holds too much, before objects are made of it, which is slow and recursive."""
+    depth = count = 0
+    for event in yaml.parse(text, _Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        count += isinstance(event, yaml.ScalarEvent)
+        if depth > MAX_DEPTH:
+            raise ValueError(f"nested deeper than {MAX_DEPTH} levels")
+        if count > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES:,} values")
+
+
+def _count_values(value: Any, counts: dict[int, int]) -> int:
+    """Return the number of values in nested lists and mappings, by `counts` of those met before.
+
+    Raises:
+        ValueError: there are more than `MAX_VALUES`, or one holds itself.
+    """
+    if not isinstance(value, dict | list):
+        return 1
+    if id(value) not in counts:
+        counts[id(value)] = MAX_VALUES  # what holds itself would never end
+        inside = value.values() if isinstance(value, dict) else value
+        counts[id(value)] = 1 + sum(_count_values(one, counts) for one in inside)
+    if counts[id(value)] > MAX_VALUES:
+        raise ValueError(f"more than {MAX_VALUES:,} values, aliases counted each time")
+    return counts[id(value)]
 
 
 def read_record(path: str | Path, kind: type[Record]) -> Record:
@@ -79,7 +126,8 @@ def dump_record(record: BaseModel) -> str:
 def explain_errors(error: ValidationError, kind: Any) -> list[str]:
     """Say in a line per mistake which key of a record of some kind is wrong, and what is allowed."""
     lines = []
-    for fault in error.errors():
+    faults = error.errors(include_url=False)
+    for fault in faults[:MAX_MISTAKES]:
         *parents, name = fault["loc"] or ("",)
         key = ".".join(map(str, fault["loc"]))
         if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
@@ -88,8 +136,10 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
             lines.append(f"key {key!r} is missing")
         else:
             what = fault["msg"].removeprefix("Value error, ")
-            what += "" if fault["type"] == "value_error" else f", got {fault['input']!r}"
+            what += "" if fault["type"] in ("value_error", "json_invalid") else f", got {_SHORT.repr(fault['input'])}"
             lines.append(f"{key}: {what}" if key else what)
+    if len(faults) > MAX_MISTAKES:
+        lines.append(f"and {len(faults) - MAX_MISTAKES} more mistakes")
     return lines
 
 
@@ -108,7 +158,8 @@ def _keys(kind: Any, parents: list[int | str]) -> list[str]:
     """Return the keys of the record that the keys and indices `parents` lead to from a record of some kind."""
     for parent in parents:
         if isinstance(parent, str):
-            kind = typing.get_type_hints(_record_in(kind)).get(parent)
+            record = _record_in(kind)
+            kind = typing.get_type_hints(record).get(parent) if record else None
     record = _record_in(kind)
     if dataclasses.is_dataclass(record):
         return [field.name for field in dataclasses.fields(record)]

@@ -1,9 +1,11 @@
 """Files that are either whole or absent."""
 
+import contextlib
 import os
 import platform
+import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 
@@ -15,8 +17,9 @@ def write_file(path: Path, content: bytes | str) -> None:
     """
     temporary = temporary_beside(path)
     try:
-        _write_through(temporary, content)
-        os.replace(temporary, path)
+        with naming(path):
+            _write_through(temporary, content)
+            os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
@@ -32,11 +35,12 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
     temporary = temporary_beside(path)
     shutil.rmtree(temporary, ignore_errors=True)
     try:
-        temporary.mkdir(parents=True)
-        for name, content in files.items():
-            _write_through(temporary / name, content)
-        _sync_folder(temporary)
-        os.rename(temporary, path)
+        with naming(path):
+            temporary.mkdir(parents=True)
+            for name, content in files.items():
+                _write_through(temporary / name, content)
+            _sync_folder(temporary)
+            os.rename(temporary, path)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
@@ -46,6 +50,46 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 def temporary_beside(path: Path) -> Path:
     """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder."""
     return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
+
+
+def sweep(folder: Path) -> None:
+    """Remove what `temporary_beside` named in a folder and processes of this machine that were killed left behind."""
+    for path in folder.glob(".*.tmp"):
+        match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
+        if match is None or _is_alive(int(match[1])):
+            continue
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let errors of the operating system that name no file name `path`: of a full disk, Python says nothing more.
+
+    Raises:
+        OSError: one that names a file.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+def _is_alive(pid: int) -> bool:
+    """Tell whether another process with this number runs."""
+    if pid == os.getpid():
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # another user's
+        return True
+    return True
 
 
 def _write_through(path: Path, content: bytes | str) -> None:

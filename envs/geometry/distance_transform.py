@@ -3,6 +3,9 @@
 import numpy as np
 from numba import njit
 
+MAX_REACH = 180
+"""Greatest reach whose squares fit their type [cells]."""
+
 
 @njit(cache=True, error_model="numpy")
 def squared_distances(occupied, reach):
@@ -14,7 +17,7 @@ def squared_distances(occupied, reach):
 
     Args:
         occupied: shape (height, width), bool.
-        reach: distance up to which the result is exact [cells], 1 to 180.
+        reach: distance up to which the result is exact [cells], 1 to `MAX_REACH`.
 
     Returns:
         Shape (height, width), uint16: squared distance between cell centres [cells2] where that is at most `reach**2`,

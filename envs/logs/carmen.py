@@ -11,6 +11,10 @@ import numpy as np
 
 _SICK_MAX_RANGE = 80.0
 """Range of the SICK lasers behind FLASER lines, which do not record it [m]."""
+MAX_LINE = 1_000_000
+"""Longest line [characters]."""
+MAX_TEXT = 2**30
+"""Longest text [characters]; a small gzipped file can unpack to any size."""
 
 
 def read_carmen(path: Path) -> dict[str, Any]:
@@ -67,7 +71,13 @@ def _lines(path: Path) -> Iterator[str]:
     opener = gzip.open if path.suffix == ".gz" else open
     try:
         with opener(path, "rt", encoding="ascii", errors="replace") as file:
-            yield from file
+            length = 0
+            while line := file.readline(MAX_LINE):
+                length += len(line)
+                if len(line) == MAX_LINE or length > MAX_TEXT:
+                    allowed = f"{MAX_LINE:,} characters in a line and {MAX_TEXT:,} in all are allowed"
+                    raise ValueError(f"{path}: too long; at most {allowed}")
+                yield line
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise ValueError(f"{path}: damaged or cut off: {error}") from error
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.robots import LidarParams, Mount
+from envs.robots.params import MAX_BEAMS
 
 from .archive import read_archive
 from .bag import is_bag, read_bag
@@ -148,6 +149,8 @@ def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
     if step * (ranges.shape[1] - 1) > 2 * math.pi - 1e-6:
         ranges = ranges[:, :-1]  # the last beam of a full turn repeats the first
     num_beams = ranges.shape[1]
+    if not 1 <= num_beams <= MAX_BEAMS:
+        raise ValueError(f"scans have {num_beams} beams, from 1 to {MAX_BEAMS:,} are allowed")
     fov = step * (num_beams - 1)
     # LidarParams centres the field of view on the sensor's x axis.
     mount = Mount(mount_x, mount_y, mount_z, yaw=float(arrays["ang0"]) + fov / 2)

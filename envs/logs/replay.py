@@ -73,7 +73,8 @@ def main(options: Options) -> list[Run]:
     """Run the command.
 
     Raises:
-        ValueError: the SLAM cannot be replayed, or an input file or parameter is not valid.
+        ValueError: the SLAM cannot be replayed, its map outgrows the memory, or an input file or parameter is not
+            valid.
         FileNotFoundError: an input file is missing.
     """
     if options.seeds < 1 or options.first_seed < 0:
@@ -93,7 +94,11 @@ def main(options: Options) -> list[Run]:
     runs: list[Run] = []
     for name in names:
         out = options.out / name if options.out and len(names) > 1 else options.out
-        runs += _run(name, options, log, relations, out)
+        try:
+            runs += _run(name, options, log, relations, out)
+        except MemoryError as error:
+            said = " ".join(str(error).split()) or "there is not enough memory"
+            raise ValueError(f"{options.log}, {name}: {said}") from error
     if len(names) > 1:
         # Outside of a terminal the default width would fold the columns.
         Console(width=None if sys.stdout.isatty() else 150).print(comparison(runs))
@@ -222,7 +227,7 @@ def cli() -> None:
     """Run the command with the options of the command line; errors end it with a message."""
     try:
         main(tyro.cli(Options))
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, OSError) as error:
         sys.exit(f"error: {error}")
 
 

@@ -15,8 +15,14 @@ def _require(condition: bool, what: str, value: Any) -> None:
         raise ValueError(f"{what}, got {value!r}")
 
 
+MAX_NUMBER = 1e6
+"""No length, mass, rate or noise of a robot is greater than this, in SI units."""
+MAX_BEAMS = 20_000
+"""Most beams of a scan."""
+
+
 class _Params:
-    """What all parameters share: pydantic refuses unknown keys and infinity, and numbers have signs."""
+    """What all parameters share: pydantic refuses unknown keys and infinity, and numbers have signs and limits."""
 
     __slots__ = ()
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -24,10 +30,17 @@ class _Params:
     def _require_positive(self, *fields: str) -> None:
         for field in fields:
             _require(getattr(self, field) > 0, f"{field} must be positive", getattr(self, field))
+            self._require_at_most(field)
 
     def _require_not_negative(self, *fields: str) -> None:
         for field in fields:
             _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
+            self._require_at_most(field)
+
+    def _require_at_most(self, *fields: str) -> None:
+        for field in fields:
+            value = getattr(self, field)
+            _require(abs(value) <= MAX_NUMBER, f"{field} must lie within {MAX_NUMBER:g}", value)
 
 
 MAX_TILT = 0.35
@@ -56,6 +69,7 @@ class Mount(_Params):
             _require(
                 abs(getattr(self, name)) <= MAX_TILT, f"{name} must lie within {MAX_TILT} rad", getattr(self, name)
             )
+        self._require_at_most("x", "y", "z", "yaw")
         _require(self.z > 0.0 or not (self.pitch or self.roll), "a tilted mount must lie above the ground, z", self.z)
 
 
@@ -80,7 +94,8 @@ class LidarParams(_Params):
     mount: Mount = Mount()
 
     def __post_init__(self) -> None:
-        _require(self.num_beams >= 1, "num_beams must be at least 1", self.num_beams)
+        _require(1 <= self.num_beams <= MAX_BEAMS, f"num_beams must lie in 1 to {MAX_BEAMS:,}", self.num_beams)
+        self._require_positive("range_max")
         _require(0 <= self.range_min < self.range_max, "range_min must lie in [0, range_max)", self.range_min)
         _require(0 < self.fov <= 2 * math.pi + 1e-9, "fov must lie in (0, 2 pi]", self.fov)
         self._require_not_negative("noise_std", "resolution")
@@ -209,6 +224,7 @@ class Caster(_Params):
     """Gap between the ball and the ground while the robot is level [m]."""
 
     def __post_init__(self) -> None:
+        self._require_at_most("x", "y")
         self._require_positive("radius")
         self._require_not_negative("clearance")
 
@@ -239,7 +255,9 @@ class BodyParams(_Params):
         _require((self.size is None) == (self.radius is not None), "give either size or radius and height", self.size)
         _require((self.radius is None) == (self.height is None), "radius and height go together", self.height)
         for value in (*(self.size or ()), self.radius or 1.0, self.height or 1.0):
-            _require(value > 0, "dimensions of the body must be positive", value)
+            _require(0 < value <= MAX_NUMBER, "dimensions of the body must be positive", value)
+        for value in (*self.center, *(self.center_of_mass or ())):
+            _require(abs(value) <= MAX_NUMBER, f"positions must lie within {MAX_NUMBER:g} m", value)
 
 
 @dataclass(frozen=True, slots=True)

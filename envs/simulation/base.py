@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from envs.geometry import Pose2D
@@ -94,7 +95,7 @@ class BaseSimulator:
     def _reset_world(self) -> World:
         """Return the world of the last reset."""
         if self._world is None:
-            raise RuntimeError("call reset before step")
+            raise gymnasium.error.ResetNeeded("call reset before step")
         return self._world
 
     def _check_number(self, **arguments: Sequence[Any]) -> None:

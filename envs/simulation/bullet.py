@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from envs.geometry import Pose2D
@@ -38,11 +39,13 @@ class BulletSimulator(BaseSimulator):
         self._substeps = int(robot_record(robot, control_period).substeps)
         self.robots = [BulletRobot(robot, control_period, row) for row in self.rows]
         self._bullet: Any = None
+        self.is_copy = False
+        """Whether this is a copy that was made in mid-episode, and has not been reset since."""
         self._built: World | None = None
 
-    def __reduce__(self) -> tuple[type["BulletSimulator"], tuple[RobotParams, float, int]]:
-        """Pickle as a new simulator: what happens in PyBullet stays there."""
-        return BulletSimulator, self._arguments
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        """Pickle as a new simulator: what happens in PyBullet stays there, and the copy says so until its reset."""
+        return _copy, (*self._arguments, self.is_copy or self._world is not None)
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""
@@ -51,6 +54,7 @@ class BulletSimulator(BaseSimulator):
         self._bullet = self._built = self._world = self._states = None
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
+        self.is_copy = False
         if self._bullet is None:
             self._bullet = BulletClient()
         if world is not self._built:
@@ -79,6 +83,14 @@ class BulletSimulator(BaseSimulator):
         self.sensors.others[:, TOUCHED] = [robot.touched for robot in self.robots]
         self.sensors.sense(self.rows, world.segments, self.circles)
 
+    def _reset_world(self) -> World:
+        if self._world is None and self.is_copy:
+            raise gymnasium.error.ResetNeeded(
+                "physics='bullet' cannot be copied in mid-episode: call reset of the copy, or use physics='kinematic', "
+                "whose copies go on"
+            )
+        return super()._reset_world()
+
     def _build(self, world: World) -> None:
         bullet = self._bullet
         bullet.resetSimulation()
@@ -102,3 +114,9 @@ class BulletSimulator(BaseSimulator):
             self._bullet.resetBasePositionAndOrientation(mover, position, [0.0, 0.0, 0.0, 1.0])
             velocity = [*velocities[i, :2].tolist(), 0.0]
             self._bullet.resetBaseVelocity(mover, velocity, [0.0] * 3)
+
+
+def _copy(robot: RobotParams, control_period: float, num_robots: int, is_running: bool) -> BulletSimulator:
+    simulator = BulletSimulator(robot, control_period, num_robots)
+    simulator.is_copy = is_running
+    return simulator

@@ -13,6 +13,8 @@ from envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
 """Target duration of one physics step [s]."""
+MAX_SUBSTEPS = 10_000
+"""Most physics steps in a control period."""
 
 _SOURCES = {
     "radius": "radius",
@@ -59,11 +61,18 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
     radius in one of them.
 
     Raises:
-        ValueError: the control period is not positive and finite.
+        ValueError: the control period is not positive and finite, or so long for the robot's speed that it takes more
+            than `MAX_SUBSTEPS`.
     """
     if not 0.0 < control_period < math.inf:
         raise ValueError(f"control_period must be positive and finite [s], got {control_period}")
     fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
+    needed = max(1.0, control_period / SUBSTEP, 2.0 * control_period * fastest / robot.radius)
+    if not needed <= MAX_SUBSTEPS:
+        raise ValueError(
+            f"robot {robot.name!r} (radius {robot.radius:g} m, speed {fastest:g} m/s) needs {needed:.3g} physics "
+            f"steps in a control period of {control_period:g} s, at most {MAX_SUBSTEPS:,} are allowed"
+        )
     substeps = max(1, round(control_period / SUBSTEP), math.ceil(2.0 * control_period * fastest / robot.radius))
     numbers = attrgetter(*_SOURCES.values())(robot)
     return RobotRecord(*map(float, (*numbers, control_period, substeps)))

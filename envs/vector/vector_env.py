@@ -14,6 +14,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.arguments import read_action
+
 from .fused import make_shard
 from .memory import Memory
 from .shard import Extras
@@ -79,6 +81,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._arrays = memory.arrays()
         self._has_ended = np.zeros(num_envs, dtype=np.bool_)
         self._dtype: np.dtype | None = None
+        """Of what `info` holds at every step."""
+        self._has_begun = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         makers = [
             functools.partial(
@@ -109,6 +113,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
         Raises:
             ValueError: if there are not as many seeds as sub-environments, or the mask selects none.
+            gymnasium.error.ResetNeeded: if the mask leaves out some where no episodes have begun.
+            gymnasium.error.ClosedEnvironmentError: after `close`.
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
@@ -120,14 +126,16 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask must have shape ({self.num_envs},), dtype bool and select a sub-environment")
-        if self._dtype is None and not mask.all():
-            raise ValueError("the first reset must start all sub-environments")
+        self._check_open()
+        if not (self._has_begun or mask.all()):
+            raise gymnasium.error.ResetNeeded("the first reset must start all sub-environments")
+        self._has_begun = False  # unless all of them succeed
         shares = [
             (seeds[first:last], mask[first:last].tolist(), options or None)
             for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True)
         ]
         results = self._call("reset", shares)
-        self._dtype = results[0][0].dtype
+        self._dtype, self._has_begun = results[0][0].dtype, True
         self._has_ended[mask] = False
         return self._observations(), self._info(results)
 
@@ -140,15 +148,17 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             actions: shape (num_envs, ...), in the single action space each.
 
         Raises:
-            ValueError: if actions have the wrong shape or lie outside of the action space, or if a sub-environment has
-                ended and nothing resets it.
+            ValueError: if actions have the wrong shape or lie outside of the action space.
+            gymnasium.error.ResetNeeded: if no episodes have begun, or one has ended and nothing resets it.
+            gymnasium.error.ClosedEnvironmentError: after `close`.
         """
-        if self._dtype is None:
-            raise gymnasium.error.ResetNeeded("call reset before step")
+        self._check_open()
+        if not self._has_begun:
+            raise gymnasium.error.ResetNeeded("call reset first: no episodes have begun")
         self._arrays.actions[...] = self._check_actions(actions)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._has_ended.any():
             ended = np.flatnonzero(self._has_ended).tolist()
-            raise ValueError(f"sub-environments {ended} have ended; reset them with a reset_mask")
+            raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
         for worker in self._workers:
             worker.send(b"s")
         results = self._gather(self._shard.step)
@@ -163,6 +173,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of every sub-environment, or return an attribute that is none."""
+        self._check_open()
         return tuple(
             value for share in self._call("call", [(name, args, kwargs)] * self._num_shares) for value in share
         )
@@ -180,6 +191,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
+        self._check_open()
         pairs = zip(self._bounds[:-1], self._bounds[1:], strict=True)
         self._call("set_attr", [(name, values[first:last]) for first, last in pairs])
 
@@ -192,6 +204,10 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     @property
     def _num_shares(self) -> int:
         return len(self._bounds) - 1
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("the vector environment is closed")
 
     def _take_spaces(self, make_env: Callable[[], Any]) -> None:
         """Take spaces and metadata of a sub-environment."""
@@ -207,7 +223,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def _check_actions(self, actions: Any) -> np.ndarray:
         """Return actions as an array of the right type, checked once for all sub-environments."""
         space = self.single_action_space
-        actions = np.asarray(actions)
+        actions = read_action(actions)
         if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
             raise ValueError(f"actions must have shape {(self.num_envs, *space.shape)}, got {actions.shape}")  # type: ignore[misc]
         if isinstance(space, spaces.Discrete):

@@ -5,19 +5,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import squared_distances
-from envs.geometry.lines import cell_along, longest_step
+from envs.geometry.distance_transform import MAX_REACH, squared_distances
 from envs.robots import RobotParams
 
 from .raster import rasterize
+from .visibility import visible_from
 from .world import World
-
-NUM_DIRECTIONS = 180
-"""Directions in which a traversable cell is searched for from a cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,34 +66,6 @@ class ExplorableArea:
         return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
-@njit(cache=True, error_model="numpy")
-def _sees(free, goals, row, col, reach):
-    """Tell whether a straight line of at most `reach` free cells leads from a cell to one of the goals, all free."""
-    height, width = free.shape
-    for k in range(NUM_DIRECTIONS):
-        # The golden angle: any few directions in sequence look all around.
-        d_row, d_col = longest_step(2.399963229728653 * k)
-        for step in range(1, int(reach / math.hypot(d_row, d_col)) + 1):
-            i, j = cell_along(row, col, d_row, d_col, step)
-            if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
-                break
-            if goals[i, j]:
-                return True
-    return False
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _visible_from(free, goals, candidates, reach):
-    """Return the cells among `candidates` that see, or are, one of the goals: shape (height, width), bool."""
-    visible = goals.copy()
-    height, width = free.shape
-    for row in range(height):
-        for col in range(width):
-            if candidates[row, col] and not visible[row, col]:
-                visible[row, col] = _sees(free, goals, row, col, reach)
-    return visible
-
-
 @lru_cache(maxsize=16)
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
     """Find what `robot` could see of `world`: the free cells within lidar range of where its footprint fits.
@@ -114,7 +82,10 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     free = walls.data == 0
     # Exact as far as it is compared with: the whole transform takes half of a reset of a large world.
     reach = math.ceil(robot.radius / resolution) + 2
-    clearance = np.sqrt(squared_distances(~free, reach)) * resolution
+    if reach <= MAX_REACH:
+        clearance = np.sqrt(squared_distances(~free, reach)) * resolution
+    else:
+        clearance = ndimage.distance_transform_edt(free) * resolution
     labels, _ = ndimage.label(clearance > robot.radius)
     row, col = walls.cells(np.array(world.spawns[0][:2]))
     label = labels[row, col]
@@ -133,7 +104,7 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     touches = np.zeros(num_pieces + 1, dtype=bool)
     touches[pieces[traversable]] = True
     candidates = free & touches[pieces]
-    explorable = _visible_from(free, traversable, candidates, robot.lidar.range_max / resolution)
+    explorable = visible_from(free, traversable, candidates, robot.lidar.range_max / resolution, world.name)
     near_movers = np.zeros_like(free)
     rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
     xs, ys = (walls.origin[k] + resolution * (indices + 0.5) for k, indices in enumerate((cols, rows)))

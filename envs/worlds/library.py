@@ -48,11 +48,13 @@ def load_world(world: str | Path | World) -> World:
 def _read(path: Path, modified: int) -> World:
     """Read a world file or a map; `modified` only makes a changed file another key of the cache."""
     content = read_mapping(path)
+    build: Callable[[], World]
     if "image" in content:
-        return world_from_map(load_map(path), path.stem, source=str(path))
-    file = parse_record(content, str(path), WorldFile)
+        build = partial(world_from_map, load_map(path), path.stem, source=str(path))
+    else:
+        build = partial(build_world, path.stem, parse_record(content, str(path), WorldFile))
     try:
-        return build_world(path.stem, file)
+        return build()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

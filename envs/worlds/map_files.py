@@ -1,34 +1,41 @@
 """Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
 
 import io
+import os
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import yaml
-from PIL import Image, UnidentifiedImageError
-from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat
+from PIL import Image
+from pydantic import BaseModel, Field
 from scipy import ndimage
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 
 from .outline import outline
-from .raster import check_world
+from .raster import MAX_CELLS, check_world
 from .world import World
+from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
 """Occupancy above which a saved cell reads as occupied."""
 FREE_THRESH = 0.196
 """Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
+IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
+"""Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
+_ROWS = 256
+"""Rows of pixels that are interpreted at once: floating-point numbers take eight times the space of pixels."""
 
 
 class MapFile(BaseModel):
     """The YAML part of a map. Keys that map_server does not know are ignored, as map_server does."""
 
     image: str
-    resolution: PositiveFloat = Field(allow_inf_nan=False)
-    origin: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+    resolution: Size
+    origin: Annotated[list[Number], Field(min_length=3, max_length=3)]
     negate: bool
     occupied_thresh: float = Field(ge=0, le=1)
     free_thresh: float = Field(ge=0, le=1)
@@ -96,33 +103,44 @@ def load_map(path: str | Path) -> OccupancyGrid:
         raise ValueError(f"{path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image")
     if not file.free_thresh < file.occupied_thresh:
         raise ValueError(f"{path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
-    pixels, opaque = _read_image(path.parent / file.image)
-    data = _interpret(pixels, opaque, file)
+    data = _read_image(path, file)
     return OccupancyGrid(np.ascontiguousarray(data[::-1]), file.resolution, (file.origin[0], file.origin[1]))
 
 
-def _read_image(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return grey values from 0 to 255 (float64) and which pixels are opaque (bool), both of the image's shape."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no map image {path}")
+def _read_image(source: Path, file: MapFile) -> np.ndarray:
+    """Return the occupancy of the pixels of the image that a YAML file names, its shape, int8 [percent], -1 unknown."""
+    path = source.parent / file.image
+    if not os.path.isfile(path):  # False for what is no path at all
+        raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
-        with Image.open(path) as image:
-            depth = 257.0 if image.mode.startswith("I") else 1.0
-            alpha = np.asarray(image.convert("RGBA"))[..., 3] if image.has_transparency_data else None
-            array = np.asarray(
-                image if image.mode in ("L", "I", "I;16", "I;16B") else image.convert("RGB"), dtype=np.float64
-            )
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"map image {path} cannot be read: {error}") from error
-    grey = (array.mean(axis=2) if array.ndim == 3 else array) / depth
-    return grey, np.ones(grey.shape, dtype=bool) if alpha is None else alpha == 255
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # there is a limit of ours
+            with Image.open(path, formats=IMAGE_FORMATS) as image:
+                if image.width * image.height > MAX_CELLS:
+                    raise ValueError(f"{image.width} x {image.height} pixels; at most {MAX_CELLS:,} are allowed")
+                depth = 257.0 if image.mode.startswith("I") else 1.0
+                alpha = np.asarray(image.convert("RGBA"))[..., 3] if image.has_transparency_data else None
+                plain = image.mode in ("L", "I", "I;16", "I;16B")
+                array = np.asarray(image if plain else image.convert("RGB"))
+    except PermissionError:
+        raise
+    except Exception as error:  # Pillow raises many kinds for damaged files
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
+    data = np.full(array.shape[:2], UNKNOWN, dtype=np.int8)
+    for first in range(0, len(array), _ROWS):
+        rows = slice(first, first + _ROWS)
+        pixels = array[rows].astype(np.float64)
+        grey = (pixels.mean(axis=2) if pixels.ndim == 3 else pixels) / depth
+        data[rows] = _interpret(grey, None if alpha is None else alpha[rows] == 255, file)
+    return data
 
 
-def _interpret(pixels: np.ndarray, opaque: np.ndarray, file: MapFile) -> np.ndarray:
-    """Turn grey values into occupancy in percent, int8, -1 for unknown."""
+def _interpret(pixels: np.ndarray, opaque: np.ndarray | None, file: MapFile) -> np.ndarray:
+    """Turn grey values from 0 to 255 into occupancy, int8 [percent], -1 for unknown; None says that all are opaque."""
     data = np.full(pixels.shape, UNKNOWN, dtype=np.int8)
     if file.mode == "raw":
-        known = pixels <= 100
+        known = (pixels >= 0) & (pixels <= 100)
         data[known] = np.rint(pixels[known]).astype(np.int8)
         return data
     occupancy = pixels / 255 if file.negate else (255 - pixels) / 255
@@ -131,7 +149,7 @@ def _interpret(pixels: np.ndarray, opaque: np.ndarray, file: MapFile) -> np.ndar
         data[:] = np.rint(100 * np.clip(share, 0, 1)).astype(np.int8)
     data[occupancy > file.occupied_thresh] = OCCUPIED
     data[occupancy < file.free_thresh] = FREE
-    if file.mode == "scale":
+    if file.mode == "scale" and opaque is not None:
         data[~opaque] = UNKNOWN
     return data
 

@@ -1,5 +1,7 @@
 """Worlds as rasters: which cells are touched, what can be reached, and whether the outside can."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from scipy import ndimage
@@ -8,8 +10,10 @@ from envs.geometry import FREE, OCCUPIED, OccupancyGrid
 from envs.geometry.clearance import clearance
 from envs.geometry.lines import next_cell, start_walk
 
-from .world import World
+from .world import MAX_COORDINATE, World
 
+MAX_CELLS = 100_000_000
+"""Most cells of a raster: 500 m x 500 m in cells of 0.05 m, which take some gigabytes to work on."""
 CHECK_RESOLUTION = 0.05
 """Side of the cells in which worlds are checked for leaks [m]."""
 _SNAP = 1e-3
@@ -40,12 +44,13 @@ def _draw_segment(data, x0, y0, x1, y1):
 @njit(cache=True, error_model="numpy")
 def _draw_disc(data, x, y, radius):
     """Set every cell that has a point within `radius` of (x, y), all in units of cells."""
-    for row in range(int(np.floor(y - radius)), int(np.floor(y + radius)) + 1):
-        for col in range(int(np.floor(x - radius)), int(np.floor(x + radius)) + 1):
+    height, width = data.shape
+    for row in range(max(int(np.floor(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
+        for col in range(max(int(np.floor(x - radius)), 0), min(int(np.floor(x + radius)) + 1, width)):
             dx = max(col - x, 0.0, x - (col + 1))
             dy = max(row - y, 0.0, y - (row + 1))
             if dx * dx + dy * dy <= radius * radius:
-                _set(data, row, col)
+                data[row, col] = OCCUPIED
 
 
 @njit(cache=True, error_model="numpy")
@@ -68,13 +73,21 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 
     Returns:
         0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
+
+    Raises:
+        ValueError: if the resolution is not positive, or so fine that there would be more than `MAX_CELLS`.
     """
     if not resolution > 0:
         raise ValueError(f"resolution must be positive, got {resolution!r}")
     x_min, y_min, x_max, y_max = world.bounds
     origin = np.array([x_min - resolution, y_min - resolution])
-    width = int((x_max - x_min) / resolution + _SNAP) + 3
-    height = int((y_max - y_min) / resolution + _SNAP) + 3
+    cols, rows = (x_max - x_min) / resolution + 3, (y_max - y_min) / resolution + 3
+    if not cols * rows <= MAX_CELLS:
+        raise ValueError(
+            f"world {world.name!r} spans {x_max - x_min:g} x {y_max - y_min:g} m, which is {cols * rows:.3g} cells of "
+            f"{resolution:g} m; at most {MAX_CELLS:,} are allowed"
+        )
+    width, height = int(cols + _SNAP), int(rows + _SNAP)
     data = np.full((height, width), FREE, dtype=np.int8)
     segments = (world.segments - np.tile(origin, 2)) / resolution + _SNAP
     circles = np.column_stack([world.circles[:, :2] - origin, world.circles[:, 2]]) / resolution
@@ -117,15 +130,25 @@ def leaks(mask: np.ndarray) -> bool:
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
+def _check_numbers(world: World, what: str, numbers: Any) -> None:
+    farthest = np.abs(np.asarray(numbers, dtype=np.float64)).max(initial=0.0)
+    if not farthest <= MAX_COORDINATE:
+        raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
+
+
 def check_world(world: World) -> World:
     """Return a world after making sure that robots can be driven in it.
 
     Raises:
-        ValueError: if there is no spawn, a spawn lies on something solid or out of bounds, spawns are not connected, or
-            the outside can be reached from them.
+        ValueError: if there is no spawn, a spawn lies on something solid or out of bounds, spawns are not connected,
+            the outside can be reached from them, numbers are not finite, or the world is too large to be worked on.
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
+    for what in ("bounds", "segments", "circles", "spawns"):
+        _check_numbers(world, what, getattr(world, what))
+    for mover in world.movers:
+        _check_numbers(world, "movers", mover.waypoints)
     grid = rasterize(world, CHECK_RESOLUTION)
     labels, _ = ndimage.label(grid.data == FREE)
     pieces = []

@@ -1,18 +1,24 @@
 """World files: a world as YAML, one row per body."""
 
 import math
+import reprlib
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from envs.geometry import Pose2D
 
 from .raster import check_world
-from .world import Mover, World
+from .world import MAX_COORDINATE, Mover, World
 
-Rows = list[list[FiniteFloat]]
-Loops = list[list[list[FiniteFloat]]]
+MAX_SPEED = 100.0
+"""Greatest speed of a mover [m/s]."""
+
+Number = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
+Size = Annotated[float, Field(gt=0.0, le=MAX_COORDINATE, allow_inf_nan=False)]
+Rows = list[list[Number]]
+Loops = list[list[list[Number]]]
 
 
 def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) -> AfterValidator:
@@ -23,7 +29,7 @@ def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) ->
         for i, row in enumerate(rows):
             if not len(names) - optional <= len(row) <= len(names):
                 may = f" ({', '.join(names[-optional:])} may be left out)" if optional else ""
-                raise ValueError(f"row {i} must be [{columns}]{may}, got {row}")
+                raise ValueError(f"row {i} must be [{columns}]{may}, got {reprlib.repr(row)}")
             for k in positive:
                 if k < len(row) and row[k] <= 0:
                     raise ValueError(f"row {i}: {names[k]} must be positive, got {row[k]} in {row}")
@@ -38,7 +44,9 @@ def _points(minimum: int) -> AfterValidator:
     def check(loops: Loops) -> Loops:
         for i, loop in enumerate(loops):
             if any(len(point) != 2 for point in loop) or len({tuple(point) for point in loop}) < minimum:
-                raise ValueError(f"item {i} must be a list of at least {minimum} different points [x, y], got {loop}")
+                raise ValueError(
+                    f"item {i} must be a list of at least {minimum} different points [x, y], got {reprlib.repr(loop)}"
+                )
         return loops
 
     return AfterValidator(check)
@@ -49,8 +57,8 @@ class MoverFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    radius: PositiveFloat = Field(allow_inf_nan=False)
-    speed: PositiveFloat = Field(allow_inf_nan=False)
+    radius: Size
+    speed: float = Field(gt=0.0, le=MAX_SPEED, allow_inf_nan=False)
     waypoints: Annotated[Rows, _columns("x, y"), Field(min_length=2)]
 
 
@@ -65,7 +73,7 @@ class WorldFile(BaseModel):
     """Licence of the source, as its authors state it."""
     notes: str = ""
     """What was chosen, closed or left out."""
-    height: PositiveFloat = Field(default=1.0, allow_inf_nan=False)
+    height: Size = 1.0
     """Height of walls and bodies in the physics engine."""
     spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
     """Poses where a robot can start; the first is the usual one."""

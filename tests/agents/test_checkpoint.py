@@ -85,6 +85,15 @@ def flip_a_bit(path):
     path.write_bytes(content)
 
 
+def rewrite(path, old, new):
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+
+
+def spoil(tensors):
+    tensors["log_std"][0] = torch.nan
+
+
 def rename_key(path):
     path.write_text(path.read_text().replace('"updates"', '"updatse"'))
 
@@ -108,6 +117,30 @@ DAMAGES = {
     "an optimizer tensor missing": (
         lambda f: resign(f, "training.safetensors", lambda t: t.pop("optimizer.log_std.exp_avg")),
         "training.safetensors lacks the tensor 'optimizer.log_std.exp_avg'",
+    ),
+    "a weight that is no number": (
+        lambda f: resign(f, "policy.safetensors", spoil),
+        "policy.safetensors: 'log_std' holds numbers that are not finite",
+    ),
+    "a record that nests deeply": (
+        lambda f: (f / "checkpoint.json").write_text("[" * 100_000 + "]" * 100_000),
+        "checkpoint.json: Invalid JSON: recursion limit",
+    ),
+    "an absurd size": (
+        lambda f: rewrite(f / "checkpoint.json", '"hidden": 64', '"hidden": 1000000000000'),
+        "checkpoint.json: config.network.hidden: .*less than or equal to 8192",
+    ),
+    "an absurd space": (
+        lambda f: rewrite(f / "checkpoint.json", '"shape": [', '"shape": [90000, 90000, '),
+        r"checkpoint.json: observation\..*more than 4 axes or 10,000,000 elements",
+    ),
+    "an unknown type of numbers": (
+        lambda f: rewrite(f / "checkpoint.json", '"float32"', '"float31"'),
+        "checkpoint.json: observation.*dtype",
+    ),
+    "a state of NumPy's generator that there is not": (
+        lambda f: rewrite(f / "checkpoint.json", '"MT19937"', '"MT19938"'),
+        "checkpoint.json: numpy_random.*MT19937",
     ),
     "an unknown tensor": (
         lambda f: resign(f, "training.safetensors", lambda t: t.update(extra=torch.zeros(1))),

@@ -1,6 +1,9 @@
 import csv
+import errno
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -13,6 +16,7 @@ from benchmarks.arena.measures import MEASURES
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace
+from envs.files import Lock
 from envs.logs import load_log
 from evaluate import main
 
@@ -165,6 +169,73 @@ def _distance(trace, point):
     to_segments = np.hypot(*(a + along[:, None] * (b - a) - point).T)
     to_circles = np.abs(np.hypot(*(trace.circles[:, :2] - point).T) - trace.circles[:, 2])
     return min(to_segments.min(), to_circles.min(initial=np.inf))
+
+
+def test_a_second_evaluation_of_a_folder_says_that_there_is_a_first(tmp_path, capsys):
+    options = ["--policies", "random", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path)]
+    settings = Settings(policies=("random",), worlds=(WORLD,), episodes=2, physics=("kinematic",), time_limit=4.0)
+    late = Evaluation(settings, tmp_path)  # which does not know yet what the next line runs
+    assert main([*options, "--shard", "1/1"]) == 0
+    assert late.run() == []
+    assert len(read_rows(tmp_path)) == 2
+    with Lock(tmp_path):
+        for more in ([], ["--shard", "1/2"]):
+            assert main([*options, *more]) == 2
+            said = "".join(capsys.readouterr().err.split())
+            assert f"{tmp_path}isinuse:process{os.getpid()}on" in said
+    with Lock(tmp_path, shared=True), Lock(tmp_path, "lock-1of2"):
+        assert main([*options, "--shard", "2/2"]) == 0
+        assert main([*options, "--shard", "1/2"]) == 2
+    assert len(read_rows(tmp_path)) == 2
+
+
+def test_a_full_disk_is_named_and_the_same_command_goes_on(tmp_path, capsys):
+    options = ["--policies", "random", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path), "--shard", "1/1"]
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    main([*options, "--episodes", "1"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert main(options) == 2
+    said = "".join(capsys.readouterr().err.split())
+    assert f"Nospaceleftondevice:'{tmp_path}/" in said
+    assert main(options) == 0
+    assert len(read_rows(tmp_path)) == 2
+    assert not list(tmp_path.rglob("*.tmp"))
+
+
+INTERRUPTED = """
+import os, signal, sys, threading
+
+import benchmarks.arena.workers as workers
+from evaluate import main
+
+if __name__ == "__main__":
+    held = workers.interrupts_held
+
+    def started():
+        threading.Timer(0.1, os.killpg, (0, signal.SIGINT)).start()
+        return held()
+
+    workers.interrupts_held = started
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs signals of POSIX")
+def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
+    options = ["--policies", "random", "--worlds", WORLD, *BRIEF, "--episodes", "4", "--jobs", "2"]
+    (tmp_path / "interrupted.py").write_text(INTERRUPTED)
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "interrupted.py"), *options, "--out", str(tmp_path / "out")],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
+        start_new_session=True,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert "Interrupted. The finished episodes are kept" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_measures_are_those_that_are_promised():

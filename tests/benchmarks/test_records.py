@@ -86,3 +86,20 @@ def test_a_table_of_another_version_is_refused(tmp_path):
     (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
         Records(tmp_path, SETTINGS)
+
+
+def test_damaged_tables_name_the_file_and_the_row(tmp_path):
+    Records(tmp_path, SETTINGS).add(row(RANDOM, 3))
+    path = tmp_path / f"{ROWS}.csv"
+    header, line = path.read_text().splitlines()
+    path.write_text(f"{header}\n{line}\n{line.replace('maze,3', 'maze,three')}\n")
+    with pytest.raises(ValueError, match=r"episodes\.csv, row 3: damaged: .*'three'"):
+        Records(tmp_path, SETTINGS)
+    path.write_bytes(b"\xff\xfe\n")
+    with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
+        Records(tmp_path, SETTINGS)
+    path.unlink()
+    for content in ("[1]", "{", "[" * 100_000):
+        (tmp_path / SETTINGS_FILE).write_text(content)
+        with pytest.raises(ValueError, match=r"settings\.json is damaged"):
+            Records(tmp_path, SETTINGS)

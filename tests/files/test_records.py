@@ -62,7 +62,17 @@ def test_each_mistake_has_a_line_of_its_own():
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("a: [1", "not readable as YAML"), ("- 1", "keys and values"), ("a: 1\na: 2", "key 'a' occurs twice")],
+    [
+        ("a: [1", "not readable as YAML"),
+        ("- 1", "keys and values"),
+        ("a: 1\na: 2", "key 'a' occurs twice"),
+        ("a: 2024-13-45", "not readable as YAML: month"),
+        ("a: " + "9" * 5000, "not readable as YAML: .*digits"),
+        ("a: &a [*a]", "more than 500,000 values"),
+        ("a: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels"),
+        ("a: [" + "1," * 500_001 + "]", "more than 500,000 values"),
+        ("a: '" + "x" * 9_000_000 + "'", "bytes; at most 8,388,608 are allowed"),
+    ],
 )
 def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
     (tmp_path / "bad.yaml").write_text(text)
@@ -70,3 +80,19 @@ def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
         read_mapping(tmp_path / "bad.yaml")
     with pytest.raises(FileNotFoundError, match=r"gone\.yaml: no such file; there are .*bad\.yaml"):
         read_mapping(tmp_path / "gone.yaml")
+
+
+def test_aliases_cannot_make_a_small_file_large(tmp_path):
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 12)]
+    (tmp_path / "bomb.yaml").write_text("\n".join(lines))
+    with pytest.raises(ValueError, match=r"bomb\.yaml: .*more than 500,000 values"):
+        read_mapping(tmp_path / "bomb.yaml")
+    (tmp_path / "fine.yaml").write_text("a: &a [1, 2]\nb: [*a, *a]")
+    assert read_mapping(tmp_path / "fine.yaml") == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
+
+
+def test_messages_stay_short():
+    with pytest.raises(ValueError, match=r"and \d+ more mistakes") as caught:
+        parse_record({"speed": [1.0] * 100_000, "wheels": [{"radius": "x" * 10_000}] * 500}, "mem", Cart)
+    assert len(str(caught.value)) < 5000

@@ -120,7 +120,8 @@ def test_archive(tmp_path):
         ({"dang": np.nan}, "in steps of nan rad"),
         ({"idx": np.array([0.0, 1.0, np.nan])}, "array idx: must be finite"),
         ({"idx": np.array([2, 1, 0])}, "the clock runs back from 2.000 to 0.000 s at scan 2"),
-        ({"ranges": np.ones((3, 0))}, "num_beams must be at least 1"),
+        ({"ranges": np.ones((3, 0))}, "scans have 0 beams, from 1 to 20,000"),
+        ({"ranges": np.ones((3, 30_000)), "dang": 1e-5}, "scans have 30000 beams"),
         ({"mount_x": 1e12}, "1000000000000.0 m ahead"),
         (
             {"odo": np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 0.0, 0.0]])},
@@ -146,3 +147,18 @@ def test_damaged_archives_are_named(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"drive\.npz"):
             load_log(path)
+
+
+def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.logs.archive.MAX_BYTES", 100_000)
+    np.savez_compressed(tmp_path / "drive.npz", **ARRAYS | {"ranges": np.ones((3, 10_000))})
+    with pytest.raises(ValueError, match=r"drive\.npz: unpacks to .* bytes; at most 100,000"):
+        load_log(tmp_path / "drive.npz")
+    path = tmp_path / "drive.log.gz"
+    path.write_bytes(gzip.compress(b"x" * 3_000_000))
+    with pytest.raises(ValueError, match=r"drive\.log\.gz: too long; at most 1,000,000 characters in a line"):
+        load_log(path)
+    monkeypatch.setattr("envs.logs.carmen.MAX_TEXT", 1000)
+    path.write_bytes(gzip.compress(b"#\n" * 600))
+    with pytest.raises(ValueError, match=r"drive\.log\.gz: too long"):
+        load_log(path)

@@ -269,6 +269,16 @@ def test_errors_are_one_line(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
+def test_a_map_that_outgrows_the_memory_names_the_log(tmp_path):
+    path = tmp_path / "far.npz"
+    far = np.column_stack([np.arange(400.0) * 99.0, np.zeros(400), np.zeros(400)])
+    arrays = {"t": np.arange(400.0), "odo": far, "idx": np.arange(400), "ranges": np.full((400, 8), 900.0)}
+    np.savez(path, **arrays, ang0=-1.0, dang=0.25, maxr=1000.0)
+    with pytest.raises(ValueError, match=rf"^{path}, odometry: the map would need") as caught:
+        main(Options(path, slam="odometry"))
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("name", "complaint"), [("gmapping2", "unknown SLAM 'gmapping2'.*tinyslam"), ("truth", "true poses")]
 )

@@ -64,6 +64,10 @@ def test_an_unknown_name_lists_the_known_ones():
         (("lidar", "range_min"), 5.0, "lidar: .*range_min must lie in"),
         (("lidar", "num_beams"), 1.5, r"lidar\.num_beams: .*integer"),
         (("body", "radius"), 0.1, "body: .*either size or radius"),
+        (("lidar", "num_beams"), 10**12, "lidar: num_beams must lie in 1 to 20,000, got 1000000000000"),
+        (("lidar", "range_max"), 1e300, r"lidar: range_max must lie within 1e\+06, got 1e\+300"),
+        (("max_v",), 1e300, r"max_v must lie within 1e\+06, got 1e\+300"),
+        (("body", "center"), [0.0, 1e200, 0.0], "body: positions must lie within"),
         (("casters",), [{"x": 0.1, "y": 0.0, "radius": -1}], r"casters\.0: .*radius must be positive"),
     ],
 )

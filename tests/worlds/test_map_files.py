@@ -1,5 +1,8 @@
 import errno
 import os
+import struct
+import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -87,6 +90,49 @@ def test_colours_are_averaged_and_transparent_pixels_unknown_in_scale(tmp_path):
 def test_damaged_maps_are_named(tmp_path, changes, message):
     with pytest.raises(ValueError, match=rf"m\.yaml.*{message}"):
         load_map(write_map(tmp_path, [[0, 254]], **changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": 1e5}, r"m\.yaml: world 'm' spans 400000 x 100000 m, .*cells of 0\.05 m; at most 100,000,000"),
+        ({"resolution": 1e300}, r"m\.yaml: resolution: .*1e\+300"),
+        ({"resolution": 1e-320}, r"m\.yaml: world 'm': spawn"),
+        ({"origin": [1e308, 0, 0]}, r"m\.yaml: origin\.0: .*1e\+308"),
+    ],
+)
+def test_extents_beyond_all_bounds_are_refused_before_anything_is_allocated(tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        load_world(write_map(tmp_path, [[254] * 4], **changes))
+
+
+def png(width, height):
+    """A PNG of that size in a few bytes: header, and no pixels."""
+    chunks = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0), b"IDAT" + zlib.compress(b""), b"IEND"
+    parts = (struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (png(100_000, 100_000), "pixels"),
+        (png(12_000, 9_000), "12000 x 9000 pixels; at most 100,000,000"),
+        (png(300, 200), "cannot be read"),
+        (b"P5 99999999999 99999999999 255\n", "cannot be read"),
+        (b"P5 4000000000 2 255\n", "pixels"),
+        (b"P5 20 20 255\nxx", "cannot be read"),
+        (b"P5 -4 4 255\n" + b"x" * 16, "cannot be read"),
+        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
+    ],
+)
+def test_images_that_lie_about_their_size_are_named(tmp_path, content, message):
+    path = write_map(tmp_path, [[254]])
+    (tmp_path / "m.png").write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(ValueError, match=rf"map image .*m\.png.*{message}"):
+            load_map(path)
 
 
 def test_missing_image_and_wrong_suffix(tmp_path):

@@ -137,3 +137,20 @@ def test_contour_of_two_cones_is_two_closed_circles():
         assert np.abs(distance - 9.3).max() < 0.3
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum()
     assert length == pytest.approx(2 * 2 * np.pi * 9.3, rel=0.02)
+
+
+def test_worlds_that_are_too_large_are_refused_at_once():
+    world = world_of(square())
+    with pytest.raises(
+        ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m; at most 100,000,000"
+    ):
+        rasterize(world, 1e-5)
+    with pytest.raises(ValueError, match=r"cells of 0\.05 m"):
+        check_world(dataclasses.replace(world, bounds=(-1e6, -1.0, 1e6, 1.0)))
+    for broken in (1e308, np.inf, np.nan):
+        with pytest.raises(ValueError, match="'test': segments hold"):
+            check_world(world_of([*square(), (0.0, 0.0, broken, 1.0)]))
+        with pytest.raises(ValueError, match="'test': bounds hold"):
+            check_world(dataclasses.replace(world, bounds=(-1.0, -1.0, broken, 1.0)))
+    # A disc is drawn as far as the raster goes, which takes no time.
+    assert (rasterize(world_of([], [(0.0, 0.0, 1e7)]), 0.05).data == 100).all()

@@ -68,6 +68,10 @@ def test_every_kind_of_body(tmp_path):
         ("[[0.5, 0.5, 1.57]]", "[[2.0, 0.5, 0]]", "inside a solid body"),
         ("[[0.5, 0.5, 1.57]]", "[[4.0, 0.5, 0]]", "on or within"),
         ("closures: [[0, 3, 0, 0]]", "", "leaks"),
+        ("[4, 0], [4, 3]", "[4e5, 0], [4, 3]", r"spans 400000 x 3\.1 m, which is .* cells .*at most 100,000,000"),
+        ("3.0, 1.0, 0.25", "3.0, 1.0, 1e308", r"cylinders\.0\.2: .*less than or equal to 10000000, got 1e\+308"),
+        ("speed: 0.5", "speed: 1e9", r"movers\.0\.speed: .*less than or equal to 100"),
+        ("height: 5e-1", "height: 1e99", "height: "),
         ("source: here", "source: [", "not readable as YAML"),
     ],
 )

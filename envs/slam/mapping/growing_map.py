@@ -31,7 +31,12 @@ class GrowingMap:
             size: extent along x and y at the start [m].
             skip_exceeding: whether beams without a return are ignored; else they clear up to the lidar's range.
             block: numbers of columns and rows, and those before the origin, stay multiples of this.
+
+        Raises:
+            ValueError: if the map would have more than `MAX_CELLS`.
         """
+        if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
+            raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m in cells of {resolution:g} m has too many of them")
         self.geometry = ScanGeometry.of(lidar, resolution)
         self._skip_exceeding = skip_exceeding
         width, height = (block * math.ceil(length / resolution / block) for length in size)

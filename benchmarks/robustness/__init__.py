@@ -1,0 +1,1 @@
+"""What hostile inputs, kills, long runs, walls and repetitions do to the project."""

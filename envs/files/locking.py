@@ -1,0 +1,65 @@
+"""Folders that one process at a time may add to."""
+
+import os
+import platform
+from pathlib import Path
+from types import TracebackType
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
+class LockedError(RuntimeError):
+    """Another process holds a lock; the message names its folder, and the process where it is known."""
+
+
+class Lock:
+    """A lock on a folder, which ends with its process, however that ends.
+
+    Where the operating system has no such locks, it does nothing.
+    """
+
+    def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
+        """Prepare a lock.
+
+        Args:
+            folder: takes the file `.<name>`, which is empty while nobody has held the lock.
+            name: of the lock, where a folder has several.
+            shared: whether others may hold it at the same time, if they share it too.
+        """
+        self._folder, self._path, self._shared = folder, folder / f".{name}", shared
+        self._descriptor = -1
+
+    def __enter__(self) -> "Lock":
+        """Take the lock.
+
+        Raises:
+            LockedError: another process holds it.
+        """
+        if fcntl is None:
+            return self
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(descriptor, (fcntl.LOCK_SH if self._shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
+            os.close(descriptor)
+            raise LockedError(f"{self._folder} is in use: {holder} adds to it") from None
+        except OSError:  # a file system without locks
+            os.close(descriptor)
+            return self
+        os.ftruncate(descriptor, 0)
+        if not self._shared:
+            os.write(descriptor, f"process {os.getpid()} on {platform.node()}\n".encode())
+        self._descriptor = descriptor
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the lock back. The file stays: were it removed, two processes could lock two files of one name."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1

@@ -1,0 +1,84 @@
+import errno
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+from envs.files import Lock, LockedError, naming, sweep, temporary_beside, write_file
+
+
+def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    node = platform.node()
+    gone = [f".a.csv.{node}.{dead.pid}.tmp", f".{node}.{dead.pid}.tmp.{node}.{dead.pid}.tmp"]
+    kept = [
+        f".a.csv.{node}.{os.getppid()}.tmp",
+        f".a.csv.elsewhere.{dead.pid}.tmp",
+        "a.csv",
+        ".a.tmp",
+        f"a.{dead.pid}.tmp",
+    ]
+    for name in (*gone, *kept):
+        (tmp_path / name).write_text("x")
+    folder = tmp_path / f".step_7.{node}.{dead.pid}.tmp"
+    folder.mkdir()
+    (folder / "weights").write_text("x")
+    sweep(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
+    assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{node}.{os.getpid()}.tmp"
+
+
+def test_a_full_disk_is_named(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(OSError, match=r"No space left on device: '.*b\.csv'"), naming(tmp_path / "b.csv"):
+        full(0)
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*a\.csv'") as caught:
+        write_file(tmp_path / "a.csv", "x")
+    assert caught.value.errno == errno.ENOSPC
+    assert list(tmp_path.iterdir()) == []
+
+
+HOLD = """
+import sys, pathlib
+from envs.files import Lock
+
+lock = Lock(pathlib.Path(sys.argv[1]), shared=sys.argv[2] == "s")
+lock.__enter__()
+print("held", flush=True)
+input()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_a_lock_is_held_by_one_process_or_shared_and_ends_with_it(tmp_path):
+    def hold(shared):
+        command = [sys.executable, "-c", HOLD, str(tmp_path), "s" if shared else "x"]
+        environment = {**os.environ, "PYTHONPATH": os.getcwd()}
+        other = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+        assert other.stdout.readline() == "held\n"
+        return other
+
+    other = hold(shared=False)
+    for shared in (False, True):
+        with (
+            pytest.raises(LockedError, match=rf"{tmp_path} is in use: process {other.pid} on "),
+            Lock(tmp_path, shared=shared),
+        ):
+            pass
+    other.kill()
+    other.wait()
+    other = hold(shared=True)
+    with Lock(tmp_path, shared=True):
+        pass
+    with pytest.raises(LockedError, match="is in use: another process"), Lock(tmp_path):
+        pass
+    other.kill()
+    other.wait()
+    with Lock(tmp_path), pytest.raises(LockedError), Lock(tmp_path):
+        pass
