@@ -18,7 +18,8 @@ def start_worker() -> None:
     process of the terminal, ends it without a word: the parent tells. It computes with one thread, since workers are
     as many as the cores.
     """
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in the background of a script: the parent goes on, too
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # held back by `interrupts_held`
     os.environ["OMP_NUM_THREADS"] = "1"  # before torch is imported

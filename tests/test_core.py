@@ -266,7 +266,7 @@ def test_rewards_name_what_is_wrong():
 
 @pytest.mark.parametrize("id", ["Explore", "ExploreTeam", "ExploreFrontiers", "Navigate", "Track"])
 def test_steps_and_pictures_before_a_reset_are_refused(id):
-    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", slam="truth", render_mode="rgb_array").unwrapped
+    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", render_mode="rgb_array").unwrapped
     for call in (lambda: env.step(env.action_space.sample()), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
             call()

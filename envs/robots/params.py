@@ -15,8 +15,8 @@ def _require(condition: bool, what: str, value: Any) -> None:
         raise ValueError(f"{what}, got {value!r}")
 
 
-MAX_NUMBER = 1e6
-"""No length, mass, rate or noise of a robot is greater than this, in SI units."""
+MAX_NUMBER = 1e9
+"""No length, mass, rate, count or noise of a robot is greater than this, in SI units."""
 MAX_BEAMS = 20_000
 """Most beams of a scan."""
 

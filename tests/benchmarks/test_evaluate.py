@@ -213,6 +213,7 @@ import benchmarks.arena.workers as workers
 from evaluate import main
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in the background of a script
     held = workers.interrupts_held
 
     def started():

@@ -1,6 +1,7 @@
 import math
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -144,7 +145,7 @@ def test_bad_use_is_refused(physics, room):
     with pytest.raises(ValueError, match="control_period must be positive"):
         make_simulator(physics, robot, 0.0)
     simulator = make_simulator(physics, robot, 0.1)
-    with pytest.raises(RuntimeError, match="reset"):
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
         simulator.step([Twist(0.0, 0.0)])
     world = room(2.0, circles=[[1.0, 0.0, 0.3]])
     for pose in (Pose2D(1.95, 0.0, 0.0), Pose2D(1.0, 0.1, 0.0)):
