@@ -54,6 +54,8 @@ class EnvironmentConfig(Section):
     """Weights of the reward's terms; those left out keep the environment's own."""
     reward_object: str | None = None
     """`module:attribute` of reward weights of your own, terms included; replaces `reward`."""
+    randomize: dict[str, tuple[float, float]] | None = None
+    """(low, high) by the name of a parameter of the robot, from which each episode draws the true robot's."""
     observations: tuple[str, ...] | None = None
     """Parts of the observation, by name; null leaves them to the environment."""
     clip_actions: bool = False
@@ -69,7 +71,7 @@ class EnvironmentConfig(Section):
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments."""
         arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
-        for name in ("max_decision_time", "observations"):  # arguments of some environments only
+        for name in ("max_decision_time", "observations", "randomize"):  # arguments of some environments only
             if arguments[name] is None:
                 del arguments[name]
         return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})

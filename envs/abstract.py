@@ -71,7 +71,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     That of `ExploreFrontiersEnv`.
 
     ## Arguments
-    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed and `return_home` is missing, and
+    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed, `return_home` is missing and
+    `randomize` takes parameters of the lidar alone, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -107,6 +108,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
                 raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
         if arguments.get("return_home"):
             raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
+        if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
+            raise ValueError(
+                f"randomize must name parameters of the lidar where robots slide along paths, got {others}"
+            )
         check_positive(scan_distance=scan_distance)
         if len(drift) != 2 or not min(drift) >= 0.0:
             raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")

@@ -19,6 +19,7 @@ from envs.estimation.trail import Trail
 from envs.geometry import Pose2D
 from envs.geometry.pose import between, compose, distance
 from envs.observations import Observations, make_parts
+from envs.randomization import Randomization, Ranges
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState, Simulator, Twist, make_simulator
@@ -75,6 +76,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         render_mode: str | None,
         clip_actions: bool = False,
         is_team: bool = False,
+        randomize: Ranges | None = None,
     ) -> None:
         """Assemble an environment.
 
@@ -88,6 +90,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             render_mode: None, "human" or "rgb_array".
             clip_actions: whether actions outside [-1, 1] are clipped, or refused.
             is_team: whether actions and observations have an axis for the robots.
+            randomize: ranges of the true robot's parameters, which each episode draws; see `envs.randomization`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -102,6 +105,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.simulator = simulator
         self.robots = list(robots)
         self.robot = robots[0].params
+        """The nominal robot, as everything but the simulator takes it to be."""
+        self._randomization: Randomization | None = None
+        if randomize:
+            self._randomization = Randomization(randomize, self.robot, simulator.ignored)
+            # Room for what any episode may draw.
+            simulator.set_robot(self._randomization.robot(self._randomization.highest))
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or math.inf
         """Length of the episode [s]."""
@@ -152,6 +161,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.world = self._next_world(options, seed is not None)
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
+        if self._randomization is not None:
+            # After all others and from a generator of its own: the same seed without randomization has the same
+            # world, starts and task.
+            self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
+            task.true_robot = self._randomization.robot(self.randomized)
+            self.simulator.set_robot(task.true_robot)
         readings = self.simulator.reset(self.world, starts, rngs[::2])
         self.truths = [GroundTruth(state) for state in self.simulator.states]
         own = {key: options[key] for key in task.reset_options if key in options}
@@ -264,6 +279,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 for robot, truth in zip(self.robots, self.truths, strict=True)
             ]
         )
+        if self._randomization is not None:
+            info["randomized"] = dict(self.randomized)
         info["time"] = self.time
         info["rewards"] = rewards
         if self._is_team:

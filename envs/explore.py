@@ -8,6 +8,7 @@ from envs.core import LidarEnv, make_robots
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.observations import Observations
+from envs.randomization import Ranges
 from envs.rendering.scene import Scene
 from envs.robots import RobotParams
 from envs.slam import DEFAULT_SLAM, PoseGraphView, make_slam
@@ -73,7 +74,7 @@ class ExploreEnv(LidarEnv):
     heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the
     end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
     `returned` and `time_home` (since the robot was called back) [s]; `end_reason` is `"returned"` in place of `"covered"`,
-    and `is_success` asks for both.
+    and `is_success` asks for both. With `randomize` each step also `randomized`: what the episode has drawn, by name.
 
     ## Arguments
     | argument | default | meaning |
@@ -92,6 +93,7 @@ class ExploreEnv(LidarEnv):
     | `map_resolution` | `0.05` | side of a map cell [m] |
     | `observations` | `("scan", "map_near", "map_far", "motion")` | parts of the observation, see `envs.observations.make_parts` |
     | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
+    | `randomize` | `None` | (low, high) by the name of a parameter of the robot, from which each episode draws the true robot's; see docs/training.md |
     | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped |
     | `render_mode` | `None` | `"human"` or `"rgb_array"` |
 
@@ -122,6 +124,7 @@ class ExploreEnv(LidarEnv):
         map_resolution: float = 0.05,
         observations: Observations = OBSERVATIONS,
         return_home: bool = False,
+        randomize: Ranges | None = None,
         clip_actions: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -164,6 +167,7 @@ class ExploreEnv(LidarEnv):
             time_limit=time_limit,
             render_mode=render_mode,
             clip_actions=clip_actions,
+            randomize=randomize,
             is_team=self.is_team,
         )
         self.resolution = map_resolution

@@ -13,6 +13,7 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import AmclParams, Localizer, PoseEstimate
 from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Observations
+from envs.randomization import Ranges
 from envs.rendering.scene import NavigationScene
 from envs.robots import RobotParams
 from envs.tasks.goals import make_localizer
@@ -101,7 +102,8 @@ class NavigateEnv(KnownMapEnv):
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `way_to_goal` (true, geodesic) [m], `pose_error`
     (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
-    (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`).
+    (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` each step also
+    `randomized`: what the episode has drawn, by name.
 
     ## Arguments
     | argument | default | meaning |
@@ -125,6 +127,7 @@ class NavigateEnv(KnownMapEnv):
     | `reward` | `NavigateRewards()` | weights, also as a mapping |
     | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
     | `observations` | `("scan", "map_near", "map_far", "motion", "goal", "doubt")` | parts of the observation, see `envs.observations.make_parts` |
+    | `randomize` | `None` | (low, high) by the name of a parameter of the robot, from which each episode draws the true robot's; see docs/training.md |
     | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped |
     | `render_mode` | `None` | `"human"` or `"rgb_array"` |
 
@@ -154,6 +157,7 @@ class NavigateEnv(KnownMapEnv):
         reward: NavigateRewards | Mapping[str, float] = NavigateRewards(),
         map_resolution: float = 0.05,
         observations: Observations = OBSERVATIONS,
+        randomize: Ranges | None = None,
         clip_actions: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -197,6 +201,7 @@ class NavigateEnv(KnownMapEnv):
             time_limit=time_limit,
             render_mode=render_mode,
             clip_actions=clip_actions,
+            randomize=randomize,
         )
         self.task: Navigate = task
         self.resolution = map_resolution

@@ -49,6 +49,8 @@ class Task(ABC):
     """Weights of the reward terms."""
     reset_options: tuple[str, ...] = ()
     """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
+    true_robot: RobotParams | None = None
+    """The robot as it is in this episode, where its parameters are drawn; None where it is the nominal one."""
     map_pose: Pose2D
     """Pose of the map frame in the world, once `reset` has been called."""
     end_reason: str | None = None

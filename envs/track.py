@@ -12,6 +12,7 @@ from envs.localization.ekf import Estimate
 from envs.localization.fusion import FusedPose
 from envs.navigate import KnownMapEnv
 from envs.observations import Observations
+from envs.randomization import Ranges
 from envs.rendering.scene import NavigationScene
 from envs.robots import RobotParams, load_robot
 from envs.simulation import make_simulator
@@ -78,7 +79,7 @@ class TrackEnv(KnownMapEnv):
     Each step: `progress` (share of the route driven), `deviation` (to the left of the route [m]), `pose_error` (position
     [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether the localizer says that it
     is), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
-    `"time_limit"`).
+    `"time_limit"`). With `randomize` each step also `randomized`: what the episode has drawn, by name.
 
     ## Arguments
     | argument | default | meaning |
@@ -98,6 +99,7 @@ class TrackEnv(KnownMapEnv):
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
     | `reward` | `TrackRewards()` | weights, also as a mapping |
     | `observations` | `("scan", "route", "motion")` | parts of the observation, see `envs.observations.make_parts` |
+    | `randomize` | `None` | (low, high) by the name of a parameter of the robot, from which each episode draws the true robot's; see docs/training.md |
     | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped |
     | `render_mode` | `None` | `"human"` or `"rgb_array"` |
 
@@ -123,6 +125,7 @@ class TrackEnv(KnownMapEnv):
         start_spread: tuple[float, float] = (0.02, 0.02),
         reward: TrackRewards | Mapping[str, float] = TrackRewards(),
         observations: Observations = OBSERVATIONS,
+        randomize: Ranges | None = None,
         clip_actions: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -160,6 +163,7 @@ class TrackEnv(KnownMapEnv):
             time_limit=time_limit,
             render_mode=render_mode,
             clip_actions=clip_actions,
+            randomize=randomize,
         )
         self.task: FollowRoute = task
         self.fused = fused

@@ -25,6 +25,7 @@ position; remember its true position."""
 class Rows(NamedTuple):
     """The numbers of all robots, a row each; units as in the objects that they copy."""
 
+    robot: np.ndarray
     states: np.ndarray
     commands: np.ndarray
     draws: np.ndarray
@@ -57,7 +58,6 @@ class Shapes(NamedTuple):
 class Setup(NamedTuple):
     """What all robots share."""
 
-    robot: np.ndarray
     period: float
     metres_per_tick: float
     track: float
@@ -78,7 +78,7 @@ def _move(i, rows, shapes, setup):
         rows.states[i],
         rows.commands[i],
         rows.draws[i],
-        setup.robot,
+        rows.robot[i],
         shapes.segments[i],
         shapes.before[i],
         shapes.after[i],

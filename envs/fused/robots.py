@@ -58,7 +58,6 @@ class FusedRobots:
         params, lidar, odometry = robot.estimator.params, env.robot.lidar, env.robot.odometry
         self.envs = envs
         self.setup = Setup(
-            robot=simulator.sensors.numbers,
             period=env.control_period,
             metres_per_tick=odometry.metres_per_tick,
             track=float(odometry.track),
@@ -74,6 +73,7 @@ class FusedRobots:
             return np.zeros((num_envs, *shape), dtype)
 
         self.rows = Rows(
+            robot=zeros(*simulator.sensors.numbers.shape),
             states=zeros(*simulator.rows.shape),
             commands=zeros(*simulator.commands.shape),
             draws=zeros(*sensors.draws.shape),
@@ -126,7 +126,7 @@ class FusedRobots:
         rows, env = self.rows, self.envs[i]
         robot, truth, simulator = env.robots[0], env.truths[0], env.simulator
         sensors = simulator.sensors
-        rows.states[i], rows.others[i] = simulator.rows, sensors.others
+        rows.robot[i], rows.states[i], rows.others[i] = sensors.numbers, simulator.rows, sensors.others
         simulator.rows, simulator.commands = rows.states[i], rows.commands[i]
         sensors.draws, sensors.others = rows.draws[i], rows.others[i]
         reading = robot.reading

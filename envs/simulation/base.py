@@ -20,6 +20,9 @@ from .state import STATE_SIZE
 class BaseSimulator:
     """A `Simulator` without physics: subclasses implement `_place` and `_move`."""
 
+    ignored: tuple[str, ...] = ()
+    """Parameters of robots that make no difference; see `Simulator`."""
+
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
         self.sensors = Sensors(robot, control_period, num_robots)
         self.rows = np.zeros((num_robots, STATE_SIZE))
@@ -33,6 +36,10 @@ class BaseSimulator:
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
         self._states: list[RobotState] | None = None
+
+    def set_robot(self, robot: RobotParams) -> None:
+        """Change the robots' parameters from the next reset on; see `Simulator`."""
+        self.sensors.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:

@@ -35,17 +35,22 @@ class BulletSimulator(BaseSimulator):
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
         import_pybullet()
         super().__init__(robot, control_period, num_robots)
-        self._arguments = robot, self._period, num_robots
-        self._substeps = int(robot_record(robot, control_period).substeps)
-        self.robots = [BulletRobot(robot, control_period, row) for row in self.rows]
         self._bullet: Any = None
         self.is_copy = False
         """Whether this is a copy that was made in mid-episode, and has not been reset since."""
-        self._built: World | None = None
+        self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle as a new simulator: what happens in PyBullet stays there, and the copy says so until its reset."""
         return _copy, (*self._arguments, self.is_copy or self._world is not None)
+
+    def set_robot(self, robot: RobotParams) -> None:
+        """Change the robots' parameters from the next reset on, which builds the simulation anew; see `Simulator`."""
+        super().set_robot(robot)
+        self._arguments = robot, self._period, len(self.rows)
+        self._substeps = int(robot_record(robot, self._period).substeps)
+        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows]
+        self._built: World | None = None
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""

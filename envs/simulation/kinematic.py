@@ -127,6 +127,8 @@ def step_robots(states, commands, draws, numbers, segments, before, after, range
 class KinematicSimulator(BaseSimulator):
     """Robots in a world, moved by `advance`. Needs no PyBullet."""
 
+    ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
+
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         for row, pose in zip(self.rows, poses, strict=True):
             row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)

@@ -153,17 +153,24 @@ class Sensors:
     """
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
-        num_beams, self._gyro_bias_std = robot.lidar.num_beams, robot.imu.gyro_bias_std
-        self._num_uniforms = num_beams if robot.lidar.dropout > 0.0 else 0
-        self.numbers = np.array(robot_record(robot, control_period))
-        """The robots' `RobotRecord` as an array."""
-        self.draws = np.zeros((num_robots, OTHER_NORMALS + num_beams + self._num_uniforms))
+        num_beams, self._num_uniforms = robot.lidar.num_beams, 0
+        self.draws = np.zeros((num_robots, OTHER_NORMALS + num_beams))
         """Noise of this control period, shape (num_robots, n): standard normal draws, see `SLIP_LEFT`, and one for each
-        beam; then, for a lidar with dropout, a uniform draw in [0, 1) for each beam."""
+        beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Scans, shape (num_robots, num_beams), float32 [m]."""
         self.others = np.zeros((num_robots, NUM_OTHERS))
         """The other measurements, shape (num_robots, 5); see `LEFT_TICKS`."""
+        self.set_robot(robot, control_period)
+
+    def set_robot(self, robot: RobotParams, control_period: float) -> None:
+        """Change the robots' parameters; the number of beams stays as it was."""
+        self._gyro_bias_std = robot.imu.gyro_bias_std
+        self.numbers = np.array(robot_record(robot, control_period))
+        """The robots' `RobotRecord` as an array."""
+        if robot.lidar.dropout > 0.0 and not self._num_uniforms:
+            self._num_uniforms = robot.lidar.num_beams
+            self.draws = np.zeros((len(self.draws), OTHER_NORMALS + 2 * self._num_uniforms))
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
         """Draw the noise of a control period, each robot's from its own generator."""

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from envs.geometry import Pose2D
+from envs.robots import RobotParams
 from envs.worlds import World
 
 
@@ -49,8 +50,17 @@ class Simulator(Protocol):
     """One or several equal robots in a world: they see each other, and collide with each other."""
 
     @property
+    def ignored(self) -> tuple[str, ...]:
+        """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
+        ...
+
+    @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot after the last `reset` or `step`."""
+        ...
+
+    def set_robot(self, robot: RobotParams) -> None:
+        """Change the robots' parameters from the next reset on; footprint and beams of the lidar stay as they were."""
         ...
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:

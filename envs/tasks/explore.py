@@ -67,7 +67,7 @@ class Explore(WorldTask):
             pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
             for robot in robots:
                 robot.pyramid = pyramid
-        self.coverage = Coverage(self.area, first, self._robot.lidar)
+        self.coverage = Coverage(self.area, first, (self.true_robot or self._robot).lidar)
         for robot, pose in zip(robots, self._starts, strict=True):
             robot.locate()
             self._cover(robot, pose)

@@ -116,3 +116,11 @@ def test_a_bag_is_recorded_converted_and_replayed(tmp_path):
     assert set(conflicts) == {"hector", "tinyslam"}
     assert max(conflicts.values()) < 0.05
     assert (tmp_path / "hector" / "summary.json").exists()
+
+
+def test_each_episode_has_wheels_of_its_own():
+    module = load("domain_randomization")
+    rows = module.main(episodes=2, seconds=5.0)
+    low, high = module.RANGES["drive.wheel_radius"]
+    assert low <= rows[:, 0].min() < rows[:, 0].max() <= high
+    assert (rows[:, 1] < 0.5).all()

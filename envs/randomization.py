@@ -1,0 +1,105 @@
+"""Domain randomization: a robot whose parameters differ from episode to episode, unknown to what drives it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from envs.robots import RobotParams
+
+RANDOMIZABLE = (
+    "body.friction",
+    "body.mass",
+    "drive.friction",
+    "drive.max_torque",
+    "drive.slip_std",
+    "drive.track",
+    "drive.wheel_radius",
+    "imu.compass_std",
+    "imu.gyro_bias_std",
+    "imu.gyro_std",
+    "lidar.dropout",
+    "lidar.mount.pitch",
+    "lidar.mount.roll",
+    "lidar.mount.x",
+    "lidar.mount.y",
+    "lidar.mount.yaw",
+    "lidar.noise_std",
+    "max_acc_v",
+    "max_acc_w",
+    "max_v",
+    "max_w",
+)
+"""Attributes of `RobotParams` that may differ from what the robot is told. Footprint, numbers of beams and range of the
+lidar may not: spaces, maps and plans depend on them."""
+AT_MOST_NOMINAL = ("max_v", "max_w")
+"""Those that have no effect above the nominal value, which is the greatest that is commanded."""
+
+Ranges = Mapping[str, Sequence[float]]
+"""(low, high) by the name of a parameter, in its unit."""
+
+
+class Randomization:
+    """Draws a robot's parameters for each episode, each uniformly from a range."""
+
+    def __init__(self, ranges: Ranges, robot: RobotParams, ignored: Sequence[str] = ()) -> None:
+        """Take the ranges.
+
+        Args:
+            ranges: of the parameters.
+            robot: the nominal robot, whose other parameters stay as they are.
+            ignored: parameters that the physics do not have.
+
+        Raises:
+            ValueError: a name is not allowed, or a range is none; the message names it and what is allowed.
+        """
+        if not robot.imu.has_compass:
+            ignored = (*ignored, "imu.compass_std")
+        allowed = [name for name in RANDOMIZABLE if name not in ignored]
+        if unknown := sorted(map(str, set(ranges) - set(allowed))):
+            raise ValueError(
+                f"randomize has names {unknown} that are unknown or have no effect here; allowed are {allowed}"
+            )
+        self._robot = robot
+        self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
+
+    def draw(self, rng: np.random.Generator) -> dict[str, float]:
+        """Return a value for each parameter, drawn in the order of their names."""
+        return {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
+
+    def robot(self, values: Mapping[str, float]) -> RobotParams:
+        """Return the robot with these values."""
+        robot = self._robot
+        for name, value in values.items():
+            robot = _replace_nested(robot, name, value)
+        return robot
+
+    @property
+    def highest(self) -> dict[str, float]:
+        """The upper ends of the ranges."""
+        return {name: high for name, (_, high) in self._ranges.items()}
+
+
+def _check_range(name: str, value: Any, robot: RobotParams) -> tuple[float, float]:
+    try:
+        low, high = map(float, value)
+    except (TypeError, ValueError):
+        raise ValueError(f"randomize[{name!r}] must be two numbers (low, high), got {value!r}") from None
+    if not -math.inf < low <= high < math.inf:
+        raise ValueError(f"randomize[{name!r}] must be finite and have low <= high, got {value!r}")
+    if name in AT_MOST_NOMINAL and high > getattr(robot, name):
+        raise ValueError(f"randomize[{name!r}] must not exceed the robot's {getattr(robot, name)}, got {value!r}")
+    for end in (low, high):
+        try:
+            _replace_nested(robot, name, end)
+        except ValueError as error:
+            raise ValueError(f"randomize[{name!r}]: {error}") from None
+    return low, high
+
+
+def _replace_nested(record: Any, name: str, value: float) -> Any:
+    """Return a record with an attribute replaced whose dotted name may lead into other records."""
+    first, _, rest = name.partition(".")
+    return replace(record, **{first: _replace_nested(getattr(record, first), rest, value) if rest else value})

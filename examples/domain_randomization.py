@@ -1,0 +1,48 @@
+"""Domain randomization: each episode has another lidar, other wheels and other motors, and nothing tells the robot."""
+
+import gymnasium
+import numpy as np
+import tyro
+
+import envs  # noqa: F401  (registers the environments)
+from baselines import make_explorer
+from baselines.episode import exploration_of, run_episode
+from envs.robots import load_robot
+
+ROBOT = load_robot("turtlebot3_burger")
+RADIUS = ROBOT.drive.wheel_radius
+RANGES = {
+    "lidar.noise_std": (0.005, 0.03),
+    "lidar.dropout": (0.0, 0.1),
+    "lidar.mount.yaw": (-0.03, 0.03),
+    "drive.wheel_radius": (0.95 * RADIUS, 1.05 * RADIUS),
+    "drive.slip_std": (0.0, 0.01),
+    "max_v": (0.18, 0.22),
+}
+"""From which each episode draws, in the units of `RobotParams`."""
+
+
+def main(episodes: int = 4, seconds: float = 60.0) -> np.ndarray:
+    """Explore with robots that are not as they take themselves to be.
+
+    Args:
+        episodes: how many of them.
+        seconds: Simulated time of each.
+
+    Returns:
+        Wheel radius [m] and root mean square error of the estimated position [m] of each, shape (episodes, 2).
+    """
+    env = gymnasium.make("lidarnaut/Explore-v0", robot=ROBOT, physics="kinematic", time_limit=seconds, randomize=RANGES)
+    explorer, rows = make_explorer("nearest"), []
+    for seed in range(episodes):
+        episode = run_episode(env, explorer, seed)
+        drawn = exploration_of(env).randomized
+        print({name: round(value, 4) for name, value in drawn.items()})
+        print(f"explored {100 * episode.explored_fraction:.0f} %, position off by {episode.position_rmse:.3f} m")
+        rows.append((drawn["drive.wheel_radius"], episode.position_rmse))
+    env.close()
+    return np.array(rows)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

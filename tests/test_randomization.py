@@ -1,0 +1,228 @@
+"""Robots whose parameters differ from episode to episode."""
+
+import importlib.util
+import json
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import envs  # noqa: F401
+from envs.explore import ExploreEnv
+from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.geometry import Pose2D
+from envs.randomization import RANDOMIZABLE, Randomization
+from envs.robots import load_robot
+from envs.vector.fused import is_shard_fusible
+from tests.rollouts import rollout
+from tests.side_by_side import step_both
+from tests.simulation.conftest import make_world
+
+HAS_BULLET = importlib.util.find_spec("pybullet") is not None
+BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not HAS_BULLET, reason="PyBullet is not installed"))
+BURGER = load_robot("turtlebot3_burger")
+RANGES = {
+    "lidar.noise_std": (0.005, 0.03),
+    "lidar.dropout": (0.0, 0.1),
+    "lidar.mount.yaw": (-0.05, 0.05),
+    "drive.wheel_radius": (0.031, 0.035),
+    "drive.slip_std": (0.0, 0.01),
+    "max_v": (0.15, 0.22),
+}
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "physics": "kinematic"}
+ROOM = {"world": make_world(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
+HALL = {**ROOM, "world": make_world(10.0)}
+
+
+def fixed(**values):
+    """Return ranges that hold one value each; underscores in pairs stand for dots."""
+    return {name.replace("__", "."): (value, value) for name, value in values.items()}
+
+
+def test_values_lie_in_their_ranges_and_differ_between_episodes():
+    env = ExploreEnv(**QUICK, randomize=RANGES)
+    drawn = [env.reset(seed=0)[1]["randomized"]] + [env.reset()[1]["randomized"] for _ in range(20)]
+    for name, (low, high) in RANGES.items():
+        values = np.array([values[name] for values in drawn])
+        assert ((low <= values) & (values <= high)).all()
+        assert len(set(values.tolist())) == len(values)
+        assert np.ptp(values) > 0.5 * (high - low)
+
+
+@pytest.mark.parametrize("physics", ["kinematic", BULLET])
+def test_same_seed_same_values_and_bytes_whatever_the_order_of_the_names(physics):
+    env, other = (
+        ExploreEnv(**{**QUICK, "physics": physics}, randomize=ranges)
+        for ranges in (RANGES, dict(reversed(RANGES.items())))
+    )
+    first = rollout(env, 3, 8)
+    assert first[-1][-1]["randomized"] == first[0][1]["randomized"]
+    assert rollout(env, 4, 3)[0][1]["randomized"] != first[0][1]["randomized"]
+    assert pickle.dumps(rollout(env, 3, 8)) == pickle.dumps(first) == pickle.dumps(rollout(other, 3, 8))
+    env.close()
+    other.close()
+
+
+def test_the_world_the_start_and_the_task_are_those_without_randomization():
+    arguments = {key: value for key, value in QUICK.items() if key != "control_hz"}
+    plain, randomized = (
+        gymnasium.make("lidarnaut/Navigate-v0", **arguments, randomize=r).unwrapped for r in ({}, RANGES)
+    )
+    assert "randomized" not in plain.reset(seed=5)[1]
+    assert set(randomized.reset(seed=5)[1]["randomized"]) == set(RANGES)
+    np.testing.assert_array_equal(plain.world.segments, randomized.world.segments)
+    assert plain.truths[0].state.pose == randomized.truths[0].state.pose
+    assert plain.goal == randomized.goal
+
+
+def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
+    def scan(**values):
+        env = ExploreEnv(**ROOM, randomize=fixed(**values))
+        observation, _ = env.reset(seed=0)
+        assert env.robot == env.robots[0].params == BURGER
+        return observation["scan"] * BURGER.lidar.range_max
+
+    exact, noisy = scan(lidar__noise_std=0.0), scan(lidar__noise_std=0.1)
+    assert np.std(noisy - exact) == pytest.approx(0.1, rel=0.15)
+    assert np.mean(scan(lidar__dropout=0.5) == 0.0) == pytest.approx(0.5, abs=0.08)
+    turned = scan(lidar__noise_std=0.0, lidar__mount__yaw=np.deg2rad(10.0))
+    np.testing.assert_allclose(turned[:-10], exact[10:], atol=1e-3)
+
+
+@pytest.mark.parametrize("physics", ["kinematic", BULLET])
+def test_larger_wheels_drive_farther_than_odometry_says(physics):
+    env = ExploreEnv(**{**HALL, "physics": physics}, randomize=fixed(drive__wheel_radius=0.0363, drive__slip_std=0.0))
+    env.reset(seed=0)
+    for _ in range(50):
+        *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    assert info["path_length"] / env.belief.pose.x == pytest.approx(1.1, abs=0.01)
+    env.close()
+
+
+def test_a_lower_limit_of_speed_cuts_commands():
+    env = ExploreEnv(**HALL, randomize=fixed(max_v=0.1))
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.array([1.0, 0.0], dtype=np.float32))
+    assert env.truths[0].state.twist.v == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.skipif(not HAS_BULLET, reason="PyBullet is not installed")
+def test_wheels_without_grip_spin():
+    driven = []
+    for friction in (1.0, 0.002):
+        env = ExploreEnv(**{**HALL, "physics": "bullet"}, randomize=fixed(drive__friction=friction))
+        env.reset(seed=0)
+        for _ in range(20):
+            *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+        driven.append(info["path_length"])
+        env.close()
+    assert driven[1] < 0.5 * driven[0]
+
+
+def test_coverage_knows_where_the_lidar_really_looks():
+    env = ExploreEnv(**HALL, randomize=fixed(lidar__mount__x=0.2, lidar__mount__yaw=0.3))
+    env.reset(seed=0)
+    scan = env.coverage._true_scan(env.reading.ranges, Pose2D(1.0, 2.0, 0.0))
+    assert (scan.x, scan.y, scan.theta) == pytest.approx((1.2, 2.0, 0.3 + BURGER.lidar.angle_min))
+
+
+def test_decisions_of_a_kernel_equal_those_of_python(monkeypatch):
+    outs = []
+    for is_fused in (True, False):
+        env = ExploreFrontiersEnv(**{**QUICK, "slam": "hector"}, randomize=RANGES)
+        if not is_fused:
+            monkeypatch.setattr(env, "_fuse", lambda: None)
+        out = [env.reset(seed=1)]
+        for _ in range(4):
+            out.append(env.step(np.int64(0)))
+            if out[-1][2] or out[-1][3]:
+                out.append(env.reset())
+        outs.append(out)
+    for fused, unfused in zip(*outs, strict=True):
+        assert fused[-1]["randomized"] == unfused[-1]["randomized"]
+        np.testing.assert_array_equal(fused[-1]["pose_error"], unfused[-1]["pose_error"])
+        np.testing.assert_array_equal(fused[0]["candidates"], unfused[0]["candidates"])
+
+
+LIDAR = {name: RANGES[name] for name in RANGES if name.startswith("lidar.")}
+CASES = {
+    "fused": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 3.0, "randomize": RANGES}),
+    "bullet": (
+        "lidarnaut/Explore-v0",
+        {**QUICK, "physics": "bullet", "time_limit": 1.0, "randomize": {**RANGES, "drive.friction": (0.4, 1.0)}},
+    ),
+    "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 12.0, "randomize": RANGES}),
+    "abstract": ("lidarnaut/ExploreFrontiersAbstract-v0", {**QUICK, "time_limit": 12.0, "randomize": LIDAR}),
+    "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2, "time_limit": 1.0, "randomize": RANGES}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sub_environments_draw_what_single_ones_draw(case):
+    if case == "bullet" and not HAS_BULLET:
+        pytest.skip("PyBullet is not installed")
+    id, arguments = CASES[case]
+    mode = AutoresetMode.SAME_STEP
+    ours = gymnasium.make_vec(id, 2, num_workers=1, autoreset_mode=mode, **arguments)
+    theirs = SyncVectorEnv([lambda: gymnasium.make(id, **arguments).unwrapped] * 2, autoreset_mode=mode)
+    ours.action_space.seed(0)
+    drawn = set()
+    for (_, terminated, truncated), info in step_both(ours, theirs, [ours.action_space.sample() for _ in range(18)]):
+        drawn |= set(info["randomized"]["lidar.noise_std"].tolist())
+        for i in np.flatnonzero(terminated | truncated):
+            assert info["final_info"]["randomized"]["lidar.noise_std"][i] in drawn
+    assert len(drawn) >= 4
+    ours.close()
+
+
+def test_randomized_environments_are_still_stepped_by_the_kernel():
+    assert is_shard_fusible(ExploreEnv(**QUICK, slam="hector", randomize=RANGES))
+
+
+@pytest.mark.parametrize("physics", ["kinematic", BULLET])
+def test_randomized_environments_pickle_and_their_specs_are_json(physics):
+    env = gymnasium.make("lidarnaut/Explore-v0", **{**QUICK, "physics": physics}, randomize=RANGES)
+    assert json.loads(env.spec.to_json())["kwargs"]["randomize"]["max_v"] == [0.15, 0.22]
+    copy = pickle.loads(pickle.dumps(env.unwrapped))
+    assert pickle.dumps(rollout(copy, 2, 4)) == pickle.dumps(rollout(env.unwrapped, 2, 4))
+    for each in (env, copy):
+        each.close()
+
+
+@pytest.mark.parametrize(
+    ("ranges", "culprit"),
+    [
+        ({"lidar.noise": (0.0, 0.1)}, r"\['lidar.noise'\].*allowed are \[.*'lidar.noise_std'"),
+        ({"radius": (0.1, 0.2)}, r"\['radius'\].*allowed are"),
+        ({"drive.friction": (0.4, 1.0)}, r"\['drive.friction'\].*no effect"),
+        ({"imu.compass_std": (0.0, 0.1)}, r"\['imu.compass_std'\].*no effect"),
+        ({"lidar.noise_std": 0.1}, r"'lidar.noise_std'.*two numbers \(low, high\), got 0.1"),
+        ({"lidar.noise_std": (0.1, 0.0)}, r"'lidar.noise_std'.*low <= high"),
+        ({"lidar.noise_std": (0.1, np.inf)}, r"'lidar.noise_std'.*finite"),
+        ({"lidar.noise_std": (-0.1, 0.1)}, r"'lidar.noise_std'.*noise_std must not be negative"),
+        ({"max_v": (0.1, 0.3)}, r"'max_v'.*must not exceed the robot's 0.22"),
+    ],
+)
+def test_bad_ranges_are_named(ranges, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        ExploreEnv(**QUICK, randomize=ranges)
+
+
+def test_wheels_are_refused_where_robots_slide_along_paths():
+    with pytest.raises(ValueError, match=r"the lidar.*\['max_v'\]"):
+        gymnasium.make("lidarnaut/ExploreFrontiersAbstract-v0", randomize={"max_v": (0.1, 0.2)})
+
+
+@pytest.mark.parametrize("name", RANDOMIZABLE)
+def test_every_name_is_a_parameter_of_robots(name):
+    robot = load_robot("mpo_500")
+    value = 0.7 if name == "drive.track" else 0.01
+    changed = Randomization({name: (value, value)}, robot).robot({name: value})
+    found = changed
+    for part in name.split("."):
+        found = getattr(found, part)
+    assert found == value
+    assert changed != robot
