@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.arena import leaderboard
 from benchmarks.arena.measures import BY_NAME
-from benchmarks.arena.overview import curves_section, gallery_section
+from benchmarks.arena.overview import curves_section, gallery_section, worst_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
 from benchmarks.arena.pairs import common_starts, relate, split
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
@@ -21,6 +21,7 @@ from benchmarks.arena.summary import Summary, summarise, to_json
 from benchmarks.arena.theme import short
 from benchmarks.arena.trace import slug
 from benchmarks.arena.unfinished import group_failures, missing_section, unfinished_section
+from benchmarks.arena.verdict import verdict_section
 from benchmarks.arena.workers import Result
 from envs.files import write_file
 
@@ -99,7 +100,9 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
 def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
     fair = relate(common_starts(rows))
     sections = [
+        verdict_section(fair),
         leaderboard.ranking_section(fair) if fair else None,
+        worst_section(evaluation.folder, fair),
         curves_section(evaluation.folder, fair) if fair else None,
         leaderboard.gap_section(fair),
         leaderboard.pairs_section(fair) if fair else None,

@@ -70,6 +70,17 @@ def rank(rows: Sequence[Row]) -> list[str]:
     return sorted(areas, key=lambda policy: (policy == BOUND, -areas[policy]))
 
 
+def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
+    """Return the time to 95 % of the competitors, as a share of the reference's from the same start; fastest first.
+
+    Args:
+        rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
+    """
+    policies = [policy for policy in policies_of(rows) if policy != BOUND]
+    times = {policy: pool(rows, policy, BY_NAME["relative_time"]) for policy in policies}
+    return dict(sorted(times.items(), key=lambda item: (item[1].iqm, item[1].is_bound[0])))
+
+
 def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
     """Return which share of the gap from the reference to the bound a policy closes, by the names of `GAPS`.
 
