@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.shard:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0
-        summary = publish(evaluation, command=_shown(arguments, command), docs=command.publish)
+        summary = publish(evaluation, command=shown_command(arguments, command), docs=command.publish)
     except KeyboardInterrupt:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if evaluation.missing() else 0
 
 
-def _shown(arguments: Sequence[str], command: Command) -> str:
+def shown_command(arguments: Sequence[str], command: Command) -> str:
     """Return the command that makes the results, for anyone: it runs, and names no folder of this machine.
 
     Paths below the current folder are shown relative to it. A folder of results elsewhere is shown as `runs/NAME`, by
