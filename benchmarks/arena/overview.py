@@ -97,7 +97,8 @@ def worst_section(folder: Path, rows: Sequence[Row]) -> Section | None:
         return None
     relative, labels = BY_NAME["relative_time"], label_cases(rows)
     references = by_start(rows, reference)
-    mine = sorted((row for row in rows if row["policy"] == policy), key=lambda row: -value_of(row, relative))
+    mine = [row for row in rows if row["policy"] == policy and start_of(row) in references]
+    mine.sort(key=lambda row: -value_of(row, relative))
     lines, figures = [], []
     for k, row in enumerate(mine[:NUM_WORST], start=1):
         other = references[start_of(row)]

@@ -102,7 +102,7 @@ def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence
     sections = [
         verdict_section(fair),
         leaderboard.ranking_section(fair) if fair else None,
-        worst_section(evaluation.folder, fair),
+        worst_section(evaluation.folder, fair) if fair else None,
         curves_section(evaluation.folder, fair) if fair else None,
         leaderboard.gap_section(fair),
         leaderboard.pairs_section(fair) if fair else None,

@@ -76,8 +76,9 @@ def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
     Args:
         rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
     """
-    policies = [policy for policy in policies_of(rows) if policy != BOUND]
-    times = {policy: pool(rows, policy, BY_NAME["relative_time"]) for policy in policies}
+    relative = BY_NAME["relative_time"]
+    known = policies_of(row for row in rows if relative.column in row and row["policy"] != BOUND)
+    times = {policy: pool(rows, policy, relative) for policy in known}
     return dict(sorted(times.items(), key=lambda item: (item[1].iqm, item[1].is_bound[0])))
 
 
