@@ -106,7 +106,7 @@ def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
 
 
 def _legend(figure: Figure, axes: Axes, theme: Theme) -> None:
-    """Put the legend beside the axes, where it covers nothing, in the order in which the curves end or run."""
+    """Put the legend beside the axes, where it covers nothing, in the order of the means of the curves."""
     lines, names = axes.get_legend_handles_labels()
     means = [float(np.mean(line.get_ydata())) for line in lines]
     order = sorted(range(len(lines)), key=lambda k: -means[k])
