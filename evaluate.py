@@ -10,6 +10,7 @@ import argparse
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -72,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.shard:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0
-        summary = publish(evaluation, command=f"python evaluate.py {shlex.join(arguments)}", docs=command.publish)
+        summary = publish(evaluation, command=shown_command(arguments, command), docs=command.publish)
     except KeyboardInterrupt:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
@@ -87,6 +88,25 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         print_results(evaluation, summary, messages)
     return 1 if evaluation.missing() else 0
+
+
+def shown_command(arguments: Sequence[str], command: Command) -> str:
+    """Return the command that makes the results, for anyone: it runs, and names no folder of this machine.
+
+    Paths below the current folder are shown relative to it. A folder of results elsewhere is shown as `runs/NAME`, by
+    the name of the configuration, or else its own.
+    """
+    here, words = Path.cwd(), []
+    for argument in arguments:
+        option, equals, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
+        path = Path(value)
+        if path.is_absolute() and path.is_relative_to(here):
+            value = str(path.relative_to(here))
+        elif path.is_absolute() and path == command.out:
+            value = f"runs/{Path(command.config).stem if command.config else path.name}"
+        if option != "--report":
+            words.append(f"{option}{equals}{value}")
+    return f"python evaluate.py {shlex.join(words)}"
 
 
 if __name__ == "__main__":

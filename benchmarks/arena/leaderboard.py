@@ -58,7 +58,7 @@ def ranking_table(rows: Sequence[Row], measures: Sequence[Measure] = SHOWN) -> T
     for k, policy in enumerate(policies, start=1):
         place = "bound:" if policy == BOUND else f"{k}."
         lines.append([Cell(f"{place} {short(policy)}"), *(column.get(policy, DASH) for column in columns)])
-    return Table(("", *(measure.title for measure in measures)), lines)
+    return Table(("", *(measure.title for measure in measures)), lines, is_open=True)
 
 
 def ranking_section(rows: Sequence[Row]) -> Section:
@@ -87,7 +87,7 @@ def measures_table(estimates: Mapping[str, Mapping[str, Estimate]]) -> Table:
     for measure in MEASURES:
         cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
         lines.append([Cell(measure.title), *cells.values()])
-    return Table(("", *map(short, estimates)), lines)
+    return Table(("", *map(short, estimates)), lines, is_open=True)
 
 
 def story(row: Row) -> str:
@@ -171,12 +171,14 @@ def worlds_section(rows: Sequence[Row]) -> Section:
         cells = marked({policy: pool(here, policy, TIME) for policy in policies_of(here)}, TIME)
         for policy, cell in cells.items():
             reached = [row["explored_fraction"] >= 0.95 for row in here if row["policy"] == policy]
-            note = "" if all(reached) else f"{sum(reached)} of {len(reached)}"
-            cells[policy] = Cell(cell.text, note, cell.is_best)
+            if any(reached):
+                note = "" if all(reached) else f"{sum(reached)} of {len(reached)}"
+                cells[policy] = Cell(cell.text, note, cell.is_best)
         lines.append([Cell(case), *(cells.get(policy, DASH) for policy in policies)])
     text = (
         "Seconds until 95 % was explored, interquartile mean. Where not every episode got there, how many did stands "
-        "beside it; where the others decide the mean, it is a lower bound: more than the limit that they count as."
+        "beside it; where the others decide the mean, it is a lower bound (>). Where none got there, that is "
+        "the limit that they count as."
     )
     return Section("World by world", (text, Table(("", *map(short, policies)), lines)))
 

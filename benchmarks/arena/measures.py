@@ -41,10 +41,19 @@ class Measure:
         return f"{rounded:{sign}.{self.digits}f}"
 
     def texts(self, estimate: Estimate, sign: str = "") -> tuple[str, str]:
-        """Return an estimate and its interval, such as ("41", "35 to 47"), or ("> 300", "never")."""
+        """Return an estimate and what to print small beside it.
+
+        That is its interval, ("41", "35 to 47"), of which some ends may be lower bounds, ("> 310 s", "250 to > 320");
+        how many episodes got to the mark where all of it is a lower bound, ("> 310 s", "1 of 8"); and the limit that
+        the episodes count as where none did, ("never", "> 300 s").
+        """
         numbers = (self.text(value, sign) for value in estimate[:3])
         middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
-        return middle, "never" if estimate.never == estimate.n else f"{low} to {high}"
+        if estimate.is_bound[0]:
+            middle = f"{middle} {self.unit}".strip()
+        if estimate.never == estimate.n:
+            return "never", middle
+        return middle, f"{estimate.n - estimate.never} of {estimate.n}" if estimate.is_bound[1] else f"{low} to {high}"
 
 
 MEASURES = (

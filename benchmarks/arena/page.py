@@ -2,7 +2,7 @@
 
 import base64
 import html
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,9 @@ from benchmarks.arena.measures import Measure
 from benchmarks.arena.statistics import Estimate
 from benchmarks.arena.theme import Picture
 from envs.files import write_file
+
+MAX_OPEN_LINES = 10
+"""Tables with more lines are folded away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,14 @@ class Table:
     """Columns of words, beside the first."""
     title: str = ""
     """A line above; a table with a title is folded away."""
+    is_open: bool = False
+    """Whether it is shown however long it is."""
+
+    @property
+    def summary(self) -> str:
+        """What stands for the table where it is folded away; empty where it is not."""
+        is_long = len(self.lines) > MAX_OPEN_LINES and not self.is_open
+        return self.title or (f"Table of {len(self.lines)} rows" if is_long else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +68,22 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
+class Fold:
+    """Parts that are folded away behind a line."""
+
+    title: str
+    parts: "tuple[Part, ...]"
+
+
+Part = str | Table | Figure | Fold
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """A heading, and paragraphs, tables and pictures under it."""
 
     title: str
-    parts: tuple[str | Table | Figure, ...]
+    parts: tuple[Part, ...]
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
@@ -73,13 +95,23 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
     blocks = [f"# {title}", text]
     for section in sections:
         blocks.append(f"## {section.title}")
-        for part in section.parts:
-            if isinstance(part, Figure):
-                write_file(pictures / f"{part.name}.png", part.picture.light)
-                blocks.append(f"![{part.caption}]({relative}/{part.name}.png)\n\n*{part.caption}*")
-            else:
-                blocks.append(_markdown_table(part) if isinstance(part, Table) else part)
+        blocks.extend(_markdown(part, pictures, str(relative)) for part in section.parts)
     write_file(page, "\n\n".join(blocks) + "\n")
+
+
+def _markdown(part: Part, pictures: Path, relative: str) -> str:
+    """Return a part as Markdown, and write its pictures."""
+    if isinstance(part, Fold):
+        return _fold(part.title, "\n\n".join(_markdown(one, pictures, relative) for one in part.parts))
+    if isinstance(part, Figure):
+        write_file(pictures / f"{part.name}.png", part.picture.light)
+        return f"![{part.caption}]({relative}/{part.name}.png)\n\n*{part.caption}*"
+    return _markdown_table(part) if isinstance(part, Table) else part
+
+
+def _fold(title: str, content: str) -> str:
+    """Fold Markdown away; without the blank lines it would be taken for HTML."""
+    return f"<details><summary>{html.escape(title)}</summary>\n\n{content}\n\n</details>"
 
 
 def to_html(sections: Sequence[Section], heading: str = "h2") -> str:
@@ -87,17 +119,25 @@ def to_html(sections: Sequence[Section], heading: str = "h2") -> str:
     pieces = []
     for section in sections:
         pieces.append(f"<{heading}>{html.escape(section.title)}</{heading}>")
-        small = [part for part in section.parts if isinstance(part, Figure) and not part.is_wide]
-        for part in section.parts:
-            if isinstance(part, str):
-                pieces.append(f"<p>{html.escape(part)}</p>")
-            elif isinstance(part, Table):
-                pieces.append(_html_table(part))
-            elif part.is_wide:
-                pieces.append(_themed(part, "wide"))
-            elif part is small[0]:
-                pieces.append(f'<div class="pair">{"".join(map(_themed, small))}</div>')
+        pieces.extend(_html(section.parts))
     return "\n".join(pieces)
+
+
+def _html(parts: Sequence[Part]) -> Iterator[str]:
+    """Yield parts as HTML; the small pictures among them stand side by side."""
+    small = [part for part in parts if isinstance(part, Figure) and not part.is_wide]
+    for part in parts:
+        if isinstance(part, str):
+            yield f"<p>{html.escape(part)}</p>"
+        elif isinstance(part, Table):
+            yield _html_table(part)
+        elif isinstance(part, Fold):
+            content = "".join(_html(part.parts))
+            yield f"<details><summary>{html.escape(part.title)}</summary>{content}</details>"
+        elif part.is_wide:
+            yield _themed(part, "wide")
+        elif part is small[0]:
+            yield f'<div class="pair">{"".join(map(_themed, small))}</div>'
 
 
 def _themed(figure: Figure, kind: str = "") -> str:
@@ -130,9 +170,9 @@ def _html_table(table: Table) -> str:
         lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
     head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.head)
     content = f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-    if not table.title:
+    if not table.summary:
         return content
-    return f"<details><summary>{html.escape(table.title)}</summary>{content}</details>"
+    return f"<details><summary>{html.escape(table.summary)}</summary>{content}</details>"
 
 
 def _linked(cell: Cell) -> str:
@@ -144,9 +184,7 @@ def _markdown_table(table: Table) -> str:
     align = ["---" if k in (0, *table.words) else "---:" for k in range(len(table.head))]
     lines = [[_markdown_cell(cell) for cell in line] for line in table.lines]
     content = "\n".join(f"| {' | '.join(cells)} |" for cells in ([_escape(h) for h in table.head], align, *lines))
-    if not table.title:
-        return content
-    return f"<details><summary>{html.escape(table.title)}</summary>\n\n{content}\n\n</details>"
+    return _fold(table.summary, content) if table.summary else content
 
 
 def _markdown_cell(cell: Cell) -> str:

@@ -66,7 +66,7 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
     axes.set(xticks=_root_ticks(end), xlim=(0.0, end), ylim=(0.0, 102.0), yticks=[0, 25, 50, 75, 90, 100])
     axes.set_xlabel(f"{quantity}, square-root scale", color=theme.ink)
     axes.set_ylabel("explored [%]", color=theme.ink)
-    _legend(axes, len(bands.by_policy), theme, "lower right")
+    _legend(figure, axes, theme)
     return figure
 
 
@@ -77,12 +77,12 @@ def draw_profiles(bands: Bands, score: str, theme: Theme = LIGHT) -> Figure:
     axes.set(xlim=(float(bands.grid[0]), float(bands.grid[-1])), ylim=(0.0, 102.0))
     axes.set_xlabel(score, color=theme.ink)
     axes.set_ylabel("share of episodes [%]", color=theme.ink)
-    _legend(axes, len(bands.by_policy), theme, "best")
+    _legend(figure, axes, theme)
     return figure
 
 
 def _figure(theme: Theme) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(4.8, 3.3), dpi=200, layout="constrained", facecolor=theme.paper)
+    figure = Figure(figsize=(6.6, 3.6), dpi=160, layout="constrained", facecolor=theme.paper)
     axes = figure.subplots()
     axes.set_facecolor(theme.paper)
     axes.tick_params(colors=theme.muted, labelcolor=theme.ink)
@@ -105,10 +105,20 @@ def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
         line.set_linestyle(dashes[policy])
 
 
-def _legend(axes: Axes, num_policies: int, theme: Theme, where: Literal["best", "lower right"]) -> None:
-    size = 10 if num_policies <= 6 else 7
-    legend = axes.legend(loc=where, frameon=False, labelcolor=theme.ink, fontsize=size, handlelength=2.4)
-    legend.set_zorder(5)
+def _legend(figure: Figure, axes: Axes, theme: Theme) -> None:
+    """Put the legend beside the axes, where it covers nothing, in the order of the means of the curves."""
+    lines, names = axes.get_legend_handles_labels()
+    means = [float(np.mean(line.get_ydata())) for line in lines]
+    order = sorted(range(len(lines)), key=lambda k: -means[k])
+    figure.legend(
+        [lines[k] for k in order],
+        [names[k] for k in order],
+        loc="outside right center",
+        frameon=False,
+        labelcolor=theme.ink,
+        fontsize=8.5,
+        handlelength=2.4,
+    )
 
 
 def _root_ticks(end: float) -> list[float]:

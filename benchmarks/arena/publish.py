@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.arena import leaderboard
 from benchmarks.arena.measures import BY_NAME
-from benchmarks.arena.overview import curves_section, gallery_section
+from benchmarks.arena.overview import curves_section, gallery_section, worst_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
 from benchmarks.arena.pairs import common_starts, relate, split
 from benchmarks.arena.players import players_section
@@ -22,6 +22,7 @@ from benchmarks.arena.summary import Summary, summarise, to_json
 from benchmarks.arena.theme import short
 from benchmarks.arena.trace import slug
 from benchmarks.arena.unfinished import group_failures, missing_section, unfinished_section
+from benchmarks.arena.verdict import verdict_section
 from benchmarks.arena.workers import Result
 from envs.files import write_file
 
@@ -89,7 +90,7 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
     has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
     sections = _leaderboard(evaluation, rows, all_rows, command) if has_more else []
     players = players_section(folder, rows)  # in the report alone: other pages lie elsewhere
-    shown = [players, *sections] if players else sections
+    shown = [*sections[:1], players, *sections[1:]] if players else sections
     write_file(folder / "report.html", build_report(rows, summary, settings, pictures, shown, **report))
     if sections:
         write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
@@ -102,7 +103,9 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
 def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
     fair = relate(common_starts(rows))
     sections = [
+        verdict_section(fair),
         leaderboard.ranking_section(fair) if fair else None,
+        worst_section(evaluation.folder, fair) if fair else None,
         curves_section(evaluation.folder, fair) if fair else None,
         leaderboard.gap_section(fair),
         leaderboard.pairs_section(fair) if fair else None,

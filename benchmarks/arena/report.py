@@ -129,7 +129,8 @@ def _cards(estimates: Estimates) -> str:
     for k, (policy, values) in enumerate(estimates.items()):
         explored, time = values["explored_fraction"], values["time_to_95"]
         reached = time.n - time.never
-        when = f"95 % after {BY_NAME['time_to_95'].texts(time)[0]} s" if reached else "95 % never"
+        middle = BY_NAME["time_to_95"].texts(time)[0]
+        when = f"95 % after {middle}{'' if time.is_bound[0] else ' s'}" if reached else "95 % never"
         cards.append(
             f'<div class="card" style="--color: var(--policy-{k})"><h4>{html.escape(policy)}</h4>'
             f'<div class="big">{100 * explored.iqm:.1f} %</div><div>explored</div><div>{html.escape(when)}</div>'

@@ -181,7 +181,7 @@ class Evaluation:
         tasks: dict[Key, Task] = {}
         for case, seed, policies in starts:
             for policy in (self.policies[name] for name in policies):
-                key = Key(policy.name, case.world, seed, self._robots[case], case.physics, case.slam)
+                key = Key(policy.name, case.world_name, seed, self._robots[case], case.physics, case.slam)
                 # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
                 run_case = replace(case, slam="truth") if policy.kind == BOUND else case
                 # Where the usual robot is also named, it drives once.

@@ -1,8 +1,9 @@
 """What an evaluation consists of."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product, starmap
+from itertools import product
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -33,6 +34,13 @@ class Case:
     """May be `usual`."""
     physics: str
     slam: str
+    label: str = ""
+    """What the world is called in tables and files; empty if that is `world`."""
+
+    @property
+    def world_name(self) -> str:
+        """What the world is called in tables and files."""
+        return self.label or self.world
 
     def make_env(
         self,
@@ -63,6 +71,29 @@ class Case:
         )
 
 
+def parse_world(name: str) -> tuple[str, str]:
+    """Return what a world is called, and which one it is, of `LABEL=WORLD`, or of a world without a label.
+
+    Raises:
+        ValueError: if a world of the library or a family has or lends the label.
+    """
+    if not (match := re.fullmatch(r"([\w.-]+)=(.+)", name)):
+        return name, name
+    label, world = match.groups()
+    if {label, world} & {*WORLD_NAMES, *FAMILIES, *GROUPS}:
+        raise ValueError(
+            f"world {name!r}: only paths and module:attribute can have names of their own, as LABEL=PATH, and not "
+            "those of the library or of a procedural family"
+        )
+    return label, world
+
+
+def _cases(worlds: Iterable[str], *conditions: Iterable[str]) -> Iterator[Case]:
+    for name, robot, physics, slam in product(worlds, *conditions):
+        label, world = parse_world(name)
+        yield Case(world, robot, physics, slam, label if label != world else "")
+
+
 class SlamAxis(Section):
     """The same explorers under several SLAMs: what mapping error costs them. Without worlds it is left out."""
 
@@ -81,8 +112,8 @@ class Settings(Section):
     """Classic explorers by name, learned ones as `ppo:PATH` of a run folder, explorers and policies of your own as
     `module:attribute`; a name for tables goes before, as `LABEL=ppo:PATH`."""
     worlds: tuple[str, ...] = Field(min_length=1)
-    """Library worlds, procedural families (their test split), paths of world files, `module:attribute`; `library` and
-    `families` stand for all of them."""
+    """Library worlds, procedural families (their test split), paths of world files or of ROS maps, `module:attribute`;
+    `library` and `families` stand for all of them. A name for tables goes before the latter two, as `LABEL=PATH`."""
     episodes: PositiveInt = 10
     """Episodes of each policy in each world."""
     family_episodes: PositiveInt | None = None
@@ -107,9 +138,19 @@ class Settings(Section):
     def _expand(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if info.field_name == "worlds":
             names = tuple(one for name in names for one in GROUPS.get(name, (name,)))
-        if len(set(names)) < len(names):
+        called = [parse_world(name)[0] for name in names] if info.field_name == "worlds" else names
+        if len(set(called)) < len(called):
             raise ValueError("must name none twice")
         return names
+
+    @field_validator("slam_axis")
+    @classmethod
+    def _share_labels(cls, axis: SlamAxis, info: ValidationInfo) -> SlamAxis:
+        labels: dict[str, str] = {}
+        for label, world in map(parse_world, (*info.data.get("worlds", ()), *axis.worlds)):
+            if labels.setdefault(label, world) != world:
+                raise ValueError(f"worlds {labels[label]!r} and {world!r} must not both be called {label!r}")
+        return axis
 
     @property
     def all_policies(self) -> tuple[str, ...]:
@@ -118,7 +159,7 @@ class Settings(Section):
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield every case and seed, and the policies that start there."""
-        for case in starmap(Case, product(self.worlds, self.robots, self.physics, self.slam)):
+        for case in _cases(self.worlds, self.robots, self.physics, self.slam):
             episodes = (case.world in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
@@ -126,6 +167,6 @@ class Settings(Section):
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the same for the SLAM axis; those of the evaluation may be among them."""
         axis = self.slam_axis
-        for case in starmap(Case, product(axis.worlds, self.robots[:1], self.physics[:1], axis.slam)):
+        for case in _cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
             for seed in range(self.seed, self.seed + axis.episodes):
                 yield case, seed, axis.policies

@@ -70,6 +70,18 @@ def rank(rows: Sequence[Row]) -> list[str]:
     return sorted(areas, key=lambda policy: (policy == BOUND, -areas[policy]))
 
 
+def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
+    """Return the time to 95 % of the competitors, as a share of the reference's from the same start; fastest first.
+
+    Args:
+        rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
+    """
+    relative = BY_NAME["relative_time"]
+    known = policies_of(row for row in rows if relative.column in row and row["policy"] != BOUND)
+    times = {policy: pool(rows, policy, relative) for policy in known}
+    return dict(sorted(times.items(), key=lambda item: (item[1].iqm, item[1].is_bound[0])))
+
+
 def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
     """Return which share of the gap from the reference to the bound a policy closes, by the names of `GAPS`.
 

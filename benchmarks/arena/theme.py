@@ -26,7 +26,8 @@ class Theme:
     error: str
     """True walls over the map."""
     lines: tuple[str, ...]
-    """One per policy, in order; told apart also by readers who do not see all colours."""
+    """One per policy, in order, told apart also by readers who do not see all colours: after Okabe and Ito, "Color
+    Universal Design" (2008). Where they repeat, the line style differs."""
     times: tuple[str, ...]
     """From the first cells seen to the last."""
 
@@ -36,9 +37,12 @@ class Theme:
         return {policy: colors.get(policy, self.ink if policy == BOUND else self.muted) for policy in policies}
 
     def dashes(self, policies: Sequence[str]) -> dict[str, tuple[float, Sequence[float]]]:
-        """Give every policy its line style: dotted for the bound, dashed for every other competitor in turn."""
-        solid, dashed, dotted = (0.0, ()), (0.0, (5.0, 1.2)), (0.0, (1.0, 1.2))
-        styles = {policy: dashed if k % 2 else solid for k, policy in enumerate(_competitors(policies))}
+        """Give every policy its line style: dotted for the bound, for competitors another one when colours repeat."""
+        solid, dashed, dash_dot, dotted = (0.0, ()), (0.0, (5.0, 1.2)), (0.0, (6.0, 1.5, 1.5, 1.5)), (0.0, (1.0, 1.2))
+        styles = {
+            policy: (solid, dashed, dash_dot)[k // len(self.lines) % 3]
+            for k, policy in enumerate(_competitors(policies))
+        }
         return {policy: styles.get(policy, dotted if policy == BOUND else solid) for policy in policies}
 
 
@@ -52,10 +56,7 @@ LIGHT = Theme(
     muted="#7c838f",
     unknown="#e7e9ed",
     error="#d43d2a",
-    lines=(
-        *("#1668b8", "#d2600c", "#16865c", "#8a4fc4", "#a67c00", "#bf3f7f"),
-        *("#0c93a6", "#7a4a24", "#5d7a12"),
-    ),
+    lines=("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#d69400", "#42a5e0"),
     times=("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"),
 )
 DARK = Theme(
@@ -64,10 +65,7 @@ DARK = Theme(
     muted="#8b93a1",
     unknown="#262b34",
     error="#ff7a66",
-    lines=(
-        *("#63adf2", "#f79a57", "#52cf9c", "#c39af2", "#e0bd4a", "#ee86b7"),
-        *("#4fd0e0", "#c99668", "#aecb55"),
-    ),
+    lines=("#4aa3e8", "#ff8a4c", "#3fcfa0", "#e79ac4", "#f2c14e", "#a8dcff"),
     times=("#8a7a3a", "#4f8058", "#2f7480", "#2f5487"),
 )
 

@@ -51,7 +51,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     rows = read_rows(tmp_path)
     assert len(rows) == 4
     assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
-    assert "&gt; 4<small>never</small>" in (tmp_path / "report.html").read_text()
+    assert "never<small>&gt; 4 s</small>" in (tmp_path / "report.html").read_text()
 
     # Asked again for one world more, with a row lost: those alone are run, and the lost one comes out as it was.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
@@ -102,6 +102,10 @@ class Balanced(HTMLParser):
         (["--policies", "random=nearest"], ["LABEL=ppo:PATH"]),
         (["--worlds", "maze", "atlantis"], ["'atlantis'", "turtlebot3_world", "rooms"]),
         (["--worlds", "maze", "families"], ["worlds", "twice"]),
+        (["--worlds", "home=a.yaml", "home=b.yaml"], ["worlds", "twice"]),
+        (["--worlds", "home=a.yaml", "--slam-axis.worlds", "home=b.yaml"], ["a.yaml", "b.yaml", "both", "home"]),
+        (["--worlds", "mine=maze"], ["LABEL=PATH"]),
+        (["--worlds", "maze=a.yaml"], ["LABEL=PATH"]),
         (["--robot", "r2d2"], ["'r2d2'", "turtlebot3_burger"]),
         (["--robot", "tugbot", "--worlds", "pimouse_arena"], ["'tugbot'", "pimouse_arena"]),
         (["--physics", "mujoco"], ["'mujoco'", "kinematic"]),

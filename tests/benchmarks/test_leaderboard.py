@@ -148,7 +148,7 @@ def test_worlds_tell_how_many_reached_the_mark():
     rows += reached_in("c", 400.0, 400.0, 400.0)
     ((name, *cells),) = worlds_section(rows).parts[1].lines
     assert name.text == "maze"
-    assert [(cell.text, cell.note) for cell in cells] == [("> 180", "2 of 3"), ("> 400", "0 of 3"), ("400", "")]
+    assert [(cell.text, cell.note) for cell in cells] == [("> 180 s", "2 of 3"), ("never", "> 400 s"), ("400", "")]
 
 
 def test_what_was_never_reached_does_not_look_reached():
@@ -156,7 +156,10 @@ def test_what_was_never_reached_does_not_look_reached():
     related = relate(rows)
     assert [r["relative_time"] for r in related] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
     shown = {policy: BY_NAME["relative_time"].texts(pool(related, policy, BY_NAME["relative_time"])) for policy in "ab"}
-    assert shown == {"a": ("> 3.00", "2.00 to > 4.00"), "b": ("> 3.00", "never")}
+    assert shown == {"a": ("> 3.00", "2.00 to > 4.00"), "b": ("never", "> 3.00")}
+    rows = [*reached_in("a", 100.0, *[math.inf] * 7)]
+    time = BY_NAME["time_to_95"]
+    assert time.texts(pool(rows, "a", time)) == ("> 400 s", "1 of 8")
     # Where the reference never got there, its limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
     assert [r["relative_time"] for r in relate(rows)] == [math.inf, 0.25]
@@ -193,13 +196,13 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
         seconds = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
         line = re.search(r"^\| pimouse\\_arena \| (.*) \|$", page, re.MULTILINE).group(1).replace("*", "").split(" | ")
         head = re.search(r"^\|  \| (oracle \| nearest \| frontier) \|$", page, re.MULTILINE).group(1).split(" | ")
-        assert float(line[head.index(policy)].removeprefix("> ").split()[0]) == pytest.approx(
-            stats.trim_mean(seconds, 0.25), abs=0.51
-        )
+        cell = line[head.index(policy)]
+        assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(seconds, 0.25), abs=0.51)
     assert "## What mapping error costs" in page
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)
-    assert len(pictures) == 4 + 2 * 3
+    assert "## At a glance" in page[: page.index("## Leaderboard")]
+    assert len(pictures) == 1 + 3 + 4 + 2 * 3
     assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
     assert {path.name for path in (docs / "arena").iterdir()} == {p.removeprefix("arena/") for p in pictures} | {
         "episodes.csv"

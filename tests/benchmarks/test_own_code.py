@@ -53,10 +53,10 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no
 
 
 def test_worlds_robots_and_slams_of_a_users_module_are_taken(own_folder, no_overview):
-    own = ["--worlds", "own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
+    own = ["--worlds", "home=own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
     assert main([*BRIEF, "--policies", "nearest", *own, "--no-world-sections", "--out", str(own_folder / "out")]) == 0
     (row,) = read_rows(own_folder / "out").values()
-    assert (row["world"], row["robot"], row["slam"]) == ("own_explorers:WORLD", "my_mouse", "own_explorers:my_slam")
+    assert (row["world"], row["robot"], row["slam"]) == ("home", "my_mouse", "own_explorers:my_slam")
 
 
 def test_the_objects_themselves_can_be_given_in_python(tmp_path):

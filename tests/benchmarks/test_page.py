@@ -1,0 +1,73 @@
+"""Pages of text, tables and pictures, and the command that they name."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Fold, Section, Table, to_html, write_markdown
+from benchmarks.arena.settings import Settings
+from benchmarks.arena.theme import Picture
+from evaluate import Command, shown_command
+
+LONG = [[Cell("a"), Cell("1")]] * (MAX_OPEN_LINES + 1)
+PICTURE = Picture(b"light", b"dark")
+
+
+def test_long_tables_are_folded_unless_they_stay_open(tmp_path):
+    tables = Table(("", "x"), LONG), Table(("", "x"), LONG, is_open=True), Table(("", "x"), LONG[:3])
+    titled = Table(("", "x"), LONG[:3], title="why")
+    sections = [Section("Tables", (*tables, titled))]
+    write_markdown("T", "", sections, tmp_path / "page.md", tmp_path / "page")
+    page, report = (tmp_path / "page.md").read_text(), to_html(sections)
+    for text in (page, report):
+        assert text.count("<details><summary>") == text.count("</details>") == 2
+        assert "<summary>Table of 11 rows</summary>" in text
+        assert "<summary>why</summary>" in text
+    # Markdown inside of HTML needs blank lines around it.
+    assert "</summary>\n\n|  | x |\n" in page
+    assert "|\n\n</details>" in page
+
+
+def test_folded_pictures_are_written_and_shown(tmp_path):
+    figures = tuple(Figure(f"map_{k}", PICTURE, f"map {k}", is_wide=k == 0) for k in range(3))
+    sections = [Section("Maps", (Fold("all <maps>", ("text", *figures)),))]
+    write_markdown("T", "", sections, tmp_path / "page.md", tmp_path / "page")
+    page, report = (tmp_path / "page.md").read_text(), to_html(sections)
+    assert {path.name for path in (tmp_path / "page").iterdir()} == {"map_0.png", "map_1.png", "map_2.png"}
+    assert "![map 1](page/map_1.png)" in page
+    for text in (page, report):
+        assert "<details><summary>all &lt;maps&gt;</summary>" in text
+    assert report.count("<picture>") == 3
+    assert report.count('<div class="pair">') == 1
+
+
+SETTINGS = Settings(policies=("nearest",), worlds=("home=maps/home.yaml", "maze"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "out", "shown"),
+    [
+        ("--out OUT --publish docs --report", "/far/away/x", "--out runs/arena --publish docs"),
+        ("--out=OUT --jobs 2", "/far/away/x", "--out=runs/arena --jobs 2"),
+        ("--out OUT --publish HERE/docs", "HERE/runs/a", "--out runs/a --publish docs"),
+        ("--out OUT", "runs/a", "--out runs/a"),
+    ],
+)
+def test_the_command_on_a_page_names_no_folder_of_the_machine(arguments, out, shown):
+    here = str(Path.cwd())
+    out = out.replace("HERE", here)
+    words = f"--config configs/arena.yaml {arguments}".replace("OUT", out).replace("HERE", here).split()
+    command = Command(SETTINGS, Path(out), "configs/arena.yaml")
+    assert shown_command(words, command) == f"python evaluate.py --config configs/arena.yaml {shown}"
+
+
+def test_labels_name_worlds_and_nothing_else():
+    cases = [case for case, *_ in SETTINGS.starts()]
+    named = dict.fromkeys((case.world, case.world_name) for case in cases)
+    assert list(named) == [("maps/home.yaml", "home"), ("maze", "maze")]
+    axis = {"policies": ("nearest",), "worlds": ("home=maps/home.yaml",)}
+    both = Settings(policies=("nearest",), worlds=("home=maps/home.yaml",), slam_axis=axis)
+    (here,), there = ({case for case, *_ in starts} for starts in (both.starts(), both.slam_axis_starts()))
+    assert here in there
+    with pytest.raises(ValueError, match="both be called 'home'"):
+        Settings(policies=("nearest",), worlds=("home=other.yaml",), slam_axis=axis)
