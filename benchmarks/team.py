@@ -33,7 +33,7 @@ ROOMS_SIZE = (20.0, 20.0)
 """Outer size of the worlds of procedural families, whose test seeds are taken [m]."""
 MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""
-TIME = Measure("time_to_95", "time to 95 %", "s", False, 0)
+TIME = Measure("time_to_95", "time to 95 %", "s", False, 0, limit="time_limit")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, 2)
 
 TASK = ("world", "num_robots", "seed", "physics", "slam")

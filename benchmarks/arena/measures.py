@@ -45,14 +45,14 @@ class Measure:
 
         That is its interval, ("41", "35 to 47"), of which some ends may be lower bounds, ("> 310 s", "250 to > 320");
         how many episodes got to the mark where all of it is a lower bound, ("> 310 s", "1 of 8"); and the limit that
-        the episodes count as where none did, ("never", "> 300 s").
+        the episodes count as where none did, ("never", "> 300 s"); ("> 6.0", "never") for what has no limit of its own.
         """
         numbers = (self.text(value, sign) for value in estimate[:3])
         middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
         if estimate.is_bound[0]:
             middle = f"{middle} {self.unit}".strip()
         if estimate.never == estimate.n:
-            return "never", middle
+            return ("never", middle) if self.limit else (middle, "never")
         return middle, f"{estimate.n - estimate.never} of {estimate.n}" if estimate.is_bound[1] else f"{low} to {high}"
 
 
