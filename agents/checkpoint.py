@@ -6,7 +6,7 @@ import math
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import safetensors.torch
@@ -57,7 +57,8 @@ class BoxRecord(BaseModel):
 
     @classmethod
     def of(cls, box: spaces.Box) -> "BoxRecord":
-        return cls(shape=box.shape, dtype=str(box.dtype), low=float(box.low.min()), high=float(box.high.max()))
+        dtype: Any = str(box.dtype)
+        return cls(shape=box.shape, dtype=dtype, low=float(box.low.min()), high=float(box.high.max()))
 
     def space(self) -> spaces.Box:
         return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)

@@ -107,14 +107,15 @@ def mean_action(policy: ActorCriticPolicy, observations: Observations) -> np.nda
 def capture(model: PPO, config: TrainingConfig, evaluations: list[Row]) -> Checkpoint:
     """Take the state of a training between two updates."""
     assert isinstance(model.observation_space, spaces.Dict)
-    algorithm, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
+    state: Any = np.random.get_state()  # noqa: NPY002
+    algorithm, key, position, has_gauss, gauss = state
     record = Record(
         steps=model.num_timesteps,
         updates=model._n_updates,
         config=config,
         observation={name: record_of(space) for name, space in model.observation_space.spaces.items()},
         action=record_of(model.action_space),
-        numpy_random=(str(algorithm), int(position), int(has_gauss), float(gauss)),
+        numpy_random=(algorithm, int(position), int(has_gauss), float(gauss)),
         evaluations=evaluations,
     )
     moments = model.policy.optimizer.state_dict()["state"]

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.transforms import Affine2D
 
@@ -108,7 +109,7 @@ def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
 def _legend(figure: Figure, axes: Axes, theme: Theme) -> None:
     """Put the legend beside the axes, where it covers nothing, in the order of the means of the curves."""
     lines, names = axes.get_legend_handles_labels()
-    means = [float(np.mean(line.get_ydata())) for line in lines]
+    means = [np.asarray(line.get_ydata(), np.float64).mean() for line in lines if isinstance(line, Line2D)]
     order = sorted(range(len(lines)), key=lambda k: -means[k])
     figure.legend(
         [lines[k] for k in order],

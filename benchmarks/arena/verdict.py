@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
@@ -154,7 +155,12 @@ def _label(
         weight = "bold" if policy in marked else "normal"
         label.set(color=theme.ink, fontweight=weight)
         text = "1" if policy == reference else _share(times[policy])
-        place = {"xy": (1.03, k), "xycoords": ("axes fraction", "data"), "va": "center", "annotation_clip": False}
+        place: dict[str, Any] = {
+            "xy": (1.03, k),
+            "xycoords": ("axes fraction", "data"),
+            "va": "center",
+            "annotation_clip": False,
+        }
         axes.annotate(text, **place, color=theme.ink, fontsize=9.5, fontweight=weight)
     lines = [(1.0, f"{short(reference)} = 1")]
     if bound:
@@ -163,7 +169,7 @@ def _label(
         shift = 3 if side == "left" else -3
         # Side by side above the axes, away from each other; a bound near the left edge gets its name at its right.
         inner = len(lines) > 1 and side == "right" and lines[0][0] - x > 0.25
-        where = {"xy": (x, 1.0), "xycoords": axes.get_xaxis_transform(), "textcoords": "offset points"}
+        where: dict[str, Any] = {"xy": (x, 1.0), "xycoords": axes.get_xaxis_transform(), "textcoords": "offset points"}
         offset = (-3 if inner else shift, 4)
         axes.annotate(text, **where, xytext=offset, ha="left" if inner else side, color=theme.ink, fontsize=9)
     axes.tick_params(axis="x", colors=theme.muted, labelcolor=theme.ink, labelsize=9)
