@@ -53,6 +53,10 @@ class BoxRecord(BaseModel):
             raise ValueError(f"shape {self.shape} has more than {MAX_AXES} axes or {MAX_ELEMENTS:,} elements")
         if not self.low <= self.high:
             raise ValueError(f"low must be at most high, got {self.low} and {self.high}")
+        if np.dtype(self.dtype).kind in "iu":
+            limits = np.iinfo(self.dtype)
+            if self.low < limits.min or self.high > limits.max:
+                raise ValueError(f"bounds {self.low:g} and {self.high:g} lie outside of {self.dtype}")
         return self
 
     @classmethod

@@ -124,6 +124,7 @@ def serve(pipe: Connection, folder: Path) -> None:
         except EOFError:
             return
         own = folder / "inputs"
+        shutil.rmtree(own, ignore_errors=True)  # of a process that was ended
         own.mkdir()
         pipe.send(outcome_of(kind, number, seed, own))
         shutil.rmtree(own)

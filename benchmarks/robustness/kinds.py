@@ -108,7 +108,7 @@ def try_robot(folder: Path, name: str, rng: np.random.Generator) -> None:
     tree = read_mapping(robots[rng.integers(len(robots))])
     write_tree(folder / f"{name}.yaml", tree | {"name": name}, rng)
     robot = replace(load_robot(folder / f"{name}.yaml"), name=name)
-    drive_in(robot=robot, world="rooms", world_size=(6.0, 6.0))
+    drive_in(robot=robot, world="explorebench_loop")
 
 
 def try_config(folder: Path, name: str, rng: np.random.Generator) -> None:

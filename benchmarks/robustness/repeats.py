@@ -10,6 +10,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+import envs  # noqa: F401  registers the environments
+
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

@@ -45,7 +45,7 @@ def drive(world_name: str, physics: str, steps: int, seed: int) -> Drive:
     world = replace(load_world(world_name), movers=())
     robot = choose_robot(None, world_name)
     rng = np.random.default_rng([seed, len(world.segments)])
-    area = explorable_area(world, robot, 0.05)
+    area = explorable_area(world, robot, 0.005 if robot.radius < 0.1 else 0.05)  # for corridors of 0.18 m
     simulator = make_simulator(physics, robot, PERIOD)
     fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
     result = Drive(world_name, physics)

@@ -134,6 +134,10 @@ DAMAGES = {
         lambda f: rewrite(f / "checkpoint.json", '"shape": [', '"shape": [90000, 90000, '),
         r"checkpoint.json: observation\..*more than 4 axes or 10,000,000 elements",
     ),
+    "bounds beyond the type of numbers": (
+        lambda f: rewrite(f / "checkpoint.json", '"high": 255.0', '"high": 1e30'),
+        r"checkpoint.json: observation\..*1e\+30 lie outside of uint8",
+    ),
     "an unknown type of numbers": (
         lambda f: rewrite(f / "checkpoint.json", '"float32"', '"float31"'),
         "checkpoint.json: observation.*dtype",
