@@ -49,7 +49,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     """Explore by choosing frontiers, with a robot that slides along its path.
 
     ## Description
-    The decisions of `ExploreFrontiersEnv` in a simulator two to three times as fast: candidates, map, lidar,
+    The decisions of `ExploreFrontiersEnv` in a simulator about twice as fast: candidates, map, lidar,
     worlds, reward and ends of episodes are the same, but between decisions the robot is moved along the planned path,
     and its scan is integrated at intervals, at an estimated pose whose error drifts. There are no wheels, no contacts,
     no scan matching and no recoveries. What is learned or tuned here is to be measured in `ExploreFrontiersEnv`;

@@ -97,8 +97,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     was none and the robot looked around), `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`,
     `"looked_around"`, `"episode_end"`; `"reset"` after one), `decision_time` [s], `decision_length` [m],
     `decision_steps` (control steps), `area_left` (explorable and unknown) [m2]. `end_reason` may also be
-    `"no_reachable_frontier"` or `"stuck"`; with `return_home=True` instead `"arrived_home"` where the robot believes to
-    be back, and is farther off than 0.3 m, or `"no_path_home"`.
+    `"no_reachable_frontier"` or `"stuck"`; with `return_home=True` instead `"arrived_home"` where the robot is back by
+    its pose estimate, and in truth farther off than 0.3 m, or `"no_path_home"`.
 
     ## Arguments
     Those of `ExploreEnv`, and

@@ -23,7 +23,7 @@ RANGES = {
 
 
 def main(episodes: int = 4, seconds: float = 60.0) -> np.ndarray:
-    """Explore with robots that are not as they take themselves to be.
+    """Explore with robots that differ from their nominal parameters.
 
     Args:
         episodes: how many of them.

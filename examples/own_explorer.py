@@ -1,6 +1,7 @@
 """Explorers of one's own: a rule over frontiers, and a class that steers by itself, against `nearest`.
 
-`evaluate.py --policies own_explorer:largest own_explorer:Circling nearest`, from this folder, compares them in full.
+`lidarnaut-evaluate --policies own_explorer:largest own_explorer:Circling nearest --out DIR`, from this folder, compares
+them in full.
 """
 
 import gymnasium

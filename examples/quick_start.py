@@ -33,12 +33,12 @@ def main(seconds: float = 60.0, film: Path | None = None, seed: int = 0) -> floa
     env = gymnasium.make("lidarnaut/ExploreHouse-v0", physics="kinematic", time_limit=seconds, render_mode=render_mode)
     frames: list[np.ndarray] = []
 
-    def shoot(info: Info) -> None:
+    def save_frame(info: Info) -> None:
         if film is not None and info["time"] >= len(frames):
             frames.append(env.render())
 
     explorer = load_policy(find_policy("pretrained/frontiers"))
-    episode = run_episode(env, explorer, seed, shoot)
+    episode = run_episode(env, explorer, seed, save_frame)
     env.close()
     if film is not None:
         film.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Hold the project against hostile inputs, kills, long runs and walls: `python -m benchmarks.robustness`."""
+"""Test the project with damaged inputs, kills, long runs, walls and repetitions: `python -m benchmarks.robustness`."""
 
 import sys
 import tempfile
@@ -34,7 +34,7 @@ def main(
     wall_steps: int = 1000,
     seed: int = 0,
 ) -> int:
-    """Try what should bring nothing down, and print the tables of docs/robustness.md.
+    """Try what must not make the programs fail, and print a table for each stage; see docs/robustness.md.
 
     Args:
         stages: what to try.
