@@ -9,50 +9,21 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
-from numba import njit
 
 from envs.arguments import check_positive, read_action
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
-from envs.estimation.trail import Trail
 from envs.geometry import Pose2D
-from envs.geometry.pose import between, compose, distance
+from envs.ground_truth import GroundTruth, pose_error
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.robot import Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState, Simulator, Twist, make_simulator
+from envs.simulation import Reading, Simulator, Twist, make_simulator
 from envs.simulation.sensors import measure_ranges
 from envs.task import Task
 from envs.worlds import World
-
-
-@njit(cache=True)
-def pose_error(map_x, map_y, map_theta, x, y, theta, true_x, true_y, true_theta):
-    """Return how far an estimated pose in the map frame is off: distance [m] and angle [rad], both at least 0."""
-    world_pose = compose(map_x, map_y, map_theta, x, y, theta)
-    dx, dy, turn = between(world_pose[0], world_pose[1], world_pose[2], true_x, true_y, true_theta)
-    return distance(dx, dy), abs(turn)
-
-
-class GroundTruth:
-    """True course of a robot, for rewards, metrics and pictures."""
-
-    def __init__(self, state: RobotState) -> None:
-        """Begin an episode at a state."""
-        self.state = state
-        self.trail = Trail()
-        """Positions so far, world frame."""
-        self.path_length = 0.0
-        """Driven so far [m]."""
-        self.trail.append(state.pose)
-
-    def update(self, state: RobotState) -> None:
-        """Process the state at the end of a control period."""
-        before, self.state = self.state.pose, state
-        self.path_length += distance(state.pose.x - before.x, state.pose.y - before.y)
-        self.trail.append(state.pose)
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):

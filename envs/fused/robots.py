@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from envs.core import pose_error
 from envs.estimation import NO_UPDATE, MapUpdate
 from envs.estimation.motion import GyroMotion, WheelMotion
 from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
+from envs.ground_truth import pose_error
 from envs.robot import Robot
 from envs.simulation import KinematicSimulator, Reading, Twist
 from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, YAW_RATE
