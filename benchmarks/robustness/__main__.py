@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -74,7 +75,8 @@ def _kills(count: int, seed: int) -> int:
     for kill in (kill_training, kill_evaluation):
         with tempfile.TemporaryDirectory() as folder:
             results.append(kill(count, seed, Path(folder)))
-    _print_table(("kill -9 of", "kills while it ran", "lost"), [(r.what, r.kills, len(r.lost)) for r in results])
+    rows = [(r.what, r.kills, r.ends, len(r.lost)) for r in results]
+    _print_table(("kill -9 of", "kills", "runs that ended and were compared", "lost"), rows)
     return _tell([f"{result.what}: {lost}" for result in results for lost in result.lost])
 
 
@@ -110,7 +112,7 @@ def _repeats(seed: int, steps: int = 100) -> int:
     return _tell(failures)
 
 
-def _print_table(head: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+def _print_table(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> None:
     """Print a table of Markdown."""
     lines = [head, tuple("---" for _ in head), *rows]
     cells = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in line] for line in lines]

@@ -13,6 +13,9 @@ import numpy as np
 import yaml
 from tqdm import tqdm
 
+from agents.checkpoint import load_checkpoint
+from agents.run_folder import CheckpointError, list_checkpoints
+
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
 CONFIG = {
@@ -37,108 +40,127 @@ class Killed:
     """What became of a command that was killed."""
 
     what: str
-    kills: int
-    """How often it was killed while it ran; the other times it had just ended."""
+    kills: int = 0
+    """How often it was killed while it ran."""
+    ends: int = 0
+    """How often it came to its end, killed before or not, and was compared with one that nobody disturbed."""
     lost: list[str] = field(default_factory=list)
     """What was missing, damaged or different; nothing is what is wanted."""
 
 
 def kill_evaluation(count: int, seed: int, folder: Path, *, progress: bool = True) -> Killed:
-    """Kill an evaluation at `count` random moments and let it end; compare it with one that nobody disturbed."""
+    """Kill evaluations at `count` random moments, and start each again until it ends.
+
+    Raises:
+        RuntimeError: an evaluation failed.
+    """
     options = ["--policies", *POLICIES, "--worlds", "turtlebot3_world", "--episodes", str(EPISODES)]
     options += ["--physics", "kinematic", "--slam", "truth", "--time-limit", "6", "--shard", "1/1"]
     command = [sys.executable, str(ROOT / "evaluate.py"), *options, "--out"]
     whole, out = folder / "whole", folder / "killed"
-    duration = _finish([*command, str(whole)], folder)
-    result, seen = Killed("evaluation", 0), set()
-    rng = np.random.default_rng([seed, 0])
-    for _ in tqdm(range(count), desc="kills of evaluate.py", unit="kill", disable=not progress):
-        result.kills += _kill([*command, str(out)], folder, rng.uniform(0.0, duration))
+    duration = _run([*command, str(whole)], folder)
+    result, seen, rng = Killed("evaluation"), set(), np.random.default_rng([seed, 0])
+    bar = tqdm(total=count, desc="kills of evaluate.py", unit="kill", disable=not progress)
+    while result.kills < count or out.is_dir():
+        ended = _run_or_kill([*command, str(out)], folder, duration, rng, result, count)
+        bar.update(not ended)
         rows = _rows(out)
         result.lost += [f"row {row} is gone" for row in seen - rows]
         seen |= rows
-    _finish([*command, str(out)], folder)
-    result.lost += _differences(_table(whole), _table(out), "rows")
-    if len(_lines(out)) != len(_rows(out)):
-        result.lost.append("double rows")
-    result.lost += _differences(_files(whole / "episodes"), _files(out / "episodes"), "traces")
-    result.lost += [f"{path.name} is left over" for path in out.rglob("*.tmp")]
+        if ended:
+            result.lost += _differences(_table(whole), _table(out), "rows")
+            result.lost += ["double rows"] * (len(_lines(out)) != len(rows))
+            result.lost += _differences(_files(whole / "episodes"), _files(out / "episodes"), "traces")
+            result.lost += [f"{path.name} is left over" for path in out.rglob("*.tmp")]
+            shutil.rmtree(out)
+            seen.clear()
+    bar.close()
     return result
 
 
 def kill_training(count: int, seed: int, folder: Path, *, progress: bool = True) -> Killed:
-    """Kill a training at `count` random moments; no checkpoint may be lost, and resuming depends on it alone.
+    """Kill trainings at `count` random moments, and resume each until it ends; no checkpoint may be lost.
 
-    A training that goes on from a checkpoint starts new episodes. So the bytes that it comes to are compared with those
-    of a training that goes on, undisturbed, from a copy of the same checkpoint.
+    A training that is resumed starts new episodes. So the bytes that it comes to are compared with those of a training
+    that goes on, undisturbed, from a copy of the same checkpoint.
+
+    Raises:
+        RuntimeError: a training failed.
     """
-    from agents.checkpoint import load_checkpoint
-    from agents.run_folder import CheckpointError, list_checkpoints
-
     (folder / "killed.yaml").write_text(yaml.safe_dump(CONFIG))
-    train = [sys.executable, str(ROOT / "train.py")]
-    duration = _finish([*train, "--config", "killed.yaml", "--seed", "1"], folder)
+    begin = [sys.executable, str(ROOT / "train.py"), "--config", "killed.yaml", "--seed", "1"]
+    duration = _run(begin, folder)
     (whole,) = (folder / "runs").iterdir()
     whole = whole.rename(folder / "whole")
-    result, run, reached = Killed("training", 0), folder / "killed", 0
-    rng = np.random.default_rng([seed, 1])
-    for _ in tqdm(range(count), desc="kills of train.py", unit="kill", disable=not progress):
-        command = [*train, "--resume", str(run)] if run.is_dir() else [*train, "--config", "killed.yaml", "--seed", "1"]
-        result.kills += _kill(command, folder, rng.uniform(0.0, duration))
+    run, copied = folder / "killed", folder / "copied"
+    result, reached, rng = Killed("training"), 0, np.random.default_rng([seed, 1])
+    bar = tqdm(total=count, desc="kills of train.py", unit="kill", disable=not progress)
+    while result.kills < count or run.is_dir():
+        wanted = shutil.copytree(run, copied) if run.is_dir() else whole
+        ended = _run_or_kill(_resume(run) if run.is_dir() else begin, folder, duration, rng, result, count)
+        bar.update(not ended)
         for begun in (folder / "runs").glob("*"):
             # A run that was killed before its first checkpoint holds nothing to go on from.
             begun.rename(run) if list_checkpoints(begun) else shutil.rmtree(begun)
-        try:
-            checkpoints = list_checkpoints(run)
-            steps = max((load_checkpoint(checkpoint).record.steps for checkpoint in checkpoints), default=0)
-        except CheckpointError as error:
-            result.lost.append(str(error))
-            continue
-        if steps < reached:
-            result.lost.append(f"{reached - steps} steps")
-        reached = max(steps, reached)
-    if not run.is_dir():
-        shutil.copytree(whole, run)
-    copied = shutil.copytree(run, folder / "copied")
-    for resumed in (run, copied):
-        _finish([*train, "--resume", str(resumed)], folder)
-    last = [list_checkpoints(one)[-1] for one in (run, copied, whole)]
-    if len({path.name for path in last}) > 1:
-        result.lost.append(f"ends at {[path.name for path in last]}")
-    result.lost += _differences(_tensors(last[0]), _tensors(last[1]), "files of the last checkpoint")
-    result.lost += [f"{path.name} is left over" for path in run.rglob("*.tmp")]
+        steps = _steps(run, result)
+        result.lost += [f"{reached - steps} steps"] * (steps < reached)
+        reached = steps
+        if ended:
+            if wanted == copied:
+                _run(_resume(copied), folder)
+            result.lost += _differences(_tensors(wanted), _tensors(run), "files of the last checkpoint")
+            result.lost += [f"{path.name} is left over" for path in run.rglob("*.tmp")]
+            shutil.rmtree(run)
+            reached = 0
+        shutil.rmtree(copied, ignore_errors=True)
+    bar.close()
     return result
 
 
-def _finish(command: list[str], folder: Path) -> float:
-    """Run a command to its end and return how long it took [s].
+def _run_or_kill(
+    command: list[str], folder: Path, duration: float, rng: np.random.Generator, result: Killed, count: int
+) -> bool:
+    """Kill a command at a random moment, or let it end if `count` is reached; count it, and tell whether it ended."""
+    limit = rng.uniform(0.0, duration) if result.kills < count else None
+    ended = _run(command, folder, limit) is not None
+    result.kills += not ended
+    result.ends += ended
+    return ended
+
+
+def _run(command: list[str], folder: Path, limit: float | None = None) -> float | None:
+    """Run a command and return how long it took [s]; None if it was killed since it ran longer than `limit` [s].
 
     Raises:
         RuntimeError: it failed.
     """
     begin = time.perf_counter()
-    done = subprocess.run(command, cwd=folder, env=_environment(), capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} failed: {done.stderr[-2000:]}")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with (folder / "said.txt").open("w+") as said:
+        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=said, stderr=said)
+        try:
+            process.wait(limit)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            return None
+        if process.returncode:
+            said.seek(0)
+            raise RuntimeError(f"{' '.join(command)} failed: {said.read()[-2000:]}")
     return time.perf_counter() - begin
 
 
-def _kill(command: list[str], folder: Path, after: float) -> bool:
-    """Run a command, kill it after a time [s], and tell whether it still ran."""
-    process = subprocess.Popen(
-        command, cwd=folder, env=_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+def _resume(run: Path) -> list[str]:
+    return [sys.executable, str(ROOT / "train.py"), "--resume", str(run)]
+
+
+def _steps(run: Path, result: Killed) -> int:
+    """Return the steps of the newest checkpoint of a run, 0 without one; one that cannot be read is lost."""
     try:
-        process.wait(after)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return True
-    return False
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
+        return max((load_checkpoint(path).record.steps for path in list_checkpoints(run)), default=0)
+    except CheckpointError as error:
+        result.lost.append(str(error))
+        return 0
 
 
 def _lines(folder: Path) -> list[list[str]]:
@@ -163,8 +185,10 @@ def _files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def _tensors(folder: Path) -> dict[str, bytes]:
-    return {name: content for name, content in _files(folder).items() if name.endswith(".safetensors")}
+def _tensors(run: Path) -> dict[str, bytes]:
+    """Return the tensors of the last checkpoint of a run, by their files."""
+    last = list_checkpoints(run)[-1]
+    return {f"{last.name}/{name}": content for name, content in _files(last).items() if name.endswith(".safetensors")}
 
 
 def _differences(wanted: dict[str, bytes], found: dict[str, bytes], what: str) -> list[str]:
