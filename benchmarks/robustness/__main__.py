@@ -4,7 +4,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 from tqdm import tqdm
@@ -18,7 +18,7 @@ from .steps import take_steps
 from .walls import drive
 
 Stage = Literal["inputs", "kills", "steps", "walls", "repeats"]
-Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "checkpoints"]
+Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "bags", "checkpoints"]
 GROWTH = 1.05
 """Memory at the end over that in the middle of a run up to which it counts as flat."""
 
@@ -26,7 +26,7 @@ GROWTH = 1.05
 def main(
     stages: tuple[Stage, ...] = ("inputs", "kills", "steps", "walls", "repeats"),
     inputs: int = 10_000,
-    kinds: tuple[Kind, ...] = ("maps", "worlds", "robots", "configurations", "logs", "checkpoints"),
+    kinds: tuple[Kind, ...] = get_args(Kind),
     kills: int = 40,
     steps: int = 1_000_000,
     slams: tuple[str, ...] = ("tinyslam", "hector"),
@@ -53,7 +53,7 @@ def main(
         The exit status: 0 if nothing failed.
     """
     run = {
-        "inputs": lambda: _inputs(kinds, inputs // len(kinds), seed),
+        "inputs": lambda: _inputs(kinds, -(-inputs // len(kinds)), seed),
         "kills": lambda: _kills(kills, seed),
         "steps": lambda: _steps(slams, steps, seed),
         "walls": lambda: _walls(worlds, physics, wall_steps, seed),

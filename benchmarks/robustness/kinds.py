@@ -1,5 +1,6 @@
 """Kinds of inputs: a valid one of each, damaged at random, and what a user does with it."""
 
+import contextlib
 import gzip
 import hashlib
 import io
@@ -18,9 +19,11 @@ from agents.config import EvolutionConfig, TrainingConfig
 from benchmarks.arena.settings import Settings
 from envs.explore import ExploreEnv
 from envs.files import read_mapping, read_record
-from envs.logs import load_log
+from envs.logs.replay import Options
+from envs.logs.replay import main as replay
 from envs.robots import load_robot
 
+from .bags import write_damaged_bag
 from .mutations import DEPTH, damage_array, damage_bytes, damage_tree
 
 TREE_SHARE = 0.6
@@ -145,7 +148,18 @@ def try_log(folder: Path, name: str, rng: np.random.Generator) -> None:
         np.savez(path, **arrays)
         if kind == 3:
             path.write_bytes(damage_bytes(path.read_bytes(), rng))
-    load_log(path)
+    use_log(path)
+
+
+def try_bag(folder: Path, name: str, rng: np.random.Generator) -> None:
+    """Damage a bag of ROS 1 or ROS 2."""
+    use_log(write_damaged_bag(folder, name, rng))
+
+
+def use_log(path: Path) -> None:
+    """Do what users do with a log: run a SLAM on it."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        replay(Options(path, slam="hector", preset="default"))
 
 
 def try_checkpoint(folder: Path, name: str, rng: np.random.Generator) -> None:
@@ -207,5 +221,6 @@ KINDS: dict[str, Callable[[Path, str, np.random.Generator], None]] = {
     "configurations": try_config,
     "logs": try_log,
     "checkpoints": try_checkpoint,
+    "bags": try_bag,
 }
 """Functions of a folder, a name and a generator that write a damaged input of that name and use it."""

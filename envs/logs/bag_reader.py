@@ -8,6 +8,9 @@ from typing import Any
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+MAX_TEXT = 1000
+"""Longest text of an error beside the path [characters]."""
+
 
 class BagError(ValueError):
     """A bag cannot be read as a log; the message names the file and the culprit."""
@@ -58,8 +61,8 @@ class BagReader:
             raise self.error(f"damaged: holds {count} of {self._counts[topic]} messages of {topic}")
 
     def error(self, text: str) -> BagError:
-        """Return an error that names the file."""
-        return BagError(f"{self.path}: {text}")
+        """Return an error that names the file; names of frames and topics in it may have any length."""
+        return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
     def checked(self, where: str, function: Any, *arguments: Any) -> Any:
         """Call a function; what it finds wrong is an error in the bag."""

@@ -157,4 +157,5 @@ def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
     lidar = LidarParams(num_beams, limit, float(arrays.get("minr", 0.0)), fov, mount=mount)
     is_return = ranges <= limit if "minr" in arrays and max_range is None else ranges < limit
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
-    return Log(arrays["t"], arrays["odo"], arrays["idx"].astype(np.int64), ranges, lidar)
+    times, odometry = (arrays[name].astype(np.float64) for name in ("t", "odo"))
+    return Log(times, odometry, arrays["idx"].astype(np.int64), ranges, lidar)

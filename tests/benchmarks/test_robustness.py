@@ -15,7 +15,7 @@ from benchmarks.robustness.steps import take_steps
 from benchmarks.robustness.walls import crosses, drive
 from envs.geometry import Pose2D
 
-FEW = {"worlds": 12, "robots": 12, "maps": 12, "configurations": 12, "logs": 25, "checkpoints": 6}
+FEW = {"worlds": 12, "robots": 12, "maps": 12, "configurations": 12, "logs": 25, "bags": 20, "checkpoints": 6}
 
 
 @pytest.mark.parametrize("kind", FEW)

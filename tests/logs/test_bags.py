@@ -155,6 +155,16 @@ def test_a_tilted_lidar_and_clocks_apart_are_refused(tmp_path):
         load_log(write_bag(tmp_path / "apart", apart))
 
 
+def test_long_names_of_frames_make_no_long_messages(tmp_path):
+    def messages(m):
+        yield from drive(m)
+        yield "/odom", m.odometry(11.0, 0.0, 0.0, 0.0, base="x" * 5000)
+
+    with pytest.raises(ValueError, match="odometry of several frames: base_link, xxx") as caught:
+        load_log(write_bag(tmp_path / "drive", messages))
+    assert len(str(caught.value)) < 1500
+
+
 @pytest.mark.parametrize("storage", STORAGES)
 def test_damaged_bags_are_named(tmp_path, storage):
     path = write_bag(tmp_path / "drive", drive, storage)

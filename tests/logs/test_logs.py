@@ -99,6 +99,14 @@ def test_archive(tmp_path):
     assert log.lidar.mount.x == 0.3
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.int8])
+def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
+    path = tmp_path / "drive.npz"
+    np.savez(path, **ARRAYS | {name: np.asarray(ARRAYS[name]).astype(dtype) for name in ("t", "odo", "ranges")})
+    log = load_log(path)
+    assert (log.times.dtype, log.odometry.dtype, log.ranges.dtype) == (np.float64, np.float64, np.float32)
+
+
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
