@@ -1,9 +1,10 @@
 PYTHON ?= python3.11
 BIN := .venv/bin
+LIBRARIES := .venv-libraries/bin
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install demo test check format docs clean clean-cache
+.PHONY: install demo test test-all test-libraries coverage check format docs clean clean-cache
 
 install: $(INSTALLED)
 
@@ -18,6 +19,18 @@ demo: install
 
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+
+# Everything that takes longer: damaged inputs, kills, long runs, and the examples for RLlib and TorchRL.
+test-all: test test-libraries
+	$(BIN)/python -m benchmarks.robustness --inputs 2100 --kills 8 --steps 100000
+
+test-libraries:
+	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries
+	$(LIBRARIES)/python -m pip install --quiet --editable . --requirement examples/requirements.txt
+	$(LIBRARIES)/python -m pytest tests/examples -k "rllib or torchrl"
+
+coverage: install
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --cov
 
 check: install
 	$(BIN)/ruff check .
@@ -41,4 +54,4 @@ clean-cache:
 	find envs baselines agents benchmarks tests -name __pycache__ -prune -exec rm -rf {} +
 
 clean: clean-cache
-	rm -rf .venv build *.egg-info docs/environments docs/examples docs/gallery
+	rm -rf .venv .venv-libraries build *.egg-info docs/environments docs/examples docs/gallery

@@ -18,8 +18,8 @@ from baselines.route_follower import RouteFollower
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
 
-NUM_FRAMES = 40
-"""Frames of a film, besides the last one, at most."""
+NUM_FRAMES = 48
+"""Frames of a film, besides the last one, at most; at least half as many in episodes that last."""
 WIDTH, QUALITY = 720, 50
 """Width [px] and quality of the WebP pictures, up to 100."""
 FRAME_MS, HOLD_MS = 120, 2500
@@ -32,20 +32,27 @@ WORLDS = {
 }
 """Worlds of ids whose default is shown by another one."""
 
+SEEDS = {"lidarnaut/Navigate-v0": 3}
+"""Seeds of ids, others have 0: this one drives from room to room."""
+
 
 class Film:
-    """Takes pictures of an episode at intervals of simulated time, also within decisions."""
+    """Takes pictures of an episode at equal intervals of simulated time, also within decisions."""
 
-    def __init__(self, env: gymnasium.Env, every: float) -> None:
-        """Begin; `every` is the simulated time between two pictures [s]."""
+    def __init__(self, env: gymnasium.Env) -> None:
         self._env = getattr(env.unwrapped, "explore", env.unwrapped)
-        self._every = every
+        self._interval = self._env.control_period
         self.frames: list[np.ndarray] = []
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
-        """Take a picture if it is time for one."""
-        if len(self.frames) < NUM_FRAMES and self._env.time >= len(self.frames) * self._every - 1e-6:
+        """Take a picture if it is time for one; the interval doubles whenever there are too many."""
+        if self._env.time < len(self.frames) * self._interval - 1e-6:
+            return
+        if len(self.frames) == NUM_FRAMES:
+            del self.frames[1::2]
+            self._interval *= 2.0
+        else:
             self.frames.append(self._env.render())
 
     def save(self, path: Path) -> None:
@@ -81,33 +88,31 @@ def _follow(env: Any, seed: int, watch: Watch) -> None:
     run(env, lambda _: to_action(follower.act(inner.reading, inner.estimate.pose), inner.robot), observation, info)
 
 
-DRIVERS: Sequence[tuple[str, float, Callable[[Any, int, Watch], None]]] = (
-    ("lidarnaut/ExploreFrontiers", 1.0, _choose_nearest),
-    ("lidarnaut/ExploreTeam", 4.0, _explore_as_team),
-    ("lidarnaut/ExploreTurtleBot3World", 0.6, _explore),
-    ("lidarnaut/Explore", 4.0, _explore),
-    ("lidarnaut/Navigate", 1.0, _navigate),
-    ("lidarnaut/Track", 3.0, _follow),
+DRIVERS: Sequence[tuple[str, Callable[[Any, int, Watch], None]]] = (
+    ("lidarnaut/ExploreFrontiers", _choose_nearest),
+    ("lidarnaut/ExploreTeam", _explore_as_team),
+    ("lidarnaut/Explore", _explore),
+    ("lidarnaut/Navigate", _navigate),
+    ("lidarnaut/Track", _follow),
 )
-"""Time between two pictures [s], and what drives, by the beginning of the id; the first that fits."""
+"""What drives, by the beginning of the id; the first that fits."""
 
 
-def main(out: Path = Path("docs/images/environments"), only: str = "", seed: int = 0) -> None:
+def main(out: Path = Path("docs/images/environments"), only: str = "") -> None:
     """Film an episode of each registered environment, kinematic physics.
 
     Args:
         out: Folder of the pictures, one per id.
         only: Film only ids that contain this.
-        seed: Of worlds, starts and noise.
     """
     out.mkdir(parents=True, exist_ok=True)
     ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
     for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # those that set no arguments come first
         arguments: dict[str, Any] = {"world": WORLDS[id]} if id in WORLDS else {}
         env = gymnasium.make(id, physics="kinematic", render_mode="rgb_array", disable_env_checker=True, **arguments)
-        every, driver = next(how for start, *how in DRIVERS if id.startswith(start))
-        film = Film(env, every)
-        driver(env, seed, film.shoot)
+        driver = next(driver for start, driver in DRIVERS if id.startswith(start))
+        film = Film(env)
+        driver(env, SEEDS.get(id, 0), film.shoot)
         film.save(path := out / f"{id.partition('/')[2].lower()}.webp")
         env.close()
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

@@ -1,11 +1,11 @@
 """PPO of RLlib.
 
-RLlib 2.60 asks for Gymnasium 1.2.2, so it has an environment of its own, `examples/rllib.txt`:
+RLlib 2.60 asks for Gymnasium 1.2.2, so it has an environment of its own:
 
 ```sh
-python3.11 -m venv .venv-rllib
-.venv-rllib/bin/python -m pip install --editable . --requirement examples/rllib.txt
-.venv-rllib/bin/python examples/rllib_ppo.py
+python3.11 -m venv .venv-libraries
+.venv-libraries/bin/python -m pip install --editable . --requirement examples/requirements.txt
+.venv-libraries/bin/python examples/rllib_ppo.py
 ```
 """
 
