@@ -68,6 +68,10 @@ def _explore(env: Any, seed: int, watch: Watch) -> None:
     run_episode(env, make_explorer("gain_over_cost"), seed)
 
 
+def _explore_nearest(env: Any, seed: int, watch: Watch) -> None:
+    run_episode(env, make_explorer("nearest"), seed)
+
+
 def _explore_as_team(env: Any, seed: int, watch: Watch) -> None:
     run_team_episode(env.unwrapped, RrtTeam(), seed)
 
@@ -91,6 +95,7 @@ def _follow(env: Any, seed: int, watch: Watch) -> None:
 DRIVERS: Sequence[tuple[str, Callable[[Any, int, Watch], None]]] = (
     ("lidarnaut/ExploreFrontiers", _choose_nearest),
     ("lidarnaut/ExploreTeam", _explore_as_team),
+    ("lidarnaut/ExploreWarehouse", _explore_nearest),
     ("lidarnaut/Explore", _explore),
     ("lidarnaut/Navigate", _navigate),
     ("lidarnaut/Track", _follow),
