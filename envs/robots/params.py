@@ -17,6 +17,8 @@ def _require(condition: bool, what: str, value: Any) -> None:
 
 MAX_NUMBER = 1e9
 """No length, mass, rate, count or noise of a robot is greater than this, in SI units."""
+MAX_LENGTH = 100.0
+"""No part of a robot is longer, or sits farther from the base [m]: maps have to hold what its lidar sees."""
 MAX_BEAMS = 20_000
 """Most beams of a scan."""
 
@@ -37,10 +39,10 @@ class _Params:
             _require(getattr(self, field) >= 0, f"{field} must not be negative", getattr(self, field))
             self._require_at_most(field)
 
-    def _require_at_most(self, *fields: str) -> None:
+    def _require_at_most(self, *fields: str, limit: float = MAX_NUMBER) -> None:
         for field in fields:
             value = getattr(self, field)
-            _require(abs(value) <= MAX_NUMBER, f"{field} must lie within {MAX_NUMBER:g}", value)
+            _require(abs(value) <= limit, f"{field} must lie within {limit:g}", value)
 
 
 MAX_TILT = 0.35
@@ -69,7 +71,8 @@ class Mount(_Params):
             _require(
                 abs(getattr(self, name)) <= MAX_TILT, f"{name} must lie within {MAX_TILT} rad", getattr(self, name)
             )
-        self._require_at_most("x", "y", "z", "yaw")
+        self._require_at_most("x", "y", "z", limit=MAX_LENGTH)
+        self._require_at_most("yaw")
         _require(self.z > 0.0 or not (self.pitch or self.roll), "a tilted mount must lie above the ground, z", self.z)
 
 
@@ -255,9 +258,9 @@ class BodyParams(_Params):
         _require((self.size is None) == (self.radius is not None), "give either size or radius and height", self.size)
         _require((self.radius is None) == (self.height is None), "radius and height go together", self.height)
         for value in (*(self.size or ()), self.radius or 1.0, self.height or 1.0):
-            _require(0 < value <= MAX_NUMBER, "dimensions of the body must be positive", value)
+            _require(0 < value <= MAX_LENGTH, f"dimensions of the body must lie in (0, {MAX_LENGTH:g}] m", value)
         for value in (*self.center, *(self.center_of_mass or ())):
-            _require(abs(value) <= MAX_NUMBER, f"positions must lie within {MAX_NUMBER:g} m", value)
+            _require(abs(value) <= MAX_LENGTH, f"positions must lie within {MAX_LENGTH:g} m", value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,6 +68,8 @@ def test_an_unknown_name_lists_the_known_ones():
         (("lidar", "range_max"), 1e300, r"lidar: range_max must lie within 1e\+09, got 1e\+300"),
         (("max_v",), 1e300, r"max_v must lie within 1e\+09, got 1e\+300"),
         (("body", "center"), [0.0, 1e200, 0.0], "body: positions must lie within"),
+        (("body", "size"), [0.3, 200.0, 0.1], r"body: dimensions of the body must lie in \(0, 100\] m, got 200"),
+        (("lidar", "mount", "x"), -6400.0, r"lidar\.mount: x must lie within 100, got -6400"),
         (("casters",), [{"x": 0.1, "y": 0.0, "radius": -1}], r"casters\.0: .*radius must be positive"),
     ],
 )
