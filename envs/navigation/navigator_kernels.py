@@ -17,7 +17,7 @@ import math
 from numba import njit
 
 from envs.geometry.pose import wrap_angle
-from envs.navigation.obstacles import add_bump, free_distance, remember, scan_points
+from envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
 from envs.navigation.pursuit import follow, turn_rate
 from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 
@@ -136,6 +136,16 @@ def _count_still(record, pose, numbers):
 
 
 @njit(cache=True, error_model="numpy")
+def _fail(record, obstacles, numbers):
+    """Forget contacts and other points inside the footprint: all around the robot they would hold it for ever."""
+    dropped = forget_inside(obstacles, record.num_remembered, record.num_obstacles, numbers.radius)
+    record.num_remembered -= dropped
+    record.num_seen -= dropped
+    record.num_obstacles -= dropped
+    return FAILED
+
+
+@njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
     """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
 
@@ -147,7 +157,7 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     if bumper and record.back_steps == 0 and record.turn_steps == 0:
         recover(navigators, around, record.forward == 1, constants)
     if record.recoveries > numbers.max_recoveries:
-        return FAILED if record.has_goal else SPUN
+        return _fail(record, obstacles, numbers) if record.has_goal else SPUN
     if record.back_steps > 0 or record.turn_steps > 0:
         return DRIVING
     if not record.has_goal:
@@ -158,7 +168,7 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     # The robot may have been stuck before it set out: what is chosen anew gets a decision's time all the same.
     if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
         record.stuck_steps = -1
-        return FAILED
+        return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
         recover(navigators, around, True, constants)
         return DRIVING

@@ -83,6 +83,17 @@ def add_bump(points, count, radius, forward):
 
 
 @njit(cache=True, error_model="numpy")
+def forget_inside(points, num_remembered, num_points, radius):
+    """Drop remembered points within the footprint, where there is nothing since the robot is; returns how many."""
+    kept = 0
+    for k in range(num_points):
+        if k >= num_remembered or math.hypot(points[k, 0], points[k, 1]) > radius:
+            points[kept, 0], points[kept, 1] = points[k, 0], points[k, 1]
+            kept += 1
+    return num_points - kept
+
+
+@njit(cache=True, error_model="numpy")
 def points_within(points, distance):
     """Return the points at most `distance` [m] from the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
     near = np.empty_like(points)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from envs.geometry import Pose2D
 from envs.navigation import Navigator, free_distance
+from envs.navigation.records import DRIVING, FAILED
 from envs.robots import Mount, load_robot
 from envs.simulation import Twist
 from tests.baselines.maps import reading_of
@@ -98,6 +99,22 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
         navigator.sense(wheels.drive(0.0, 0.0, [], bumper=True))
         assert len(navigator.obstacles) > 0
         assert (sign * navigator.obstacles[:, 0] > 0.8 * robot.radius).all()
+
+
+def test_contacts_are_forgotten_when_a_drive_has_failed():
+    robot = robot_with(range_min=0.3)
+    pose = Pose2D(0.0, 0.0, 0.0)
+    navigator, wheels = begin(robot, [(0.35, 0.0)])
+    navigator.sense(wheels.drive(1.0, 0.0, [(0.35, 0.0)]))  # now 0.25 m ahead, too near to be seen
+    navigator.drive_to(np.array([[0.0, 0.0], [2.0, 0.0]]))
+    progress, most = DRIVING, 0
+    while progress == DRIVING:
+        navigator.command(pose)
+        progress = navigator.update(wheels.drive(0.0, 0.0, [], bumper=True), pose)
+        most = max(most, len(navigator.obstacles))
+    assert progress == FAILED
+    assert most >= 6  # contacts ahead, or all around, beside the obstacle
+    np.testing.assert_allclose(navigator.obstacles, [[0.25, 0.0]], atol=0.01)
 
 
 def test_a_copy_stops_by_itself():
