@@ -16,7 +16,7 @@ import tyro
 
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.run_folder import CheckpointError, find_config
-from envs.files import read_mapping, read_record
+from envs.files import LockedError, read_mapping, read_record
 from lidarnaut.configurations import find_configuration
 
 
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
         return 130
-    except (CheckpointError, ValueError, OSError, gymnasium.error.Error) as error:
+    except (CheckpointError, LockedError, ValueError, OSError, gymnasium.error.Error) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     print(f"results are in {run}")
