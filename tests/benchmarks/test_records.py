@@ -103,3 +103,36 @@ def test_damaged_tables_name_the_file_and_the_row(tmp_path):
         (tmp_path / SETTINGS_FILE).write_text(content)
         with pytest.raises(ValueError, match=r"settings\.json is damaged"):
             Records(tmp_path, SETTINGS)
+
+
+def test_a_world_of_the_users_own_stays_the_same(tmp_path):
+    first, second, folder = tmp_path / "a.yaml", tmp_path / "b.yaml", tmp_path / "out"
+    for path, side in ((first, 4), (second, 5)):
+        path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
+
+    def open_records(source, shard=""):
+        return Records(folder, SETTINGS, shard, {"maze": str(source)})
+
+    open_records(second).begin()  # which was never driven in
+    records = open_records(first, "1of2")
+    records.begin()
+    records.add(row(RANDOM, 0))
+    for other in ("my_package:flat", second):
+        with pytest.raises(ValueError, match=rf"{folder} holds .* 'maze' of {first}, not of {other}; give"):
+            open_records(other)
+    first.rename(tmp_path / "moved.yaml")
+    open_records(tmp_path / "moved.yaml", "2of2").begin()
+    Records(folder, SETTINGS)
+
+
+def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
+    (tmp_path / "a.yaml").write_text("image: a.pgm\nresolution: 0.05\n")
+    (tmp_path / "a.pgm").write_bytes(b"one")
+    worlds = {"maze": str(tmp_path / "a.yaml")}
+    records = Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    records.begin()
+    records.add(row(RANDOM, 0))
+    Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    (tmp_path / "a.pgm").write_bytes(b"two")
+    with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):
+        Records(tmp_path / "out", SETTINGS, worlds=worlds)
