@@ -1,6 +1,7 @@
 """Checks of arguments, and robots by the world that they are usual in."""
 
 import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,11 @@ def is_pose(pose: Any) -> bool:
         return False
 
 
+def is_number(value: Any) -> bool:
+    """Tell whether something is a real number, not infinite and not NaN."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
 def check_positive(**values: float) -> None:
     """Refuse numbers that are not positive and finite.
 
@@ -42,7 +48,7 @@ def check_positive(**values: float) -> None:
         ValueError: names the first of them.
     """
     for name, value in values.items():
-        if not 0 < value < math.inf:
+        if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
 
 

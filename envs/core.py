@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, read_action
+from envs.arguments import check_positive, is_number, read_action
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
@@ -69,7 +69,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         check_positive(control_hz=control_hz)
-        if time_limit is not None and not time_limit > 0:
+        if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         announce_compilation(measure_ranges)
         self.task = task
