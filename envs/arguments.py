@@ -1,7 +1,8 @@
 """Checks of arguments, and robots by the world that they are usual in."""
 
 import math
-from numbers import Real
+from collections.abc import Mapping
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,22 @@ def is_pose(pose: Any) -> bool:
 def is_number(value: Any) -> bool:
     """Tell whether something is a real number, not infinite and not NaN."""
     return isinstance(value, Real) and math.isfinite(value)
+
+
+def is_whole(value: Any) -> bool:
+    """Tell whether something is a whole number, of Python or of NumPy."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def read_options(options: Any) -> dict[str, Any]:
+    """Return a copy of the options of a reset.
+
+    Raises:
+        ValueError: if they are not by name.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options must map names to values, got {options!r}")
+    return dict(options or {})
 
 
 def check_positive(**values: float) -> None:

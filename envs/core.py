@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, is_number, read_action
+from envs.arguments import check_positive, is_number, read_action, read_options
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
@@ -323,7 +323,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return None
 
     def close(self) -> None:
-        """Release the physics engine and the window."""
+        """Release the physics engine and the window; the episode ends."""
+        self._has_begun = False
         self.simulator.close()
         if self._renderer is not None:
             self._renderer.close()
@@ -339,7 +340,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         allowed = ("world", "start", *self.task.reset_options)
-        options = dict(options or {})
+        options = read_options(options)
         if unknown := sorted(map(str, set(options) - set(allowed))):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         return options
