@@ -47,6 +47,7 @@ def train(
         env = held.enter_context(contextlib.closing(GymnasiumVecEnv(vector)))
         model = build_model(config, env)
         if checkpoint is None or source is None:
+            evaluator.check(config.evaluation.references)
             run = held.enter_context(new_run(config, run))
         else:
             for name in ("network", "decision_network"):
