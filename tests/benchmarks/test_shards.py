@@ -193,7 +193,7 @@ def test_the_arena_of_the_project_covers_everything():
         ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),
         ({"worlds": []}, r"worlds: .*at least 1 item"),
         ({"physics": "bullet"}, r"physics: .*tuple, got 'bullet'"),
-        ({"episodes": 0}, r"episodes: .*greater than 0, got 0"),
+        ({"episodes": 0}, r"episodes: .*greater than or equal to 1, got 0"),
     ],
 )
 def test_mistakes_in_the_file_are_named(data, message):
