@@ -70,6 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
         shard = Shard() if command.shard is None else Shard.parse(command.shard)
         evaluation = Evaluation(command.settings, command.out, shard)
         failures = []
+        if command.publish:  # a folder that cannot be written should not come out after the last episode
+            (command.publish / "arena").mkdir(parents=True, exist_ok=True)
         if not command.report:
             failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags, command.record)
         if command.shard is not None:

@@ -116,6 +116,7 @@ class Balanced(HTMLParser):
         (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
         (["--shard", ""], ["shard", "''", "I/N"]),
         (["--jobs", "0"], ["jobs", "at least 1"]),
+        (["--publish", __file__], ["Not a directory", "test_evaluate.py/arena"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
