@@ -41,10 +41,6 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, capsys):
         (["benchmarks.time_ratios", "/no/such/folder"], "benchmarks.time_ratios: [Errno 2] No such file or directory"),
         (["benchmarks.navigation", "--worlds", "atlantis"], "benchmarks.navigation: unknown world 'atlantis'"),
         (["agents.ship", "/no/such/run", "/no/such/folder"], "agents.ship: /no/such/run is no folder"),
-        (
-            ["baselines.global_localization", "--world", "atlantis"],
-            "baselines.global_localization: unknown world 'atlantis'",
-        ),
     ],
 )
 def test_commands_end_with_a_message(command, says):
