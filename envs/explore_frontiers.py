@@ -103,7 +103,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     its pose estimate, and in truth farther off than 0.3 m, or `"no_path_home"`.
 
     ## Arguments
-    Those of `ExploreEnv`, and
+    Those of `ExploreEnv` but for `observations`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -132,6 +132,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """
         if max_candidates not in range(1, MAX_CANDIDATES + 1):
             raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
+        if "observations" in arguments:
+            raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         announce_compilation(find_candidates)
         self.explore = env = ExploreEnv(control_hz=control_hz, **arguments)
