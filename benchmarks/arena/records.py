@@ -87,7 +87,7 @@ class Records:
             ValueError: if the folder holds an evaluation with other settings or worlds, or rows that this version
                 cannot read.
         """
-        self.folder, self._shard = folder, shard
+        self.folder, self._settings, self._shard = folder, settings, shard
         self._worlds: dict[str, Row] = {
             world: {"world": world, "source": source, "content": _fingerprint(source)}
             for world, source in (worlds or {}).items()
@@ -95,7 +95,7 @@ class Records:
         folder.mkdir(parents=True, exist_ok=True)
         for part in (folder, folder / TRACES):
             sweep(part)
-        self._check_settings(settings)
+        self._check_settings()
         ending = f"-{shard}.csv" if shard else ".csv"
         self._rows_file = folder / f"{ROWS}{ending}"
         self._failures_file = folder / f"{FAILURES}{ending}"
@@ -106,8 +106,8 @@ class Records:
         """Get ready to add rows: read what other processes have added, and see that no episode is run twice.
 
         Raises:
-            ValueError: if the folder holds other worlds, shards of another total, or rows that this version cannot
-                read.
+            ValueError: if the folder holds other settings or worlds, shards of another total, or rows that this
+                version cannot read.
         """
         self._read()
         if self._shard:
@@ -119,7 +119,8 @@ class Records:
                     f"{self.folder} holds shards of a division by {', '.join(others)}, and {number}/{total} is one by "
                     f"{total}: episodes would be run twice; use {others[0]} again, or leave out --shard"
                 )
-            self._rows_file.touch()
+        self._rows_file.touch()  # from now on, the folder belongs to these settings
+        self._check_settings()
 
     def _read(self) -> None:
         self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, COLUMNS)}
@@ -170,9 +171,9 @@ class Records:
             append_row(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
             self._failures[key] = reason
 
-    def _check_settings(self, settings: dict[str, Any]) -> None:
-        path = self.folder / SETTINGS_FILE
-        if not path.exists():
+    def _check_settings(self) -> None:
+        path, settings = self.folder / SETTINGS_FILE, self._settings
+        if not path.exists() or not any(self.folder.glob(f"{ROWS}*.csv")):  # or of one that never began
             write_file(path, json.dumps(settings | {"versions": _versions()}, indent=1) + "\n")
             return
         try:

@@ -82,6 +82,16 @@ def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
+def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
+    Records(tmp_path, {"time_limit": None})
+    late, records = Records(tmp_path, {"time_limit": 5.0}), Records(tmp_path, SETTINGS)
+    records.begin()
+    with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
+        late.begin()
+    with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
+        Records(tmp_path, {"time_limit": None})
+
+
 def test_a_table_of_another_version_is_refused(tmp_path):
     (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
@@ -98,7 +108,7 @@ def test_damaged_tables_name_the_file_and_the_row(tmp_path):
     path.write_bytes(b"\xff\xfe\n")
     with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
         Records(tmp_path, SETTINGS)
-    path.unlink()
+    path.write_bytes(b"")
     for content in ("[1]", "{", "[" * 100_000):
         (tmp_path / SETTINGS_FILE).write_text(content)
         with pytest.raises(ValueError, match=r"settings\.json is damaged"):
