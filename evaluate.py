@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from pydantic import ValidationError
 from rich.console import Console
 
 from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
-from envs.files import read_record
+from envs.files import explain_errors, read_record
 from lidarnaut.configurations import find_configuration
 
 
@@ -63,14 +64,17 @@ def main(arguments: list[str] | None = None) -> int:
     file = first.parse_known_args(arguments)[0].config
     command: Command | None = None
     try:
-        settings: Any = read_record(find_configuration(file), Settings) if file else tyro.MISSING
+        settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
         command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
-        evaluation = Evaluation(command.settings, command.out, Shard.parse(command.shard or "1/1"))
+        shard = Shard() if command.shard is None else Shard.parse(command.shard)
+        evaluation = Evaluation(command.settings, command.out, shard)
         failures = []
+        if command.publish:  # a folder that cannot be written should not come out after the last episode
+            (command.publish / "arena").mkdir(parents=True, exist_ok=True)
         if not command.report:
             failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags, command.record)
-        if command.shard:
+        if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0
         summary = publish(evaluation, command=shown_command(arguments, command), docs=command.publish)
@@ -78,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        said = str(error)
+        said = "\n".join(explain_errors(error, Settings)) if isinstance(error, ValidationError) else str(error)
         if isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries do not say more
             said += f" (while writing to {command.out})" if command else ""
         messages.print(f"evaluate.py: {said}", style="red", markup=False, highlight=False)

@@ -16,7 +16,7 @@ import tyro
 
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.run_folder import CheckpointError, find_config
-from envs.files import read_mapping, read_record
+from envs.files import LockedError, read_mapping, read_record
 from lidarnaut.configurations import find_configuration
 
 
@@ -30,12 +30,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         kind: Any = TrainingConfig
         start: Any = tyro.MISSING
-        if given.resume or given.config:
-            path = find_config(given.resume) if given.resume else find_configuration(given.config)
-            kind = EvolutionConfig if read_mapping(path).get("algorithm") == "evolution" else TrainingConfig
+        if given.resume is not None or given.config is not None:
+            path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
+            kind = EvolutionConfig if "algorithm" in read_mapping(path) else TrainingConfig
             start = read_record(path, kind)
-        else:
-            overrides = ["--help"]
+        elif not {"--help", "-h"} & {*overrides}:
+            raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
         config = tyro.cli(kind, default=start, args=overrides, prog="train.py", description=__doc__)
         # Torch takes seconds to load: mistakes above are reported at once.
         if isinstance(config, EvolutionConfig):
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
         return 130
-    except (CheckpointError, ValueError, OSError, gymnasium.error.Error) as error:
+    except (CheckpointError, LockedError, ValueError, OSError, ImportError, gymnasium.error.Error) as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     print(f"results are in {run}")

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validato
 from envs.files import explain_unknown, load_object
 from envs.slam import DEFAULT_SLAM
 from envs.tasks.rewards import RewardWeights
+from envs.worlds import FAMILIES
 
 
 class Section(BaseModel):
@@ -207,6 +208,13 @@ class EvolutionConfig(Section):
     """Generations between two validations."""
     num_workers: Side | None = None
     """Processes; null takes as many as there are cores."""
+
+    @field_validator("families")
+    @classmethod
+    def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
+        if unknown := [name for name in families if name not in FAMILIES]:
+            raise ValueError(f"unknown family {explain_unknown(unknown[0], FAMILIES)}")
+        return families
 
 
 class TrainingConfig(Section):

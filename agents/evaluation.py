@@ -1,8 +1,11 @@
 """How well a policy explores worlds that it was not trained on, measured while it trains."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv
@@ -13,6 +16,7 @@ from agents.policies import make_policy
 from agents.ppo import mean_action
 from agents.vec_env import Observations, make_env, make_vector
 from baselines.episode import exploration_of, first_at, run_episode
+from baselines.explorer import Explorer, ObservationPolicy
 from envs.files import resolve
 
 ELAPSED = 5
@@ -67,20 +71,22 @@ class Evaluator:
             return run_episodes(self._vector, lambda seen: mean_action(policy, seen))
         return run_episodes(self._vector, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0))
 
+    def check(self, names: Sequence[str]) -> None:
+        """See that explorers can be measured, before any work; raises as `explorer`."""
+        for name in names:
+            with contextlib.closing(make_env(self._environment, "test")) as env:
+                self._make(name, env)
+
     def explorer(self, name: str) -> list[Episode]:
         """Measure an explorer that does not learn, by name or as `module:attribute`.
 
         Raises:
             ValueError: if there is none of this name, or it cannot choose frontiers where that is asked for.
         """
-        # These bring scikit-learn, which a training without references need not load.
-        from agents.frontiers.rules import make_reference
-        from baselines import EXPLORERS
-
-        env, source = make_env(self._environment, "test"), resolve(name, EXPLORERS, "explorer")
+        env = make_env(self._environment, "test")
         episodes: list[Episode] = []
         for seed in range(self._config.evaluation.episodes):
-            explorer = make_reference(name, env) if self._chooses else make_policy(source, env.action_space)
+            explorer = self._make(name, env)
             episode = run_episode(env, explorer, seed)
             exploration = exploration_of(env)
             area = exploration.coverage.area.area
@@ -93,6 +99,14 @@ class Evaluator:
             episodes.append(Episode(time_to_target=time, **measures))
         env.close()
         return episodes
+
+    def _make(self, name: str, env: gymnasium.Env[Any, Any]) -> Explorer | ObservationPolicy:
+        # These bring scikit-learn, which a training without references need not load.
+        from agents.frontiers.rules import make_reference
+        from baselines import EXPLORERS
+
+        source = resolve(name, EXPLORERS, "explorer")
+        return make_reference(name, env) if self._chooses else make_policy(source, env.action_space)
 
 
 def run_episodes(

@@ -1,5 +1,6 @@
 """The folder of a run: what is written when it opens, and its table of evaluations."""
 
+import contextlib
 import csv
 import io
 import json
@@ -9,13 +10,13 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.curves import Row, draw_learning_curve, draw_validations
-from envs.files import dump_record, sweep, write_file
+from envs.files import Lock, dump_record, sweep, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
@@ -61,26 +62,35 @@ def find_config(path: str | Path) -> Path:
     return find_checkpoint(path).parent.parent / "config.yaml"
 
 
-def new_run(config: TrainingConfig, run: Path | None) -> Path:
+@contextlib.contextmanager
+def new_run(config: TrainingConfig, run: Path | None) -> Iterator[Path]:
     """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
+
+    The folder is locked until the context ends.
 
     Raises:
         ValueError: if the folder holds a run already.
+        envs.files.LockedError: if another process is at it.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
-    if list_checkpoints(run):
-        raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
     (run / "checkpoints").mkdir(parents=True, exist_ok=True)
-    _record(run, config)
-    return run
+    with Lock(run):
+        if list_checkpoints(run):
+            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+        _record(run, config)
+        yield run
 
 
-def open_run(config: EvolutionConfig, run: Path | None, resume: Path | None) -> Path:
+@contextlib.contextmanager
+def open_run(config: EvolutionConfig, run: Path | None, resume: Path | None) -> Iterator[Path]:
     """Create a run folder, or take one that is to go on; None makes `runs/<experiment>__<seed>__<time>`.
 
+    The folder is locked until the context ends.
+
     Raises:
-        ValueError: if a new folder is in use already.
+        ValueError: if a new folder holds a run already.
         CheckpointError: if there is no run to go on with.
+        envs.files.LockedError: if another process is at it.
     """
     if resume is not None:
         if not (resume / "config.yaml").exists():
@@ -88,15 +98,16 @@ def open_run(config: EvolutionConfig, run: Path | None, resume: Path | None) -> 
         run = resume
     else:
         run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
-        if (run / "config.yaml").exists():
-            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
         run.mkdir(parents=True, exist_ok=True)
-    _record(run, config)
-    return run
+    with Lock(run):
+        if resume is None and (run / "config.yaml").exists():
+            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+        _record(run, config)
+        yield run
 
 
 def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
-    """Prepare a run to go on from one of its checkpoints; newer ones are set aside as `*.discarded`."""
+    """Prepare a run, locked by the caller, to go on from one of its checkpoints; newer ones become `*.discarded`."""
     run = checkpoint.parent.parent
     for newer in list_checkpoints(run):
         if newer.name > checkpoint.name:

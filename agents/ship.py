@@ -16,6 +16,7 @@ import tyro
 from agents.checkpoint import POLICY_FILE
 from agents.learned import POLICY, find_policy
 from agents.run_folder import RECORD_FILE
+from envs.command_line import run_command
 from envs.files import write_folder
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
@@ -31,8 +32,12 @@ def ship(run: Path, folder: Path) -> None:
 
     Raises:
         CheckpointError: if the run holds no policy.
-        OSError: if its configuration or its learning curve is missing.
+        OSError: if its configuration or its learning curve is missing, or the folder cannot be written; then the older
+            one is still there.
     """
+    old = folder.with_name(f"{folder.name}.old")
+    if old.exists() and not folder.exists():  # stopped in between, with the model card in the old one
+        old.rename(folder)
     policy = find_policy(run)
     is_score = policy.name == POLICY
     names = sorted(path.name for path in policy.iterdir()) if is_score else [POLICY_FILE, RECORD_FILE]
@@ -46,11 +51,15 @@ def ship(run: Path, folder: Path) -> None:
     files[CHECKSUMS] = "".join(sums).encode()
     if (folder / MODEL_CARD).exists():
         files[MODEL_CARD] = (folder / MODEL_CARD).read_bytes()
-    old = folder.with_name(f"{folder.name}.old")
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
         folder.rename(old)
-    write_folder(folder, files)
+    try:
+        write_folder(folder, files)
+    except BaseException:
+        if old.exists():
+            old.rename(folder)
+        raise
     shutil.rmtree(old, ignore_errors=True)
 
 
@@ -65,4 +74,4 @@ def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyr
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

@@ -14,6 +14,7 @@ from agents.evaluation import Evaluator
 from agents.ppo import build_model, restore
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
 from agents.vec_env import GymnasiumVecEnv, make_vector
+from envs.files import Lock
 
 
 def train(
@@ -31,18 +32,23 @@ def train(
         The run folder.
 
     Raises:
-        ValueError: if the run folder is in use, or the environment refuses its arguments.
+        ValueError: if a new run folder holds a run already, or the environment refuses its arguments.
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
+        envs.files.LockedError: if another process is at the run.
     """
-    source = None if resume is None else find_checkpoint(resume)
-    checkpoint = None if source is None else load_checkpoint(source)
-    with (
-        contextlib.closing(Evaluator(config)) as evaluator,
-        contextlib.closing(GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs))) as env,
-    ):
+    source = checkpoint = None
+    with contextlib.ExitStack() as held:
+        if resume is not None:
+            held.enter_context(Lock(find_checkpoint(resume).parent.parent))
+            source = find_checkpoint(resume)  # again: until now another process may have added to the run
+            checkpoint = load_checkpoint(source)
+        evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
+        vector = make_vector(config.environment, "train", config.num_envs)
+        env = held.enter_context(contextlib.closing(GymnasiumVecEnv(vector)))
         model = build_model(config, env)
         if checkpoint is None or source is None:
-            run = new_run(config, run)
+            evaluator.check(config.evaluation.references)
+            run = held.enter_context(new_run(config, run))
         else:
             for name in ("network", "decision_network"):
                 if (asked := getattr(config, name)) != (saved := getattr(checkpoint.record.config, name)):

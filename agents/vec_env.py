@@ -27,7 +27,11 @@ def make_env(config: EnvironmentConfig, split: Literal["train", "test"]) -> gymn
 def make_vector(
     config: EnvironmentConfig, split: Literal["train", "test"], num_envs: int
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
-    """Make several environments on the worlds of a split. One whose episode ends starts the next at once."""
+    """Make several environments on the worlds of a split. One whose episode ends starts the next at once.
+
+    Raises:
+        ValueError: if an argument is not allowed, or the environment has no such arguments.
+    """
     arguments = {**config.arguments, "split": split}
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if config.vectorization != "sync":
@@ -36,10 +40,15 @@ def make_vector(
         settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
     if config.vectorization == "native":
         settings["num_workers"] = config.num_workers
-        return gymnasium.make_vec(config.id, num_envs, "vector_entry_point", **settings, **arguments)
-    return gymnasium.make_vec(
-        config.id, num_envs, vectorization_mode=config.vectorization, vector_kwargs=settings, **arguments
-    )
+        mode: dict[str, Any] = {"vectorization_mode": "vector_entry_point", **settings}
+    else:
+        mode = {"vectorization_mode": config.vectorization, "vector_kwargs": settings}
+    try:
+        return gymnasium.make_vec(config.id, num_envs, **mode, **arguments)
+    except TypeError as error:
+        if "unexpected keyword argument" not in str(error):
+            raise
+        raise ValueError(f"environment.id: {config.id!r} is not for exploration: {error}") from error
 
 
 class GymnasiumVecEnv(VecEnv):

@@ -7,7 +7,6 @@ The ratio of two rules is what learning needs: it is compared from the same star
 import time
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -16,6 +15,7 @@ from baselines.frontier.explorer import FrontierRule
 from baselines.frontier.gain_over_cost import GainOverCost
 from baselines.frontier.nearest import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.command_line import Count, run_command
 from envs.explore_frontiers import ExploreFrontiersEnv
 
 WORLDS = {
@@ -48,7 +48,7 @@ def measure(env: ExploreFrontiersEnv, rule: FrontierRule, starts: int) -> tuple[
     return np.array(times), decisions / (time.process_time() - began)
 
 
-def main(starts: int = 12) -> None:
+def main(starts: Count = 12) -> None:
     """Print the table.
 
     Args:
@@ -69,4 +69,4 @@ def main(starts: int = 12) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

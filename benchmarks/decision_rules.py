@@ -4,13 +4,13 @@ Kinematic physics, TinySLAM, several settings of the environment, beside the `ne
 """
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from baselines import make_explorer
 from baselines.episode import run, run_episode
+from envs.command_line import run_command
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
@@ -79,4 +79,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -10,7 +10,6 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -18,6 +17,7 @@ from baselines import EXPLORERS, make_explorer
 from baselines.episode import decide_with, run
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import decide_with_team
+from envs.command_line import Count, run_command
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 
@@ -63,7 +63,7 @@ def main(
     explorers: tuple[str, ...] = tuple(name for name in EXPLORERS if name != "oracle"),
     seed: int = 0,
     max_time: float = np.inf,
-    robots: int = 1,
+    robots: Count = 1,
 ) -> None:
     """Print how long explorers take to decide.
 
@@ -83,4 +83,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

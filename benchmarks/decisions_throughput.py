@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import tyro
 from gymnasium.vector import AutoresetMode
 from rich.console import Console
 from rich.table import Table
 
+from envs.command_line import Count, run_command
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.vector import ExploreFrontiersVectorEnv
 
@@ -56,7 +56,7 @@ def vector(count: int) -> Decide:
     return decide
 
 
-def main(decisions: int = 600, slices: int = 20, sizes: tuple[int, ...] = (16, 64, 256)) -> None:
+def main(decisions: Count = 600, slices: Count = 20, sizes: tuple[int, ...] = (16, 64, 256)) -> None:
     """Measure and print a table.
 
     Args:
@@ -95,4 +95,4 @@ def main(decisions: int = 600, slices: int = 20, sizes: tuple[int, ...] = (16, 6
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -7,7 +7,6 @@ the wall clock of a shared machine also measures other processes. Evaluations ar
 import time
 from pathlib import Path
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 from stable_baselines3.common.logger import Logger
@@ -15,6 +14,7 @@ from stable_baselines3.common.logger import Logger
 from agents.config import TrainingConfig
 from agents.ppo import build_model
 from agents.vec_env import GymnasiumVecEnv, make_vector
+from envs.command_line import Count, run_command
 from envs.files import read_record
 
 
@@ -53,7 +53,7 @@ def measure(config: TrainingConfig, updates: int) -> tuple[int, float, float]:
 
 
 def main(
-    config: Path = Path("configs/frontiers_ppo.yaml"), worlds: tuple[str, ...] = ("rooms",), updates: int = 6
+    config: Path = Path("configs/frontiers_ppo.yaml"), worlds: tuple[str, ...] = ("rooms",), updates: Count = 6
 ) -> None:
     """Measure and print a table.
 
@@ -73,4 +73,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

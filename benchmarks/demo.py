@@ -1,5 +1,6 @@
 """The whole path in two minutes: evolve an explorer, let it and the shipped one explore a house, film and report."""
 
+import importlib.util
 import shutil
 import sys
 import time
@@ -19,7 +20,7 @@ from benchmarks.arena.theme import Picture
 from benchmarks.arena.trace import Trace, trace_path
 from benchmarks.pictures import save_gif
 from benchmarks.side_by_side import SideBySide
-from envs.files import read_record
+from envs.files import Lock, read_record
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
@@ -50,7 +51,18 @@ def demo(
 
     The results of an earlier demo in the folder are replaced once the new ones are complete. A time limit [s] of None
     lets the environment choose.
+
+    Raises:
+        envs.files.LockedError: if another process is at it.
     """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with Lock(folder.parent, f"lock-{folder.name}"):
+        return _demo(config, folder, episodes, physics, time_limit, jobs)
+
+
+def _demo(
+    config: EvolutionConfig, folder: Path, episodes: int, physics: str, time_limit: float | None, jobs: int
+) -> str:
     from agents.frontiers.evolution import evolve  # torch takes seconds to load: the first line should not wait for it
 
     console, began = Console(stderr=True), time.monotonic()
@@ -129,10 +141,14 @@ def _sentence(rows: Sequence[Row], folder: Path) -> str:
 def main() -> int:
     """Run the demo; return the exit status."""
     try:
-        print(demo(read_record(CONFIG, EvolutionConfig), FOLDER))
+        physics = "bullet" if importlib.util.find_spec("pybullet") else "kinematic"
+        print(demo(read_record(CONFIG, EvolutionConfig), FOLDER, physics=physics))
     except KeyboardInterrupt:
         print(f"stopped; an earlier demo in {FOLDER} is as it was", file=sys.stderr)
         return 130
+    except (ValueError, RuntimeError, OSError) as error:
+        print(f"benchmarks.demo: {error}", file=sys.stderr)
+        return 2
     return 0
 
 

@@ -17,6 +17,7 @@ from baselines.episode import run_episode
 from baselines.explorer import Explorer
 from benchmarks.navigator_params import change_explorer, print_changes
 from benchmarks.parallel import run_each
+from envs.command_line import Count, run_command
 from envs.explore import ExploreEnv
 
 FAMILIES = ("rooms", "maze", "warehouse", "caves")
@@ -58,10 +59,10 @@ def time_explorer(name: str, changes: str, slam: str, task: Task) -> float:
 def main(
     explorer: Annotated[str, tyro.conf.Positional],
     changes: Annotated[tuple[str, ...], tyro.conf.Positional],
-    tasks: int = 24,
+    tasks: Count = 24,
     seed: int = 0,
     slam: str = "truth",
-    jobs: int = 2,
+    jobs: Count = 2,
 ) -> None:
     """Measure and print a table.
 
@@ -80,4 +81,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import tyro
 from PIL import Image
 
 import envs  # noqa: F401  (registers the environments)
@@ -17,6 +16,7 @@ from baselines.navigation.episode import drive
 from baselines.route_follower import RouteFollower
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
+from envs.command_line import run_command
 
 NUM_FRAMES = 48
 """Frames of a film, besides the last one, at most; at least half as many in episodes that last."""
@@ -124,4 +124,4 @@ def main(out: Path = Path("docs/images/environments"), only: str = "") -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

@@ -6,12 +6,12 @@ The documentation draws them when it is built.
 from pathlib import Path
 
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
+from envs.command_line import run_command
 from envs.geometry import Pose2D
 from envs.rendering import style
 from envs.robots import ROBOT_NAMES, RobotParams, load_robot
@@ -137,4 +137,4 @@ def main(out: Path = Path("runs/gallery")) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

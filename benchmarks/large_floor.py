@@ -10,12 +10,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
 from baselines import make_explorer
 from baselines.episode import decide_with, run
+from envs.command_line import run_command
 from envs.explore import ExploreEnv
 
 DECISION = 4
@@ -88,4 +88,4 @@ def print_table(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +21,7 @@ from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import Drive, drive
 from benchmarks.parallel import run_each
 from benchmarks.simulation import measure
+from envs.command_line import Count, run_command
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigation import (
@@ -135,8 +135,8 @@ def _text(value: Any) -> str:
 
 def main(
     worlds: tuple[str, ...] = WORLDS,
-    goals: int = 200,
-    jobs: int = 2,
+    goals: Count = 200,
+    jobs: Count = 2,
     seed: int = 0,
     physics: str = "bullet",
     localizer: str = "amcl",
@@ -167,4 +167,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

@@ -17,6 +17,7 @@ from baselines import make_explorer
 from baselines.episode import run_episode
 from baselines.frontier.explorer import RuleExplorer
 from benchmarks.parallel import run_each
+from envs.command_line import Count, run_command
 from envs.explore import ExploreEnv
 
 WORLDS = (
@@ -67,9 +68,9 @@ def main(
     changes: Annotated[tuple[str, ...], tyro.conf.Positional] = CHANGES,
     explorer: str = "nearest",
     worlds: tuple[str, ...] = WORLDS,
-    seeds: int = 5,
+    seeds: Count = 5,
     slam: str = "truth",
-    jobs: int = 2,
+    jobs: Count = 2,
 ) -> None:
     """Measure and print a table.
 
@@ -98,4 +99,4 @@ def print_changes(title: str, changes: Sequence[str], times: np.ndarray) -> None
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 from PIL import Image
 
 from baselines import make_explorer
 from baselines.episode import run_episode
 from benchmarks.slam_maps import draw_drive, draw_log
+from envs.command_line import run_command
 from envs.explore import ExploreEnv
 from envs.geometry.polyline import lengths_along
 from envs.rendering import style
@@ -163,4 +163,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

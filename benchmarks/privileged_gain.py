@@ -9,7 +9,6 @@ saves, with these weights.
 import math
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -21,6 +20,7 @@ from agents.learned import find_policy
 from benchmarks.arena.statistics import paired_ratio
 from benchmarks.parallel import run_each
 from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.command_line import Count, run_command
 from envs.navigation.candidate_features import FAILURES, HALF_AREA, VISIBLE
 from envs.navigation.candidate_views import NUM_RAYS, cast_view, ray_directions
 from envs.navigation.params import PlanningParams
@@ -70,7 +70,7 @@ def time_scores(seed: tuple[int, int], weights: tuple[np.ndarray, ...]) -> np.nd
     return np.exp(logs).reshape(len(weights), len(KNOWN))
 
 
-def main(tasks: int = 200, policy: str = "pretrained/frontiers", seed: int = 0, jobs: int = 2) -> None:
+def main(tasks: Count = 200, policy: str = "pretrained/frontiers", seed: int = 0, jobs: Count = 2) -> None:
     """Measure and print a table.
 
     Args:
@@ -90,4 +90,4 @@ def main(tasks: int = 200, policy: str = "pretrained/frontiers", seed: int = 0, 
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

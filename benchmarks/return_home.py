@@ -7,11 +7,11 @@ from collections import Counter
 
 import gymnasium
 import numpy as np
-import tyro
 
 import baselines
 import envs  # noqa: F401  (registers the environments)
 from baselines.episode import Info, begin_episode, decide_with, exploration_of, run
+from envs.command_line import Count, run_command
 from envs.slam import DEFAULT_SLAM
 from envs.tasks.return_home import HOME_RADIUS
 
@@ -33,7 +33,7 @@ def main(
     worlds: tuple[str, ...] = ("turtlebot3_world", "turtlebot3_house", "rooms", "maze"),
     physics: str = "kinematic",
     slam: str = DEFAULT_SLAM,
-    episodes: int = 5,
+    episodes: Count = 5,
 ) -> None:
     """Print a line per world.
 
@@ -60,4 +60,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

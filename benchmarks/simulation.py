@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-import tyro
 
 from benchmarks.speed.references import cast_rays_in_numpy
+from envs.command_line import Count, run_command
 from envs.geometry.raycast import Beams, cast_rays
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, Twist, make_simulator
@@ -80,7 +80,7 @@ def stepping(world: World, names: Sequence[str], repetitions: int) -> None:
     print_table(f"One control step of 0.1 s with all sensors, {world.name} [us]", measure(calls, repetitions, batch=10))
 
 
-def main(world: str = "turtlebot3_world", repetitions: int = 200) -> None:
+def main(world: str = "turtlebot3_world", repetitions: Count = 200) -> None:
     """Measure, and print.
 
     Args:
@@ -92,4 +92,4 @@ def main(world: str = "turtlebot3_world", repetitions: int = 200) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from benchmarks.recorded_drives import RESOLUTION, make_setup
 from benchmarks.slam_drive import evaluate, record_drive
+from envs.command_line import Count, run_command
 from envs.logs import load_log, load_relations
 from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
@@ -94,7 +95,7 @@ def main(
     drives: tuple[str, ...] = DRIVES,
     log: Path | None = None,
     relations: Path | None = None,
-    seeds: int = 5,
+    seeds: Count = 5,
     minutes: float = 10.0,
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
 ) -> None:
@@ -126,4 +127,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 from benchmarks.recorded_drives import RESOLUTION, Drive, Setup, make_setup, record
+from envs.command_line import Count, run_command
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
@@ -109,7 +110,7 @@ def main(
     physics: Literal["bullet", "kinematic"] = "bullet",
     slam: str = DEFAULT_SLAM,
     preset: str = "default",
-    seeds: int = 5,
+    seeds: Count = 5,
     minutes: float = 5.0,
     tilt: float = 0.0,
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
@@ -157,4 +158,4 @@ def _row(name: str, results: list[DriveErrors]) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

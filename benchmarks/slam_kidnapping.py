@@ -8,12 +8,12 @@ start: what the map itself is off is part of them.
 from typing import NamedTuple
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.parallel import run_each
 from benchmarks.recorded_drives import PERIOD, RESOLUTION, make_setup, record
+from envs.command_line import Count, run_command
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors
 from envs.robots import load_robot
@@ -63,10 +63,10 @@ def main(
     slams: tuple[str, ...] = ("hector", "tinyslam", "graph", "gmapping"),
     worlds: tuple[str, ...] = ("turtlebot3_house", "rmf_office_L1", "aws_bookstore", "explorebench_loop"),
     robot: str = "turtlebot3_burger",
-    seeds: int = 5,
+    seeds: Count = 5,
     minutes: float = 10.0,
     seconds: float = 90.0,
-    jobs: int = 1,
+    jobs: Count = 1,
 ) -> None:
     """Measure, and print a table.
 
@@ -98,4 +98,4 @@ def _cells(outcomes: list[Outcome]) -> list[str]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import tyro
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -23,6 +22,7 @@ from benchmarks.arena.records import Row, append_row, read_tables
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from benchmarks.parallel import run_each
+from envs.command_line import Count, run_command
 from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
 from envs.slam import DEFAULT_SLAM
@@ -159,8 +159,8 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
 def main(
     worlds: tuple[str, ...] = WORLDS,
     robots: tuple[int, ...] = tuple(range(1, MAX_ROBOTS + 1)),
-    episodes: int = 4,
-    jobs: int = 2,
+    episodes: Count = 4,
+    jobs: Count = 2,
     seed: int = 0,
     physics: str = "kinematic",
     slam: str = DEFAULT_SLAM,
@@ -193,4 +193,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

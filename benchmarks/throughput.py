@@ -17,6 +17,7 @@ from rich.console import Console
 
 from benchmarks.speed.report import plot_growth, print_results, targets
 from benchmarks.speed.results import FULL, QUICK, run
+from envs.command_line import run_command
 
 PLOT = Path(__file__).parents[1] / "docs" / "images" / "throughput.png"
 
@@ -42,4 +43,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

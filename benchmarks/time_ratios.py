@@ -20,6 +20,7 @@ from rich.table import Table
 
 from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
 from benchmarks.arena.statistics import gap_closed, paired_ratio, probability_of_improvement
+from envs.command_line import run_command
 from envs.worlds import FAMILIES
 
 LEAST_TIME = 1.0
@@ -126,4 +127,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from envs.arguments import check_positive
+from envs.arguments import check_positive, is_number
 from envs.estimation import ORIGIN
 from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
@@ -113,7 +113,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
                 f"randomize must name parameters of the lidar where robots slide along paths, got {others}"
             )
         check_positive(scan_distance=scan_distance)
-        if len(drift) != 2 or not min(drift) >= 0.0:
+        if np.shape(drift) != (2,) or not all(is_number(value) and value >= 0.0 for value in drift):
             raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")
         if not 0.0 <= false_returns < 1.0:
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")

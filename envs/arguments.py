@@ -1,6 +1,8 @@
 """Checks of arguments, and robots by the world that they are usual in."""
 
 import math
+from collections.abc import Mapping
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,27 @@ def is_pose(pose: Any) -> bool:
         return False
 
 
+def is_number(value: Any) -> bool:
+    """Tell whether something is a real number, not infinite and not NaN."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def is_whole(value: Any) -> bool:
+    """Tell whether something is a whole number, of Python or of NumPy."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def read_options(options: Any) -> dict[str, Any]:
+    """Return a copy of the options of a reset.
+
+    Raises:
+        ValueError: if they are not by name.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options must map names to values, got {options!r}")
+    return dict(options or {})
+
+
 def check_positive(**values: float) -> None:
     """Refuse numbers that are not positive and finite.
 
@@ -42,7 +65,7 @@ def check_positive(**values: float) -> None:
         ValueError: names the first of them.
     """
     for name, value in values.items():
-        if not 0 < value < math.inf:
+        if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
 
 

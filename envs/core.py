@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, read_action
+from envs.arguments import check_positive, is_number, read_action, read_options
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
@@ -69,7 +69,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         check_positive(control_hz=control_hz)
-        if time_limit is not None and not time_limit > 0:
+        if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         announce_compilation(measure_ranges)
         self.task = task
@@ -323,7 +323,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return None
 
     def close(self) -> None:
-        """Release the physics engine and the window."""
+        """Release the physics engine and the window; the episode ends."""
+        self._has_begun = False
         self.simulator.close()
         if self._renderer is not None:
             self._renderer.close()
@@ -339,7 +340,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         allowed = ("world", "start", *self.task.reset_options)
-        options = dict(options or {})
+        options = read_options(options)
         if unknown := sorted(map(str, set(options) - set(allowed))):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         return options

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from envs.arguments import choose_robot
+from envs.arguments import check_positive, choose_robot
 from envs.core import LidarEnv, make_robots
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
@@ -133,6 +133,7 @@ class ExploreEnv(LidarEnv):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
+        check_positive(map_resolution=map_resolution)
         params = choose_robot(robot, world)
         if return_home and self.num_robots > 1:
             raise ValueError("return_home is for one robot, not for a team")

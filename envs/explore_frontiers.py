@@ -19,6 +19,8 @@ from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
+MAX_CANDIDATES = 1000
+"""Most candidates of a decision: the observation has a number for each pair of them."""
 RESET, EPISODE_END = "reset", "episode_end"
 """Outcomes beside those of `FrontierNavigator`: there was no drive yet; the episode ended in the midst of one."""
 
@@ -101,7 +103,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     its pose estimate, and in truth farther off than 0.3 m, or `"no_path_home"`.
 
     ## Arguments
-    Those of `ExploreEnv`, and
+    Those of `ExploreEnv` but for `observations`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -128,8 +130,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if max_candidates < 1:
-            raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
+        if max_candidates not in range(1, MAX_CANDIDATES + 1):
+            raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
+        if "observations" in arguments:
+            raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         announce_compilation(find_candidates)
         self.explore = env = ExploreEnv(control_hz=control_hz, **arguments)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from envs.arguments import choose_robot
+from envs.arguments import check_positive, choose_robot
 from envs.core import LidarEnv, make_robots
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import AmclParams, Localizer, PoseEstimate
@@ -168,6 +168,7 @@ class NavigateEnv(KnownMapEnv):
         """
         if initial_pose == "unknown" and localizer != "amcl":
             raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {localizer!r}")
+        check_positive(map_resolution=map_resolution)
         params = choose_robot(robot, world)
         task = Navigate(
             params,

@@ -55,6 +55,8 @@ class Randomization:
         Raises:
             ValueError: a name is not allowed, or a range is none; the message names it and what is allowed.
         """
+        if not isinstance(ranges, Mapping):
+            raise ValueError(f"randomize must map names of parameters to (low, high), got {ranges!r}")
         if not robot.imu.has_compass:
             ignored = (*ignored, "imu.compass_std")
         allowed = [name for name in RANDOMIZABLE if name not in ignored]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import gymnasium
 import numpy as np
 import pygame
 import tyro
@@ -14,6 +15,7 @@ from envs.rendering.renderer import open_window
 from envs.rendering.style import PAPER
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import save_map
+from envs.worlds.map_files import map_paths
 
 HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
 TURN_RATE = 1.0
@@ -149,10 +151,11 @@ def main(options: Options) -> None:
             start="spawn",
             render_mode="rgb_array",
         )
+        map_paths(options.map)
         if not options.map.resolve().parent.is_dir():
             raise FileNotFoundError(f"there is no folder {options.map.resolve().parent} to save maps in")
         teleop = Teleop(env, options.map, options.seed)
-    except (ValueError, FileNotFoundError, ImportError, RuntimeError) as error:
+    except (ValueError, OSError, ImportError, RuntimeError, gymnasium.error.Error) as error:
         raise SystemExit(f"teleop: {error}") from error
     clock = pygame.Clock()
     while teleop.tick():

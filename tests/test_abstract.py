@@ -95,6 +95,8 @@ def test_vector_environment():
         ({"slam": "hector"}, "slam must be 'truth'"),
         ({"scan_distance": 0.0}, "scan_distance"),
         ({"drift": (0.1, -0.1)}, "drift"),
+        ({"drift": 0.1}, "drift must be"),
+        ({"drift": (float("nan"), 0.1)}, "drift must be"),
         ({"false_returns": 1.0}, "false_returns"),
     ],
 )

@@ -270,6 +270,10 @@ def test_steps_and_pictures_before_a_reset_are_refused(id):
     for call in (lambda: env.step(env.action_space.sample()), env.render):
         with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
             call()
+    env.reset(seed=0)
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+        env.step(env.action_space.sample())
     env.close()
 
 

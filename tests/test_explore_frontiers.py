@@ -248,7 +248,11 @@ def test_bad_actions_are_refused(action):
     ("arguments", "culprit"),
     [
         ({"max_candidates": 0}, "max_candidates"),
+        ({"max_candidates": 1.5}, "max_candidates must be whole"),
+        ({"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
+        ({"max_decision_time": "4"}, "max_decision_time"),
         ({"max_decision_time": 0.0}, "max_decision_time"),
+        ({"observations": ("scan",)}, "observations cannot be chosen"),
         ({"control_hz": -1.0}, "control_hz"),
         ({"world": "atlantis"}, "atlantis"),
         ({"reward": {"explred": 1.0}}, "explred"),

@@ -195,6 +195,15 @@ def test_bad_arguments_are_named(kwargs, culprit):
         NavigateEnv(**{**QUICK, **kwargs})
 
 
+def test_an_option_that_is_no_goal_is_refused():
+    env = NavigateEnv(**QUICK, goal=(-0.5, 0.5, 0.0))
+    for goal in ("kitchen", None, (0.0, 0.0)):
+        with pytest.raises(ValueError, match="goal must be"):
+            env.reset(seed=0, options={"goal": goal})
+    env.reset(seed=0, options={"goal": "random"})
+    assert tuple(env.task.goal) != (-0.5, 0.5, 0.0)
+
+
 def test_poses_in_collision_are_refused():
     with pytest.raises(ValueError, match="not collision-free"):
         NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)

@@ -138,6 +138,8 @@ def test_a_slam_by_name_is_an_option(slam):
         ({"world": "atlantis"}, "atlantis"),
         ({"slam": "gmaping"}, "unknown SLAM 'gmaping'.*gmapping"),
         ({"map": Path("/no/such/folder/map.yaml")}, "/no/such/folder"),
+        ({"map": Path("map.jpg")}, "saved as .yaml, .pgm or .png, got map.jpg"),
+        ({"seed": -1}, "-1"),
     ],
 )
 def test_bad_options_are_named(options, culprit):

@@ -1,5 +1,9 @@
+import copy
+import gc
 import multiprocessing
 import os
+import pickle
+import re
 import time
 
 import gymnasium
@@ -152,6 +156,11 @@ def test_render_call_and_attributes_reach_every_sub_environment(num_workers):
     ("arguments", "culprit"),
     [
         ({"num_envs": 0}, "num_envs"),
+        ({"num_envs": 1.5}, "num_envs must be whole and from 1 to 100,000, got 1.5"),
+        ({"num_envs": "2"}, "num_envs must be whole"),
+        ({"num_envs": 10**7}, "num_envs must be whole and from 1 to 100,000"),
+        ({"num_workers": 1.5}, "num_workers must be whole"),
+        ({"max_episode_steps": 1.5}, "max_episode_steps must be whole"),
         ({"physics": "magic"}, "physics"),
         ({"render_mode": "human"}, "render_mode"),
         ({"num_workers": -1}, "num_workers"),
@@ -241,6 +250,35 @@ def test_workers_end_at_once_when_closed():
     began = time.monotonic()
     env.close()
     assert time.monotonic() - began < 5.0  # waiting for one worker alone would take ten
+
+
+@pytest.mark.parametrize("num_workers", [0, 2])
+def test_copies_are_refused_and_leave_the_original_alone(num_workers):
+    env = ExploreVectorEnv(np.int64(2), num_workers=num_workers, **QUICK)
+    env.reset(seed=0)
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="cannot be copied or pickled"):
+            copied(env)
+    gc.collect()
+    env.step(np.zeros((2, 2)))
+    env.close()
+
+
+def test_seeds_and_options_are_numbers_and_mappings():
+    env = ExploreVectorEnv(2, num_workers=0, **QUICK)
+    first = env.reset(seed=np.array([1, 2]))[0]
+    assert_same(env.reset(seed=[1, 2])[0], first)
+    for wrong in (1.5, [1], "a"):
+        with pytest.raises(
+            ValueError, match=f"seed must be one whole number or 2 of them, got {re.escape(repr(wrong))}"
+        ):
+            env.reset(seed=wrong)
+    for wrong in (5, "a"):
+        with pytest.raises(ValueError, match=f"options must map names to values, got {wrong!r}"):
+            env.reset(options=wrong)
+        with pytest.raises(ValueError, match=f"options must map names to values, got {wrong!r}"):
+            ExploreEnv(**QUICK, physics="kinematic").reset(options=wrong)
+    env.close()
 
 
 class SlowlyPrepared(ExploreEnv):

@@ -51,10 +51,10 @@ def evolve(
 
     Raises:
         CheckpointError: if the files of a run that is to go on do not fit together.
-        ValueError: if the run folder is in use.
+        ValueError: if a new run folder holds a run already.
+        envs.files.LockedError: if another process is at the run.
     """
-    run = open_run(config, run, resume)
-    with _pool(config.num_workers) as pool:
+    with open_run(config, run, resume) as run, _pool(config.num_workers) as pool:
         evolution = _Evolution(config, run, pool)
         bar = tqdm(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         with bar, evolution.log:
@@ -64,7 +64,7 @@ def evolve(
                     bar.set_postfix(time_over_rule=f"{evolution.validate(generation):.3f}")
                 bar.update(evolution.advance(generation))
             bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
-    evolution.save()
+        evolution.save()
     return run
 
 

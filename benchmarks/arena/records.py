@@ -1,10 +1,12 @@
 """The tables of an evaluation: a row per episode, written as it ends, and a row per episode that could not be run."""
 
 import csv
+import hashlib
 import io
 import json
 import os
 import platform
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from importlib.metadata import version
@@ -14,12 +16,14 @@ from typing import Any, NamedTuple
 from agents.run_folder import commit
 from baselines.episode import Episode
 from benchmarks.arena.policies import Policy
-from envs.files import naming, sweep, write_file
+from envs.files import naming, read_mapping, sweep, write_file
 
 ROWS = "episodes"
 """The rows are in `episodes.csv`, those of a shard in a file of its own, `episodes-<shard>.csv`."""
 FAILURES = "failures"
 """What could not be run is in `failures.csv` or `failures-<shard>.csv`."""
+WORLDS = "worlds"
+"""Which worlds of the user's own there are rows of is in `worlds.csv` or `worlds-<shard>.csv`."""
 TRACES = "episodes"
 """Folder of the traces."""
 SETTINGS_FILE = "settings.json"
@@ -47,6 +51,8 @@ _MEASURES: dict[str, Any] = {f.name: int if f.type is bool else f.type for f in 
 COLUMNS: Readers = Key.__annotations__ | {"model": str} | _MEASURES
 """Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
 FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
+WORLD_COLUMNS: Readers = {"world": str, "source": str, "content": str}
+"""Columns of `WORLDS`: what a world is called, its path or `module:attribute`, and the fingerprint of its file."""
 
 
 def make_row(policy: Policy, key: Key, episode: Episode) -> Row:
@@ -66,36 +72,71 @@ class Records:
     Each shard writes files of its own and reads those of all, so that machines may share a folder.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any], shard: str = "") -> None:
+    def __init__(
+        self, folder: Path, settings: dict[str, Any], shard: str = "", worlds: Mapping[str, str] | None = None
+    ) -> None:
         """Open a folder, new or from an evaluation that is to be continued.
 
         Args:
             folder: where.
             settings: what all rows must have in common.
             shard: name of the part of the evaluation that will be added, such as `1of4`; empty if it is the whole.
+            worlds: paths and `module:attribute` of the user's own worlds, by what they are called in rows.
 
         Raises:
-            ValueError: if the folder holds an evaluation with other settings, or rows that this version cannot read.
+            ValueError: if the folder holds an evaluation with other settings or worlds, or rows that this version
+                cannot read.
         """
-        self.folder = folder
+        self.folder, self._settings, self._shard = folder, settings, shard
+        self._worlds: dict[str, Row] = {
+            world: {"world": world, "source": source, "content": _fingerprint(source)}
+            for world, source in (worlds or {}).items()
+        }
         folder.mkdir(parents=True, exist_ok=True)
         for part in (folder, folder / TRACES):
             sweep(part)
-        self._check_settings(settings)
+        self._check_settings()
         ending = f"-{shard}.csv" if shard else ".csv"
         self._rows_file = folder / f"{ROWS}{ending}"
         self._failures_file = folder / f"{FAILURES}{ending}"
-        self.read()
+        self._worlds_file = folder / f"{WORLDS}{ending}"
+        self._read()
 
-    def read(self) -> None:
-        """Read the tables again: other processes may have added to them.
+    def begin(self) -> None:
+        """Get ready to add rows: read what other processes have added, and see that no episode is run twice.
 
         Raises:
-            ValueError: if one holds rows that this version cannot read.
+            ValueError: if the folder holds other settings or worlds, shards of another total, or rows that this
+                version cannot read.
         """
+        self._read()
+        if self._shard:
+            number, _, total = self._shard.partition("of")
+            names = [path.name for path in self.folder.glob(f"{ROWS}-*.csv")]
+            totals = {match[1] for name in names if (match := re.fullmatch(rf"{ROWS}-\d+of(\d+)\.csv", name))}
+            if others := sorted(totals - {total}):
+                raise ValueError(
+                    f"{self.folder} holds shards of a division by {', '.join(others)}, and {number}/{total} is one by "
+                    f"{total}: episodes would be run twice; use {others[0]} again, or leave out --shard"
+                )
+        self._rows_file.touch()  # from now on, the folder belongs to these settings
+        self._check_settings()
+
+    def _read(self) -> None:
         self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, COLUMNS)}
         failures = read_tables(self.folder, FAILURES, FAILURE_COLUMNS)
         self._failures = {key_of(row): row["reason"] for row in failures}
+        self._known_worlds = {row["world"]: row for row in read_tables(self.folder, WORLDS, WORLD_COLUMNS)}
+        there = {key.world for key in self._rows}
+        for world, own in self._worlds.items():
+            known = self._known_worlds.get(world, own)
+            if world in there and _identity(known) != _identity(own):
+                was, now = known["source"], own["source"]
+                what = f"of what {now} was before it changed" if was == now else f"of {was}, not of {now}"
+                raise ValueError(
+                    f"{self.folder} holds episodes in a world {world!r} {what}; give the world another name, as "
+                    "LABEL=PATH, choose another --out, or remove the folder"
+                )
 
     def find(self, policy: Policy, key: Key) -> Row | None:
         """Return the row of an episode, or None if it has not been run.
@@ -116,7 +157,11 @@ class Records:
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
-        """Append a row and see it to the disk."""
+        """Append a row and see it to the disk; before the first one in a world of the user's own, which one that is."""
+        own = self._worlds.get(row["world"])
+        if own and self._known_worlds.get(row["world"]) != own:
+            append_row(self._worlds_file, WORLD_COLUMNS, own)
+            self._known_worlds[row["world"]] = own
         append_row(self._rows_file, COLUMNS, row)
         self._rows[key_of(row)] = row
 
@@ -126,9 +171,9 @@ class Records:
             append_row(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
             self._failures[key] = reason
 
-    def _check_settings(self, settings: dict[str, Any]) -> None:
-        path = self.folder / SETTINGS_FILE
-        if not path.exists():
+    def _check_settings(self) -> None:
+        path, settings = self.folder / SETTINGS_FILE, self._settings
+        if not path.exists() or not any(self.folder.glob(f"{ROWS}*.csv")):  # or of one that never began
             write_file(path, json.dumps(settings | {"versions": _versions()}, indent=1) + "\n")
             return
         try:
@@ -191,6 +236,19 @@ def read_tables(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
                 raise ValueError(
                     f"{path}, row {number}: damaged: {error}; remove the row, and it runs again"
                 ) from error
+
+
+def _identity(world: Row) -> str:
+    return world["content"] or world["source"]
+
+
+def _fingerprint(source: str) -> str:
+    """Return the start of the SHA-256 of a world's file, and of the image of a map; empty if `source` is no file."""
+    path = Path(source)
+    if not path.is_file():
+        return ""
+    content, image = path.read_bytes(), read_mapping(path).get("image")
+    return hashlib.sha256(content + (path.parent.joinpath(image).read_bytes() if image else b"")).hexdigest()[:12]
 
 
 def _versions() -> dict[str, str]:

@@ -18,6 +18,7 @@ from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path
 from benchmarks.arena.workers import Result, Task, prepare, run_all, run_on_ray
 from envs.files import Lock, write_file
+from envs.worlds import FAMILIES, WORLD_NAMES
 
 NOT_RUN = "not tried yet"
 """Why an episode is missing that was not tried."""
@@ -86,7 +87,9 @@ class Evaluation:
         own = [task for key, task in tasks.items() if groups[key.world, key.seed] % shard.total == shard.number - 1]
         self._check_fit(list(tasks.values()))
         self._shard = shard
-        self._records = Records(folder, {"time_limit": settings.time_limit}, shard.name)
+        cases = {task.case.world_name: task.case.world for task in tasks.values()}
+        own_worlds = {name: world for name, world in cases.items() if world not in {*WORLD_NAMES, *FAMILIES}}
+        self._records = Records(folder, {"time_limit": settings.time_limit}, shard.name, own_worlds)
         self._missing = [task for task in own if self._find(task) is None]
         self.total = len(own)
         """Number of the episodes of this shard."""
@@ -117,6 +120,7 @@ class Evaluation:
             The episodes that could not be run. The others are in the folder.
 
         Raises:
+            ValueError: an argument makes no sense, or the folder holds shards of another total.
             envs.files.LockedError: another process runs the evaluation of the folder, or the same shard of it.
         """
         if jobs < 1:
@@ -129,7 +133,7 @@ class Evaluation:
             locks.enter_context(Lock(self.folder, shared=bool(name)))
             if name:
                 locks.enter_context(Lock(self.folder, f"lock-{name}"))
-            self._records.read()
+            self._records.begin()
             return self._run(jobs, ray, on_result, bags, record)
 
     def _run(

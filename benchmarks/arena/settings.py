@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import gymnasium
 import tyro
-from pydantic import Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
+from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 
 import envs  # noqa: F401  registers the environments
 from agents.config import Section
@@ -94,14 +94,18 @@ def _cases(worlds: Iterable[str], *conditions: Iterable[str]) -> Iterator[Case]:
         yield Case(world, robot, physics, slam, label if label != world else "")
 
 
+Episodes = Annotated[int, Field(ge=1, le=100_000)]
+"""Number of episodes of each policy in each world."""
+
+
 class SlamAxis(Section):
     """The same explorers under several SLAMs: what mapping error costs them. Without worlds it is left out."""
 
     policies: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
-    episodes: PositiveInt = 5
+    episodes: Episodes = 5
     """Episodes of each explorer in each world under each SLAM."""
-    slam: tuple[str, ...] = ("truth", "odometry", DEFAULT_SLAM)
+    slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
     """SLAMs; `truth`, or else the first one, is what the others are compared with."""
 
 
@@ -114,9 +118,9 @@ class Settings(Section):
     worlds: tuple[str, ...] = Field(min_length=1)
     """Library worlds, procedural families (their test split), paths of world files or of ROS maps, `module:attribute`;
     `library` and `families` stand for all of them. A name for tables goes before the latter two, as `LABEL=PATH`."""
-    episodes: PositiveInt = 10
+    episodes: Episodes = 10
     """Episodes of each policy in each world."""
-    family_episodes: PositiveInt | None = None
+    family_episodes: Episodes | None = None
     """Episodes in each procedural family, where each is another world; null takes `episodes`."""
     seed: int = Field(default=0, ge=0)
     """Seed of the first episode, the next ones count up: same world, start and noise for every policy."""

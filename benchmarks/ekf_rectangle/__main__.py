@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from envs.command_line import Count, run_command
+
 from .drive import DRIVER, PAPER, Drive, measure, nees_bounds, run_drives
 from .figures import draw_figures
 
@@ -23,8 +25,8 @@ COLUMNS = {"position_rmse": 1e3, "max_x": 1e3, "max_y": 1e3, "heading_rmse": 1.0
 
 
 def main(
-    seeds: int = 20,
-    jobs: int = 2,
+    seeds: Count = 20,
+    jobs: Count = 2,
     physics: tuple[Literal["kinematic", "bullet"], ...] = ("kinematic", "bullet"),
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     images: Path = Path("docs/images"),
@@ -89,4 +91,4 @@ def _print_drives(drives: Sequence[Drive]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
-import tyro
 
+from envs.command_line import Count, run_command
 from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf
 from envs.localization.measurements import Measurement
@@ -86,7 +86,7 @@ def run_faults(physics: str, seed: int) -> dict[str, FaultyChannel]:
     return channels
 
 
-def main(seeds: int = 3, physics: str = "kinematic") -> None:
+def main(seeds: Count = 3, physics: str = "kinematic") -> None:
     """Print errors and verdicts of the measurements, for each fault.
 
     Args:
@@ -111,4 +111,4 @@ def main(seeds: int = 3, physics: str = "kinematic") -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

@@ -21,6 +21,7 @@ from benchmarks.localization.pictures import draw
 from benchmarks.localization.runs import Run, run
 from benchmarks.localization.timing import cost_by_size, update_times
 from benchmarks.parallel import run_each
+from envs.command_line import Count, run_command
 from envs.logs import rms
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
@@ -30,8 +31,8 @@ INTEL_SEEDS = range(100, 105)
 
 def main(
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
-    runs: int = 100,
-    jobs: int = 2,
+    runs: Count = 100,
+    jobs: Count = 2,
     worlds: tuple[str, ...] = WORLDS,
     physics: Literal["kinematic", "bullet"] = "kinematic",
     preset: str = "default",
@@ -118,4 +119,4 @@ def _print(title: str, measures: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    run_command(main)

@@ -67,4 +67,6 @@ def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = 
     if ":" in value:
         return load_object(value)
     further = ", paths of YAML files" if files else ""
+    if not table:
+        raise ValueError(f"unknown {what} {value!r}; allowed is module:attribute of your own code")
     raise ValueError(f"unknown {what} {explain_unknown(value, table)}{further}, and module:attribute of your own code")

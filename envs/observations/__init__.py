@@ -1,6 +1,6 @@
 """What a policy sees, in parts that are chosen by name."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -42,18 +42,24 @@ def make_parts(
         own: parts of the task, by name, besides `PARTS`.
 
     Raises:
-        ValueError: a name is unknown, or there is none.
+        ValueError: a name is unknown, there is none, or what a name stands for is no part.
     """
     table = {**PARTS, **own}
+    if isinstance(observations, str) or not isinstance(observations, Iterable):
+        raise ValueError(f"observations must be a sequence of names or a mapping from them, got {observations!r}")
     chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(observations)
     if not chosen:
         raise ValueError(f"observations must name at least one of {', '.join(table)}")
     parts = {}
     for name, choice in chosen.items():
+        if not isinstance(name, str):
+            raise ValueError(f"observations must have names, got {name!r}")
         if choice is None or isinstance(choice, Mapping):
             parts[name] = resolve(name, table, "observation")(**(choice or {}))
         else:
             found = resolve(choice, table, "observation")
+            if not (hasattr(found, "write") or callable(found)):
+                raise ValueError(f"observations: {name!r} must be a part or make one, got {choice!r}")
             parts[name] = found if hasattr(found, "write") and not isinstance(found, type) else found()
     return parts
 

@@ -3,8 +3,12 @@
 import numpy as np
 from gymnasium import spaces
 
+from envs.arguments import is_number
 from envs.robot import Robot
 from envs.robots import RobotParams
+
+MAX_SIZE = 4096
+"""Most pixels along a side of a map crop."""
 
 
 class MapCrop:
@@ -21,13 +25,15 @@ class MapCrop:
             size: pixels along each side. Both checkers of environments (Gymnasium, stable-baselines3) want 36 or more.
 
         Raises:
-            ValueError: one of them is not positive.
+            ValueError: one of them is not positive, or the size not whole or beyond `MAX_SIZE`.
         """
-        if not resolution > 0 or size < 1:
-            raise ValueError(f"a map crop needs a positive resolution and size, got {resolution!r} and {size!r}")
+        if not (is_number(resolution) and resolution > 0):
+            raise ValueError(f"a map crop needs a positive resolution, got {resolution!r}")
+        if not (is_number(size) and int(size) == size and 1 <= size <= MAX_SIZE):
+            raise ValueError(f"a map crop needs a whole size from 1 to {MAX_SIZE:,}, got {size!r}")
         self.resolution = resolution
         """Side of a pixel [m]."""
-        self._size = size
+        self._size = int(size)
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(0, 255, (3, size, size), uint8)`."""

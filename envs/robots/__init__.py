@@ -34,6 +34,8 @@ def load_robot(robot: str | Path | RobotParams) -> RobotParams:
     found = resolve(robot, _LIBRARY, "robot", files=True)
     if isinstance(found, Path):
         found = read_record(found, RobotParams)
+    if not isinstance(found, RobotParams) and isinstance(robot, str):
+        raise ValueError(f"robot {robot!r} must name RobotParams, got {found!r}")
     if not isinstance(found, RobotParams):
         raise TypeError(f"robot must be a name, a path, module:attribute or RobotParams, got {type(found).__name__}")
     return found

@@ -15,6 +15,8 @@ SUBSTEP = 1.0 / 60.0
 """Target duration of one physics step [s]."""
 MAX_SUBSTEPS = 10_000
 """Most physics steps in a control period."""
+MIN_PERIOD = 1e-4
+"""Shortest control period [s]."""
 
 _SOURCES = {
     "radius": "radius",
@@ -61,11 +63,14 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
     radius in one of them.
 
     Raises:
-        ValueError: the control period is not positive and finite, or so long for the robot's speed that it takes more
-            than `MAX_SUBSTEPS`.
+        ValueError: the control period is shorter than `MIN_PERIOD`, not finite, or so long for the robot's speed that
+            it takes more than `MAX_SUBSTEPS`.
     """
-    if not 0.0 < control_period < math.inf:
-        raise ValueError(f"control_period must be positive and finite [s], got {control_period}")
+    if not MIN_PERIOD <= control_period < math.inf:
+        raise ValueError(
+            f"control_period must be positive, finite and at least {MIN_PERIOD:g} s ({1.0 / MIN_PERIOD:,.0f} Hz), "
+            f"got {control_period} s"
+        )
     fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
     needed = max(1.0, control_period / SUBSTEP, 2.0 * control_period * fastest / robot.radius)
     if not needed <= MAX_SUBSTEPS:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.arguments import is_number
 from envs.estimation.map_pyramid import MapPyramid
 from envs.geometry import Pose2D
 from envs.observations.peers import Peers
@@ -38,7 +39,7 @@ class Explore(WorldTask):
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
         """
-        if not 0 < target_coverage <= 1:
+        if not (is_number(target_coverage) and 0 < target_coverage <= 1):
             raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
         self.weights = self.weights_kind.of(reward)
         self.target_coverage = target_coverage

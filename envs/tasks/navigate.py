@@ -90,7 +90,7 @@ class Navigate(WorldTask):
         self._true_pose = start
         self.end_reason = None
         goal = options.get("goal", self._goal)
-        if isinstance(goal, str):
+        if isinstance(goal, str) and goal == "random":
             goal = self.map_pose.between(draw_goal(self.area, start, rng))
         return self.set_goal(goal)
 

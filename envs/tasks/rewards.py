@@ -1,11 +1,11 @@
 """Reward terms: `info["rewards"]` names them, and the reward is their sum."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from typing import Self
 
+from envs.arguments import is_number
 from envs.files import resolve
 
 
@@ -15,7 +15,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         for name, weight in asdict(self).items():
-            if not math.isfinite(weight):
+            if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
 
     @classmethod

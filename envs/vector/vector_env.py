@@ -14,12 +14,15 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import read_action
+from envs.arguments import is_whole, read_action, read_options
 
 from .fused import make_shard
 from .memory import Memory
 from .shard import Extras
 from .workers import Worker
+
+MAX_ENVS = 100_000
+"""Most sub-environments."""
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -58,12 +61,13 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             ValueError: if an argument is not among the allowed values.
         """
         self.closed = True  # until there is something to close
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps must be at least 1 or None, got {max_episode_steps}")
-        if num_workers is not None and num_workers < 0:
-            raise ValueError(f"num_workers must not be negative, got {num_workers}")
+        if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
+            raise ValueError(f"num_envs must be whole and from 1 to {MAX_ENVS:,}, got {num_envs!r}")
+        if max_episode_steps is not None and not (is_whole(max_episode_steps) and max_episode_steps >= 1):
+            raise ValueError(f"max_episode_steps must be whole and at least 1, or None, got {max_episode_steps!r}")
+        if num_workers is not None and not (is_whole(num_workers) and num_workers >= 0):
+            raise ValueError(f"num_workers must be whole and not negative, or None, got {num_workers!r}")
+        num_envs = int(num_envs)
         if arguments.get("render_mode") == "human":
             raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
         if num_workers is None:
@@ -118,11 +122,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        elif isinstance(seed, Sequence | np.ndarray) and len(seed) == self.num_envs:
+            seeds = [int(one) if isinstance(one, np.integer) else one for one in seed]
         else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs} of them, got {len(seeds)}")
-        options = dict(options or {})
+            raise ValueError(f"seed must be one whole number or {self.num_envs} of them, got {seed!r}")
+        options = read_options(options)
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask must have shape ({self.num_envs},), dtype bool and select a sub-environment")
@@ -194,6 +198,17 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._check_open()
         pairs = zip(self._bounds[:-1], self._bounds[1:], strict=True)
         self._call("set_attr", [(name, values[first:last]) for first, last in pairs])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Refuse to be copied or pickled; a copy of a connection to a worker would close the original's.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
+            "with the same arguments"
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the workers."""

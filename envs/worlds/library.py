@@ -30,7 +30,8 @@ def load_world(world: str | Path | World) -> World:
     Loaded once: the same name, or path to an unchanged file, gives the same object.
 
     Raises:
-        ValueError: for a name that the library does not have or a file that is not a valid world.
+        ValueError: for a name that the library does not have, a file that is not a valid world, or `module:attribute`
+            of something else.
         FileNotFoundError: if there is no such file.
         TypeError: `world` is none of these.
     """
@@ -38,6 +39,8 @@ def load_world(world: str | Path | World) -> World:
     if isinstance(found, World):
         return check_world(found)
     if not isinstance(found, Path):
+        if isinstance(world, str):
+            raise ValueError(f"world {world!r} must name a World, or a function that returns one, got {found!r}")
         raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")
@@ -86,10 +89,12 @@ def world_sampler(
     if isinstance(world, str) and world in FAMILIES:
         FAMILIES[world](0, size, radius)  # a size that the family refuses should fail here, not at the first reset
         return partial(_draw, world, split == "test", size, radius)
+    found: Any = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
-    found: Any = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
-    return found if callable(found) else partial(_same, load_world(found))
+    if callable(found):
+        return partial(_sample, found)
+    return partial(_same, load_world(world if isinstance(world, str) else found))
 
 
 # Functions of the module and not closures, so that environments can be pickled.
@@ -97,6 +102,13 @@ def _draw(
     family: str, is_test: bool, size: tuple[float, float] | None, radius: float, rng: np.random.Generator
 ) -> World:
     return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size, radius)
+
+
+def _sample(sample: WorldSampler, rng: np.random.Generator) -> World:
+    world = sample(rng)
+    if not isinstance(world, World):
+        raise TypeError(f"world: {sample!r} must return a World, got {type(world).__name__}")
+    return world
 
 
 def _same(world: World, rng: np.random.Generator) -> World:

@@ -42,6 +42,18 @@ class MapFile(BaseModel):
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
+def map_paths(path: Path) -> tuple[Path, Path]:
+    """Return the image and the YAML file that `save_map` writes.
+
+    Raises:
+        ValueError: if the path ends otherwise.
+    """
+    if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
+        raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
+    image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
+    return image_path, path if path.suffix in (".yaml", ".yml") else path.with_suffix(".yaml")
+
+
 def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
     """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided.
 
@@ -58,11 +70,7 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
         ValueError: for another suffix.
         OSError: if writing fails.
     """
-    path = Path(path)
-    if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
-        raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
-    image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
-    yaml_path = path if path.suffix in (".yaml", ".yml") else path.with_suffix(".yaml")
+    image_path, yaml_path = map_paths(Path(path))
     pixels = np.full(grid.data.shape, 205, dtype=np.uint8)
     pixels[(grid.data >= 0) & (grid.data < 100 * FREE_THRESH)] = 254
     pixels[grid.data >= 100 * OCCUPIED_THRESH] = 0

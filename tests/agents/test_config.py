@@ -103,6 +103,45 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
     assert "no.yaml: no such file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "--config FILE, or a run that is to go on"),
+        (["--seed", "1"], "--config FILE, or a run that is to go on"),
+        (["--config", ""], "unknown configuration ''"),
+        (
+            ["--environment.id", "lidarnaut/Navigate-v0"],
+            "'lidarnaut/Navigate-v0' is not for exploration",
+        ),
+        (["--environment.id", "CartPole-v1"], "environment.id: 'CartPole-v1' is not for exploration"),
+        (["--environment.id", "no_such_module:Mine-v0"], "No module named 'no_such_module'"),
+        (["--evaluation.references", "random", "nerest"], "unknown explorer 'nerest' (did you mean 'nearest'?)"),
+    ],
+)
+def test_the_command_line_says_what_is_wrong_before_there_is_a_run(
+    tmp_path, monkeypatch, capsys, tiny_config, arguments, says
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.yaml").write_text(dump_record(tiny_config))
+    is_whole = "--seed" in arguments or "--config" in arguments or not arguments
+    assert train.main([*([] if is_whole else ["--config", "tiny.yaml"]), *arguments]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("algorithm: evolutionn", "algorithm: Input should be 'evolution', got 'evolutionn'"),
+        ("algorithm: evolution\nfamilies: [rooms, mase]", r"families: unknown family 'mase' (did you mean 'maze'?)"),
+    ],
+)
+def test_mistakes_of_an_evolution_are_named(tmp_path, capsys, line, says):
+    (tmp_path / "a.yaml").write_text(f"experiment: a\n{line}\n")
+    assert train.main(["--config", str(tmp_path / "a.yaml")]) == 2
+    assert says in capsys.readouterr().err
+
+
 def test_the_old_name_of_the_vector_environment_still_works(tiny_data):
     with pytest.warns(DeprecationWarning, match="'lanes' is called 'native' now"):
         config = parse_record({**tiny_data, "environment": {"vectorization": "lanes"}}, "mem", TrainingConfig)

@@ -1,7 +1,9 @@
 """Folders of policies that come with the package."""
 
+import errno
 import hashlib
 import json
+import os
 import shutil
 
 import numpy as np
@@ -79,6 +81,25 @@ def test_a_policy_of_ppo_is_shipped_without_the_optimizer(tiny_run, tiny_config,
     for explorer in (shipped, trained):
         explorer.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(0))
     np.testing.assert_array_equal(shipped(observation), trained(observation))
+
+
+def test_an_older_folder_and_its_model_card_survive_a_full_disk_and_a_kill(tiny_run, tmp_path, monkeypatch):
+    folder, old = tmp_path / "twist", tmp_path / "twist.old"
+    folder.mkdir()
+    (folder / MODEL_CARD).write_text("the card")
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        ship(tiny_run, folder)
+    monkeypatch.undo()
+    assert (folder / MODEL_CARD).read_text() == "the card"
+    folder.rename(old)  # as a process leaves it that is killed before it has written the new one
+    ship(tiny_run, folder)
+    assert (folder / MODEL_CARD).read_text() == "the card"
+    assert not old.exists()
 
 
 def test_what_holds_no_policy_is_not_shipped(tiny_run, tmp_path):

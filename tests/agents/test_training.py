@@ -20,7 +20,8 @@ from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
 from agents.vec_env import make_env, make_vector
 from baselines.episode import run_episode
-from envs.files import dump_record, parse_record, read_record
+from envs.files import Lock, LockedError, dump_record, parse_record, read_record
+from train import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,7 +39,7 @@ def evaluated_steps(run):
 
 
 def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
-    assert {path.name for path in tiny_run.iterdir()} == {
+    assert {path.name for path in tiny_run.iterdir()} - {".lock"} == {
         "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
     }  # fmt: skip
     assert read_record(tiny_run / "config.yaml", TrainingConfig) == tiny_config
@@ -51,6 +52,21 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     )
     with pytest.raises(ValueError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
         train(tiny_config, run=tiny_run, progress=False)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_config, tmp_path, capsys):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    with Lock(run):
+        for resume in (run, list_checkpoints(run)[0]):
+            assert main(["--resume", str(resume)]) == 2
+            assert f"{run} is in use: process {os.getpid()} on " in capsys.readouterr().err
+        with pytest.raises(LockedError, match=f"{run} is in use"):
+            train(tiny_config, run=run, progress=False)
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.name != ".lock"} == {
+        path: time for path, time in before.items() if path.name != ".lock"
+    }
 
 
 def read_csv(run):

@@ -1,7 +1,11 @@
 import json
+import sys
+
+import pytest
 
 from agents.config import EvolutionConfig
 from benchmarks.demo import CLASSIC, FRESH, LEARNED, WORLD, demo, median_pair
+from envs.files import Lock, LockedError
 
 TINY = {"algorithm": "evolution", "experiment": "tiny", "generations": 1, "population": 4, "tasks": 1, "num_workers": 1}
 TINY |= {"validation_tasks": 1, "families": ("rooms",)}
@@ -15,7 +19,7 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
     (tmp_path / "demo.new").mkdir()
     (tmp_path / "demo.new" / "half").write_text("of an interrupted one")
     sentence = demo(EvolutionConfig(**TINY), folder, episodes=1, physics="kinematic", time_limit=3.0, jobs=1)
-    assert list(tmp_path.iterdir()) == [folder]
+    assert {path.name for path in tmp_path.iterdir()} == {"demo", ".lock-demo"}
     assert not (folder / "half").exists()
     assert set(json.loads((folder / "summary.json").read_text())) == {LEARNED, CLASSIC, FRESH}
     assert (folder / "exploration.gif").read_bytes().startswith(b"GIF")
@@ -24,6 +28,14 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
         assert (folder / picture).read_bytes().startswith(b"\x89PNG")
     assert (folder / "report.html").read_text().count("data:image/gif") == 1
     assert sentence.startswith(f"{folder / 'report.html'}: to 95 % of {WORLD} the shipped explorer took 1.00")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_a_second_demo_leaves_the_first_one_alone(tmp_path):
+    (tmp_path / "demo.new").mkdir()
+    with Lock(tmp_path, "lock-demo"), pytest.raises(LockedError, match=f"{tmp_path} is in use: process"):
+        demo(EvolutionConfig(**TINY), tmp_path / "demo")
+    assert (tmp_path / "demo.new").exists()
 
 
 def test_the_median_start_is_that_of_the_ratio_of_times():

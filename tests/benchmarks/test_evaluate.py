@@ -109,9 +109,14 @@ class Balanced(HTMLParser):
         (["--robot", "r2d2"], ["'r2d2'", "turtlebot3_burger"]),
         (["--robot", "tugbot", "--worlds", "pimouse_arena"], ["'tugbot'", "pimouse_arena"]),
         (["--physics", "mujoco"], ["'mujoco'", "kinematic"]),
-        (["--episodes", "0"], ["episodes", "greater than 0"]),
+        (["--episodes", "0"], ["episodes: Input should be greater than or equal to 1, got 0"]),
+        (["--episodes", "1000000000"], ["episodes: Input should be less than or equal to 100000"]),
+        (["--worlds", "os:path"], ["world 'os:path' must name a World"]),
+        (["--slam-axis.slam"], ["Tuple should have at least 1 item"]),
         (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
+        (["--shard", ""], ["shard", "''", "I/N"]),
         (["--jobs", "0"], ["jobs", "at least 1"]),
+        (["--publish", __file__], ["Not a directory", "test_evaluate.py/arena"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):

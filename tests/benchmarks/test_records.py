@@ -82,6 +82,16 @@ def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
+def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
+    Records(tmp_path, {"time_limit": None})
+    late, records = Records(tmp_path, {"time_limit": 5.0}), Records(tmp_path, SETTINGS)
+    records.begin()
+    with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
+        late.begin()
+    with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
+        Records(tmp_path, {"time_limit": None})
+
+
 def test_a_table_of_another_version_is_refused(tmp_path):
     (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
@@ -98,8 +108,41 @@ def test_damaged_tables_name_the_file_and_the_row(tmp_path):
     path.write_bytes(b"\xff\xfe\n")
     with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
         Records(tmp_path, SETTINGS)
-    path.unlink()
+    path.write_bytes(b"")
     for content in ("[1]", "{", "[" * 100_000):
         (tmp_path / SETTINGS_FILE).write_text(content)
         with pytest.raises(ValueError, match=r"settings\.json is damaged"):
             Records(tmp_path, SETTINGS)
+
+
+def test_a_world_of_the_users_own_stays_the_same(tmp_path):
+    first, second, folder = tmp_path / "a.yaml", tmp_path / "b.yaml", tmp_path / "out"
+    for path, side in ((first, 4), (second, 5)):
+        path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
+
+    def open_records(source, shard=""):
+        return Records(folder, SETTINGS, shard, {"maze": str(source)})
+
+    open_records(second).begin()  # which was never driven in
+    records = open_records(first, "1of2")
+    records.begin()
+    records.add(row(RANDOM, 0))
+    for other in ("my_package:flat", second):
+        with pytest.raises(ValueError, match=rf"{folder} holds .* 'maze' of {first}, not of {other}; give"):
+            open_records(other)
+    first.rename(tmp_path / "moved.yaml")
+    open_records(tmp_path / "moved.yaml", "2of2").begin()
+    Records(folder, SETTINGS)
+
+
+def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
+    (tmp_path / "a.yaml").write_text("image: a.pgm\nresolution: 0.05\n")
+    (tmp_path / "a.pgm").write_bytes(b"one")
+    worlds = {"maze": str(tmp_path / "a.yaml")}
+    records = Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    records.begin()
+    records.add(row(RANDOM, 0))
+    Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    (tmp_path / "a.pgm").write_bytes(b"two")
+    with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):
+        Records(tmp_path / "out", SETTINGS, worlds=worlds)

@@ -58,6 +58,18 @@ def test_pairs_stay_in_one_shard(tmp_path):
     assert 0 < len(mine) < len(missing)
 
 
+def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
+    settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
+    first, late = Evaluation(settings, tmp_path, Shard(1, 2)), Evaluation(settings, tmp_path, Shard(1, 3))
+    assert first.run() == []
+    with pytest.raises(ValueError, match=rf"{tmp_path} holds shards of a division by 2, and 1/3 is one by 3"):
+        late.run()
+    assert {path.name for path in tmp_path.glob("*.csv")} == {"episodes-1of2.csv"}
+    for rest in (Shard(2, 2), Shard()):
+        assert Evaluation(settings, tmp_path, rest).run() == []
+    assert len(Evaluation(settings, tmp_path).rows()) == 8
+
+
 def test_a_shard_publishes_nothing(tmp_path):
     options = [
         "--policies",
@@ -181,7 +193,7 @@ def test_the_arena_of_the_project_covers_everything():
         ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),
         ({"worlds": []}, r"worlds: .*at least 1 item"),
         ({"physics": "bullet"}, r"physics: .*tuple, got 'bullet'"),
-        ({"episodes": 0}, r"episodes: .*greater than 0, got 0"),
+        ({"episodes": 0}, r"episodes: .*greater than or equal to 1, got 0"),
     ],
 )
 def test_mistakes_in_the_file_are_named(data, message):

@@ -116,8 +116,10 @@ def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
         names.add(env.unwrapped.world.name)
     assert len(names) > 1
     assert all(name.startswith("maze-") for name in names)
-    with pytest.raises(TypeError, match="got int"):
+    with pytest.raises(ValueError, match=r"world 'yard_of_mine:number' must name a World.* got 3"):
         world_sampler("yard_of_mine:number")
+    with pytest.raises(TypeError, match=r"lambda.* must return a World, got NoneType"):
+        world_sampler(lambda rng: None)(np.random.default_rng(0))
     with pytest.raises(ValueError, match="no attribute 'halls'"):
         load_world("yard_of_mine:halls")
 
@@ -127,14 +129,17 @@ def test_sampler_refuses_unknown_arguments():
         ValueError, match=r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"
     ):
         world_sampler("turtlebot_world")
+    with pytest.raises(ValueError, match="unknown world 'turtlebot_world'"):
+        world_sampler("turtlebot_world", size=(5.0, 5.0))
     with pytest.raises(ValueError, match="'train', 'test'"):
         world_sampler("rooms", split="validation")
     with pytest.raises(ValueError, match=r"turtlebot3_world.*has its own"):
         world_sampler("turtlebot3_world", size=(5.0, 5.0))
     with pytest.raises(ValueError, match=r"from 4 to 200 m"):
         world_sampler("rooms", size=(-3.0, 5.0))
-    with pytest.raises(ValueError, match="size must be"):
-        world_sampler("maze", size=(float("nan"), 5.0))
+    for size in ((float("nan"), 5.0), 5.0, "10", ("a", 5.0), (5.0,)):
+        with pytest.raises(ValueError, match="size must be"):
+            world_sampler("maze", size=size)
     open_world = World("open", np.array([[0.0, 0, 1, 0]]), np.empty((0, 3)), (Pose2D(0.5, 0.5, 0),), (0, 0, 1, 1))
     with pytest.raises(ValueError, match="leaks"):
         world_sampler(open_world)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -46,11 +47,18 @@ def _generate(family: str, seed: int, size: Size | None = None, radius: float = 
     if size is None:
         drawn = (float(rng.uniform(low[0], high[0])), float(rng.uniform(low[1], high[1])))
         size = (max(drawn[0], smallest), max(drawn[1], smallest))
-    if len(size) != 2 or not all(math.isfinite(side) and smallest <= side <= 200 for side in size):
+    if not _is_size(size, smallest):
         larger = f" for a robot of a radius of {radius:g} m" if scale > 1.0 else ""
         raise ValueError(f"size must be (width, height), both from {smallest:g} to 200 m{larger}, got {size!r}")
     world = build(f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT))
     return world.scaled(scale) if scale > 1.0 else world
+
+
+def _is_size(size: Any, smallest: float) -> bool:
+    try:
+        return len(size) == 2 and all(math.isfinite(side) and smallest <= side <= 200 for side in size)
+    except TypeError:  # no sequence, or one of something else than numbers
+        return False
 
 
 FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}

@@ -16,6 +16,7 @@ from agents.frontiers.rollout import compare
 from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError
+from envs.files import Lock
 from envs.robots import ROBOT_NAMES
 from envs.worlds import FAMILIES, WORLD_NAMES, explorable_area
 
@@ -99,6 +100,10 @@ def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
     (run,) = (tmp_path / "runs").glob("tiny__*")
     assert (run / "policy" / "policy.json").exists()
     assert train.main(["--resume", str(run), "--generations", "2"]) == 0
+    assert len((run / GENERATIONS).read_text().splitlines()) == 2
+    with Lock(run):
+        assert train.main(["--resume", str(run), "--generations", "3"]) == 2
+    assert f"{run} is in use: process" in capsys.readouterr().err
     assert len((run / GENERATIONS).read_text().splitlines()) == 2
     config.write_text("algorithm: evolution\nexperiment: tiny\npopulation: 2\n")
     assert train.main(["--config", str(config)]) == 2

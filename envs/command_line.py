@@ -1,0 +1,46 @@
+"""Command lines of functions, whose mistakes end in a message."""
+
+import sys
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import tyro
+
+
+def _read_count(texts: list[str]) -> int:
+    count = int(texts[0])
+    if count < 1:
+        raise ValueError(f"must be at least 1, got {count}")
+    return count
+
+
+Count = Annotated[
+    int,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="COUNT",
+        instance_from_str=_read_count,
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda count: [str(count)],
+    ),
+]
+"""A whole number from 1."""
+
+
+def run_command(main: Callable[..., Any], arguments: list[str] | None = None) -> None:
+    """Call a function with the options of the command line, which are its arguments.
+
+    Args:
+        main: the function; the documentation of its module is shown as help.
+        arguments: options; None takes those of the process.
+
+    Raises:
+        SystemExit: if an option is wrong, a file is missing or cannot be written; says so, with status 2.
+    """
+    name = main.__module__ if main.__module__ != "__main__" else sys.modules["__main__"].__spec__.name  # type: ignore[union-attr]
+    name = name.removesuffix(".__main__")
+    try:
+        tyro.cli(main, prog=f"python -m {name}", description=sys.modules[main.__module__].__doc__, args=arguments)
+    except (ValueError, RuntimeError, OSError) as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        sys.exit(2)
