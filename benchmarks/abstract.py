@@ -7,7 +7,6 @@ The ratio of two rules is what learning needs: it is compared from the same star
 import time
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
@@ -15,7 +14,7 @@ from baselines.frontier.explorer import FrontierRule
 from baselines.frontier.gain_over_cost import GainOverCost
 from baselines.frontier.nearest import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.explore_frontiers import ExploreFrontiersEnv
 
 WORLDS = {
@@ -65,7 +64,7 @@ def main(starts: Count = 12) -> None:
             ratios.append(np.log(found["gain_over_cost"][0] / found["nearest"][0]))
         ratio = np.exp(np.concatenate(ratios).mean())
         table.add_row(name, *cells, f"{ratio:.2f}", f"{np.mean(rates):.0f}")
-    Console(width=200).print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

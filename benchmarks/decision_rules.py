@@ -4,13 +4,12 @@ Kinematic physics, TinySLAM, several settings of the environment, beside the `ne
 """
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from baselines import make_explorer
 from baselines.episode import run, run_episode
-from envs.command_line import run_command
+from envs.command_line import make_console, run_command
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
@@ -75,7 +74,7 @@ def main() -> None:
         table.add_row("{:g} Hz, {:g} s".format(*setting), *(f"{mean:.0f}" for mean in means))
     own = [np.mean([time_explorer(world, seed) for seed in range(WORLDS[world][1])]) for world in WORLDS]
     table.add_row("nearest explorer, 10 Hz", *(f"{mean:.0f}" for mean in own))
-    Console().print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

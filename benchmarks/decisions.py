@@ -10,14 +10,13 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from baselines import EXPLORERS, make_explorer
 from baselines.episode import decide_with, run
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import decide_with_team
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.explore import ExploreEnv
 from envs.explore_team import ExploreTeamEnv
 
@@ -79,7 +78,7 @@ def main(
         found = time_decisions(world, name, seed, max_time, robots)
         times = [f"{value:.2f}" for value in (found.mean, found.p99, found.longest)]
         table.add_row(name, str(found.count), *times, str(found.missed), f"{100 * found.explored:.1f} %")
-    Console().print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

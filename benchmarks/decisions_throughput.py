@@ -12,10 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from rich.console import Console
 from rich.table import Table
 
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.vector import ExploreFrontiersVectorEnv
 
@@ -91,7 +90,7 @@ def main(decisions: Count = 600, slices: Count = 20, sizes: tuple[int, ...] = (1
             f"{simulated / taken:.2f}",
             f"{1e6 * seconds / steps:.0f}",
         )
-    Console().print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ the wall clock of a shared machine also measures other processes. Evaluations ar
 import time
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from stable_baselines3.common.logger import Logger
 
 from agents.config import TrainingConfig
 from agents.ppo import build_model
 from agents.vec_env import GymnasiumVecEnv, make_vector
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.files import read_record
 
 
@@ -69,7 +68,7 @@ def main(
         decisions, seconds, stepping = measure(training.model_copy(update={"environment": environment}), updates)
         rates = (decisions / span for span in (seconds, stepping, seconds - stepping))
         table.add_row(world, *(f"{rate:.0f}" for rate in rates))
-    Console().print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

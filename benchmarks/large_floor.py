@@ -10,12 +10,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from baselines import make_explorer
 from baselines.episode import decide_with, run
-from envs.command_line import run_command
+from envs.command_line import make_console, run_command
 from envs.explore import ExploreEnv
 
 DECISION = 4
@@ -79,7 +78,7 @@ def print_table(
                 f"{1e6 * rows[inside & ~is_choice, 1].mean():.0f}",
                 f"{period * np.count_nonzero(inside) / rows[inside, 2].sum():.0f}",
             )
-    console = Console()
+    console = make_console()
     console.print(table)
     console.print(
         f"{info['explored_fraction']:.1%} in {info['time']:.0f} s, {info.get('end_reason')}; reset {reset_time:.1f} s; "

@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import Drive, drive
 from benchmarks.parallel import run_each
 from benchmarks.simulation import measure
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.geometry.polyline import lengths_along
 from envs.navigate import NavigateEnv
 from envs.navigation import (
@@ -161,7 +160,7 @@ def main(
         max_v = _environment(world, physics, localizer).robot.max_v
         drives = run_each(_drive, tasks, jobs, desc=f"{world}, {local_planner}", unit="goal") if tasks else []
         results[world] = {**(summary(drives, max_v) if drives else {}), **planning_costs(world)}
-    Console().print(table(results))
+    make_console().print(table(results))
     if json is not None:
         json.write_text(json_format.dumps(results, indent=1) + "\n")
 

@@ -10,14 +10,13 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from baselines import make_explorer
 from baselines.episode import run_episode
 from baselines.frontier.explorer import RuleExplorer
 from benchmarks.parallel import run_each
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.explore import ExploreEnv
 
 WORLDS = (
@@ -95,7 +94,7 @@ def print_changes(title: str, changes: Sequence[str], times: np.ndarray) -> None
         mean, margin = 100.0 * ratios.mean(), 196.0 * ratios.std(ddof=1) / np.sqrt(len(ratios))
         sooner, later = np.count_nonzero(ratios < 0), np.count_nonzero(ratios > 0)
         table.add_row(change, f"{mean:+.1f} % ± {margin:.1f}", str(sooner), str(later))
-    Console().print(title, table)
+    make_console().print(title, table)
 
 
 if __name__ == "__main__":

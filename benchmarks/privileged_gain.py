@@ -9,7 +9,6 @@ saves, with these weights.
 import math
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from agents.frontiers.features import LEAST_GAIN
@@ -20,7 +19,7 @@ from agents.learned import find_policy
 from benchmarks.arena.statistics import paired_ratio
 from benchmarks.parallel import run_each
 from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.navigation.candidate_features import FAILURES, HALF_AREA, VISIBLE
 from envs.navigation.candidate_views import NUM_RAYS, cast_view, ray_directions
 from envs.navigation.params import PlanningParams
@@ -86,7 +85,7 @@ def main(tasks: Count = 200, policy: str = "pretrained/frontiers", seed: int = 0
     for i, j in np.ndindex(len(scores), len(KNOWN)):
         ratios = [paired_ratio([times[:, i, j]], [times[:, k, 0]]) for k in range(len(scores))]
         table.add_row(list(scores)[i], KNOWN[j], *(f"{e.iqm:.3f} [{e.low:.3f}, {e.high:.3f}]" for e in ratios))
-    Console(width=140).print(f"{tasks} tasks drawn as for training, from all families", table)
+    make_console().print(f"{tasks} tasks drawn as for training, from all families", table)
 
 
 if __name__ == "__main__":

@@ -12,13 +12,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
 from benchmarks.recorded_drives import RESOLUTION, make_setup
 from benchmarks.slam_drive import evaluate, record_drive
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.logs import load_log, load_relations
 from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
@@ -121,7 +120,7 @@ def main(
     for row in rows:
         values = [row.get(key, "") for key in COLUMNS]
         table.add_row(*(value if isinstance(value, str) else f"{value:.3f}" for value in values))
-    Console(width=150).print(table)
+    make_console().print(table)
     if json_path is not None:
         json_path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 

@@ -8,12 +8,11 @@ start: what the map itself is off is part of them.
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.parallel import run_each
 from benchmarks.recorded_drives import PERIOD, RESOLUTION, make_setup, record
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors
 from envs.robots import load_robot
@@ -86,7 +85,7 @@ def main(
         for world in (*worlds, "all"):
             some = [o for task, o in zip(tasks, outcomes) if task[0] == slam and world in (task[1], "all")]
             table.add_row(slam, world, *_cells(some), end_section=world == "all")
-    Console(width=110).print(table)
+    make_console().print(table)
 
 
 def _cells(outcomes: list[Outcome]) -> list[str]:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from rich.console import Console
 from rich.table import Table
 
 from baselines.rrt.team import RrtTeam
@@ -22,7 +21,7 @@ from benchmarks.arena.records import Row, append_row, read_tables
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from benchmarks.parallel import run_each
-from envs.command_line import Count, run_command
+from envs.command_line import Count, make_console, run_command
 from envs.estimation.map_pyramid import OCCUPIED_FROM
 from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
 from envs.slam import DEFAULT_SLAM
@@ -189,7 +188,7 @@ def main(
         return
     tasks = [(world, num, seed + k, physics, slam) for k in range(episodes) for world in worlds for num in robots]
     rows = run(tasks, jobs, out / "episodes.csv")
-    Console().print(table(rows, worlds, robots))
+    make_console().print(table(rows, worlds, robots))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from benchmarks.speed.report import plot_growth, print_results, targets
 from benchmarks.speed.results import FULL, QUICK, run
-from envs.command_line import run_command
+from envs.command_line import make_console, run_command
 
 PLOT = Path(__file__).parents[1] / "docs" / "images" / "throughput.png"
 
@@ -34,7 +34,7 @@ def main(
     """
     progress = Console(stderr=True)
     results = run(QUICK if quick else FULL, lambda what: progress.print(f"measuring {what}", style="dim"))
-    print_results(results, Console())
+    print_results(results, make_console())
     if json_file is not None:
         met = [{**target._asdict(), "met": target.met} for target in targets(results)]
         json_file.write_text(json.dumps({**dataclasses.asdict(results), "targets": met}, indent=1) + "\n")

@@ -15,12 +15,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
 from benchmarks.arena.statistics import gap_closed, paired_ratio, probability_of_improvement
-from envs.command_line import run_command
+from envs.command_line import make_console, run_command
 from envs.worlds import FAMILIES
 
 LEAST_TIME = 1.0
@@ -123,7 +122,7 @@ def main(
             for policy in policies:
                 if _starts(members, policy) & _starts(members, reference):
                     table.add_row(group, *describe(members, policy, reference))
-    Console(width=180).print(table)
+    make_console().print(table)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""Command lines of functions, whose mistakes end in a message."""
+"""Command lines of functions, whose mistakes end in a message, and the console that tables are printed on."""
 
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any
 
 import tyro
+from rich.console import Console
 
 
 def _read_count(texts: list[str]) -> int:
@@ -44,3 +45,8 @@ def run_command(main: Callable[..., Any], arguments: list[str] | None = None) ->
     except (ValueError, RuntimeError, OSError) as error:
         sys.stderr.write(f"{name}: {error}\n")
         sys.exit(2)
+
+
+def make_console() -> Console:
+    """Return a console on the standard output: as wide as the terminal, or as any table where there is none."""
+    return Console(width=None if sys.stdout.isatty() else 180)

@@ -24,6 +24,7 @@ from benchmarks.arena.trace import slug
 from benchmarks.arena.unfinished import group_failures, missing_section, unfinished_section
 from benchmarks.arena.verdict import verdict_section
 from benchmarks.arena.workers import Result
+from envs.command_line import make_console
 from envs.files import write_file
 
 TITLE = "The arena"
@@ -141,7 +142,7 @@ def print_case(console: Console, summary: Summary, case: str) -> None:
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
     """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
-    console, folder = Console(), evaluation.folder
+    console, folder = make_console(), evaluation.folder
     cases = list(split(evaluation.rows()))
     for case in cases if evaluation.settings.world_sections else ():
         print_case(console, summary, case)

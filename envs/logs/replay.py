@@ -11,10 +11,10 @@ from typing import Annotated
 import numpy as np
 import tyro
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from envs.command_line import make_console
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
@@ -100,8 +100,7 @@ def main(options: Options) -> list[Run]:
             said = " ".join(str(error).split()) or "there is not enough memory"
             raise ValueError(f"{options.log}, {name}: {said}") from error
     if len(names) > 1:
-        # Outside of a terminal the default width would fold the columns.
-        Console(width=None if sys.stdout.isatty() else 150).print(comparison(runs))
+        make_console().print(comparison(runs))
     return runs
 
 
