@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import deepest_cell
 
 from .outline import outline
 from .raster import MAX_CELLS, check_world
@@ -182,20 +183,19 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
             raise ValueError(f"spawn {tuple(spawn)} does not lie on a free cell of map {name!r}")
     area = np.pad(labels == label, 1)
     if spawn is None:
-        deepest = np.unravel_index(np.argmax(ndimage.distance_transform_edt(area)), area.shape)
-        x, y = grid.centers(np.array(deepest) - 1)
+        x, y = grid.centers(np.array(deepest_cell(area)) - 1)
         spawn = Pose2D(float(x), float(y), 0.0)
     height, width = grid.data.shape
     xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
     ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
     segments = outline(~area[1:-1, 1:-1], xs, ys)
-    low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
+    sides = segments[:, ::2], segments[:, 1::2]
     world = World(
         name=name,
         segments=segments,
         circles=np.empty((0, 3)),
         spawns=(spawn,),
-        bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+        bounds=(*(float(side.min()) for side in sides), *(float(side.max()) for side in sides)),  # type: ignore[arg-type]
         source=source,
         notes="Outline of the free cells of a map; unknown cells count as solid.",
     )
