@@ -9,6 +9,7 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import MAX_REACH, squared_distances
 from envs.geometry.lookup import load
 from envs.robots import LidarParams
 from envs.worlds.map_files import OCCUPIED_THRESH
@@ -29,6 +30,10 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
+    reach = math.ceil(max_distance / resolution)
+    if 1 <= reach <= MAX_REACH:
+        squared = squared_distances(obstacles, reach)
+        return np.minimum(np.sqrt(squared, dtype=np.float64) * resolution, max_distance)
     return np.minimum(ndimage.distance_transform_edt(~obstacles) * resolution, max_distance)
 
 
