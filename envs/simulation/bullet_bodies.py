@@ -1,7 +1,5 @@
 """Bodies for PyBullet: ground, walls and movers, and the robot as a chassis on two wheels and casters."""
 
-import math
-
 import numpy as np
 
 from envs.robots import BodyParams, RobotParams

@@ -25,9 +25,9 @@ def visible_from(
 ) -> np.ndarray:
     """Find the cells that see, or are, one of the goals, with a progress bar if it takes longer than two seconds.
 
-    The time is proportional to the number of cells, whatever the shape of the free space. All cells of a block look in
-    the same direction at once: bits tell which of them have met nothing yet. Cells that no path of such steps leads
-    from to a goal do not look at all.
+    All cells of a block look along the same line at once; bits tell which of them have met neither a wall nor a goal
+    yet. So the time is proportional to the number of cells, and at worst to the reach, whatever the shape of the free
+    space. Cells from which no path with the steps of an octant's lines leads to a goal do not look along these.
 
     Args:
         free: shape (height, width), bool.
@@ -115,10 +115,10 @@ def _lines(reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _pack(mask):
-    """Return the bits of a mask with a margin of zeros, a byte for eight rows of a column that begin at any row.
+    """Return the bits of a mask, with a margin of zeros.
 
-    Shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8: bit b at (row + _HEIGHT, column + _WIDTH) is that of the mask at
-    (row + b, column).
+    Shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8. Bit b at (row + _HEIGHT, column + _WIDTH) is that of the mask
+    at (row + b, column), so that the bytes of a row hold eight rows of the mask.
     """
     height, width = mask.shape
     packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)

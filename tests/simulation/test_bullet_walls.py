@@ -93,7 +93,7 @@ def test_what_is_near_is_there_and_what_is_far_is_not(many):
         walls.follow(np.array([[x, 0.0]]))
         (built,) = shapes.values()
         starts = {tuple(np.round(point, 3)) for point in built}
-        for x0, y0, x1, y1 in world.segments:
+        for x0, y0, x1, _ in world.segments:
             if math.hypot(max(x0 - x, x - x1, 0.0), y0) < reach:
                 assert (round(x0, 3), round(y0, 3)) in starts
         assert np.abs(built[:, 0] - x).max() < 5.0
