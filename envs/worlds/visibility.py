@@ -40,6 +40,7 @@ def visible_from(
         Shape of `free`, bool.
     """
     height = len(free)
+    reach = min(reach, 2.0 * max(free.shape))  # lines that are longer end beyond the raster
     slopes, lengths, lines = _lines(reach)
     plain, ends = _pack(free & ~goals), _pack(goals)
     visible = goals.copy()
@@ -49,8 +50,7 @@ def visible_from(
             # An octant: one step in `sign` along the axis each time, to `side` or not at all along the other one.
             chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
             straight, diagonal = ((sign, 0), (sign, side)) if axis == 0 else ((0, sign), (side, sign))
-            asked = candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach)
-            wanted = _pack(asked)
+            wanted = _pack(candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach))
             for first in range(0, height, _ROWS):
                 last = min(first + _ROWS, height)
                 _look(plain, ends, wanted, lengths[chosen], lines[chosen], first, last, visible)

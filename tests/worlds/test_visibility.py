@@ -79,6 +79,11 @@ def test_only_candidates_are_looked_at():
     np.testing.assert_array_equal(visible_from(free, goals, candidates, 50.0), expected)
 
 
+def test_lidars_may_see_farther_than_the_world_is_wide():
+    free, goals = narrow_doors(40, 90, room=8)
+    np.testing.assert_array_equal(visible_from(free, goals, free, 1e12), walk(free, goals, 300.0))
+
+
 def test_rooms_behind_narrow_doors_take_seconds():
     """Looking from each cell by itself took two minutes: seven million of them see no goal."""
     visible_from(*narrow_doors(30, 30), np.ones((30, 30), dtype=bool), 70.0)
