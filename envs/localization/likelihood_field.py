@@ -170,7 +170,12 @@ class LikelihoodField:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
-        entries = entry(obstacle_distances(obstacles, resolution, params.max_distance))
+        distances = obstacle_distances(obstacles, resolution, params.max_distance)
+        entries = np.empty(distances.shape, dtype=np.uint16)
+        for out, line in zip(
+            entries, distances
+        ):  # by rows: on a large map memory for whole fields takes most of the time
+            out[:] = entry(line)
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
