@@ -13,18 +13,20 @@ from envs.worlds import WORLD_NAMES
 
 from .inputs import try_inputs
 from .kills import kill_evaluation, kill_training
+from .maps import CASES as RESETS
+from .maps import MAPS, MOST_MEMORY, MOST_TIME, measure
 from .repeats import CASES, WAYS, digest, digest_elsewhere
 from .steps import take_steps
 from .walls import drive
 
-Stage = Literal["inputs", "kills", "steps", "walls", "repeats"]
+Stage = Literal["inputs", "kills", "steps", "walls", "repeats", "maps"]
 Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "bags", "checkpoints"]
 GROWTH = 1.05
 """Memory at the end over that in the middle of a run up to which it counts as flat."""
 
 
 def main(
-    stages: tuple[Stage, ...] = ("inputs", "kills", "steps", "walls", "repeats"),
+    stages: tuple[Stage, ...] = ("inputs", "kills", "steps", "walls", "repeats", "maps"),
     inputs: int = 10_000,
     kinds: tuple[Kind, ...] = get_args(Kind),
     kills: int = 40,
@@ -33,6 +35,8 @@ def main(
     worlds: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="(default: the library)")] = WORLD_NAMES,
     physics: tuple[str, ...] = ("kinematic", "bullet"),
     wall_steps: int = 1000,
+    map_size: int = 5000,
+    map_resolution: float = 0.05,
     seed: int = 0,
 ) -> int:
     """Try what must not make the programs fail, and print a table for each stage; see docs/robustness.md.
@@ -47,6 +51,8 @@ def main(
         worlds: in which walls are driven into.
         physics: under which walls are driven into.
         wall_steps: control periods in each world under each physics.
+        map_size: rows, and columns, of large maps.
+        map_resolution: side of their cells [m].
         seed: of everything random.
 
     Returns:
@@ -58,6 +64,7 @@ def main(
         "steps": lambda: _steps(slams, steps, seed),
         "walls": lambda: _walls(worlds, physics, wall_steps, seed),
         "repeats": lambda: _repeats(seed),
+        "maps": lambda: _maps(map_size, map_resolution),
     }
     return max([run[stage]() for stage in stages], default=0)
 
@@ -110,6 +117,17 @@ def _repeats(seed: int, steps: int = 100) -> int:
         failures += [f"{case} differs {way}" for case in different]
     _print_table(("the same seed", "episodes", "other bytes"), rows)
     return _tell(failures)
+
+
+def _maps(size: int, resolution: float) -> int:
+    results = measure(list(MAPS), size, resolution)
+    rows = []
+    for name in MAPS:
+        own = [r for r in results if r.name == name]
+        times = [f"{r.time:.1f}" + (" (refused)" if r.refused else "") for r in own]
+        rows.append((name, max(r.walls for r in own), *times, f"{max(r.memory for r in own):.1f}"))
+    _print_table(("map", "walls", *(f"{case} [s]" for case in RESETS), "memory [GiB]"), rows)
+    return _tell([str(r) for r in results if r.time > MOST_TIME or r.memory > MOST_MEMORY])
 
 
 def _print_table(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> None:

@@ -9,6 +9,7 @@ from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import MAX_REACH, squared_distances
 from envs.geometry.lookup import load
 from envs.robots import LidarParams
 from envs.worlds.map_files import OCCUPIED_THRESH
@@ -29,6 +30,10 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
+    reach = math.ceil(max_distance / resolution)
+    if 1 <= reach <= MAX_REACH:
+        squared = squared_distances(obstacles, reach)
+        return np.minimum(np.sqrt(squared, dtype=np.float64) * resolution, max_distance)
     return np.minimum(ndimage.distance_transform_edt(~obstacles) * resolution, max_distance)
 
 
@@ -165,7 +170,12 @@ class LikelihoodField:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
-        entries = entry(obstacle_distances(obstacles, resolution, params.max_distance))
+        distances = obstacle_distances(obstacles, resolution, params.max_distance)
+        entries = np.empty(distances.shape, dtype=np.uint16)
+        for out, line in zip(
+            entries, distances
+        ):  # by rows: on a large map memory for whole fields takes most of the time
+            out[:] = entry(line)
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin

@@ -14,8 +14,10 @@ from .base import BaseSimulator
 from .bullet_bodies import build_world
 from .bullet_client import BulletClient, import_pybullet
 from .bullet_robot import BulletRobot
+from .bullet_walls import NearbyWalls, has_many_walls
 from .records import robot_record
 from .sensors import TOUCHED
+from .state import X, Y
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -36,6 +38,7 @@ class BulletSimulator(BaseSimulator):
         import_pybullet()
         super().__init__(robot, control_period, num_robots)
         self._bullet: Any = None
+        self._nearby: NearbyWalls | None = None
         self.is_copy = False
         """Whether this is a copy that was made in mid-episode, and has not been reset since."""
         self.set_robot(robot)
@@ -49,6 +52,8 @@ class BulletSimulator(BaseSimulator):
         super().set_robot(robot)
         self._arguments = robot, self._period, len(self.rows)
         self._substeps = int(robot_record(robot, self._period).substeps)
+        fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
+        self._reach = 2.0 * (robot.radius + fastest * self._period)
         self.robots = [BulletRobot(robot, self._period, row) for row in self.rows]
         self._built: World | None = None
 
@@ -56,15 +61,17 @@ class BulletSimulator(BaseSimulator):
         """Disconnect from PyBullet. The next reset connects again."""
         if self._bullet is not None:
             self._bullet.close()
-        self._bullet = self._built = self._world = self._states = None
+        self._bullet = self._built = self._world = self._states = self._nearby = None
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         self.is_copy = False
         if self._bullet is None:
             self._bullet = BulletClient()
-        if world is not self._built:
+        if world is not self._built or self._nearby is not None:
             self._build(world)
         self._place_movers(world, self.circles, np.zeros_like(self.circles))
+        if self._nearby is not None:
+            self._nearby.follow(np.array([pose[:2] for pose in poses], dtype=np.float64))
         for robot, pose in zip(self.robots, poses, strict=True):
             robot.move_away(pose)
         self._bullet.performCollisionDetection()
@@ -74,6 +81,8 @@ class BulletSimulator(BaseSimulator):
     def _move(self, world: World, before: np.ndarray) -> None:
         for robot, command, normals in zip(self.robots, self.commands, self.sensors.draws, strict=True):
             robot.plan(command, normals)
+        if self._nearby is not None:
+            self._nearby.follow(self.rows[:, [X, Y]])
         for substep in range(self._substeps):
             if world.movers:
                 travel = self.circles - before
@@ -109,6 +118,7 @@ class BulletSimulator(BaseSimulator):
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY)
         self._movers = build_world(bullet, world)
+        self._nearby = NearbyWalls(bullet, world, self._reach) if has_many_walls(world) else None
         for robot in self.robots:
             robot.build(bullet)
         self._built = world

@@ -1,6 +1,4 @@
-"""Bodies for PyBullet: the world as one mesh, and the robot as a chassis on two wheels and casters."""
-
-import math
+"""Bodies for PyBullet: ground, walls and movers, and the robot as a chassis on two wheels and casters."""
 
 import numpy as np
 
@@ -8,9 +6,8 @@ from envs.robots import BodyParams, RobotParams
 from envs.worlds import World
 
 from .bullet_client import BulletClient
+from .bullet_walls import CHASSIS, GROUND, OBSTACLES, ROLLING, build_meshes, has_many_walls, outlines, set_contact
 
-GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""Collision groups: wheels and casters touch the ground alone, the chassis obstacles and other robots."""
 WHEEL_LINKS = (0, 1)
 """Links of the left and the right wheel."""
 CHASSIS_LINK = 2
@@ -21,8 +18,6 @@ _LIGHT = 1e-3
 _PLATE = 0.01
 """Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
 where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
-_MESH_VERTICES = 120_000
-"""Greatest number of vertices of one mesh, a multiple of 4: PyBullet refuses more than 131,072."""
 _UNSTOPPABLE = 1e4
 """Mass of a mover [kg]."""
 _ROTOR = 0.25
@@ -31,67 +26,14 @@ of the wheel's radius. Without it the few iterations of the solver do not reconc
 weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
 
 
-def polygon(x: float, y: float, radius: float, sagitta: float) -> np.ndarray:
-    """Return the outline of a circle as segments, shape (k, 4) [m], off the circle by at most `sagitta` [m]."""
-    corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
-    angles = np.arange(corners + 1) * (2.0 * math.pi / corners)
-    points = np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
-    return np.hstack([points[:-1], points[1:]])
-
-
-def extrude(world: World, sagitta: float = 5e-4) -> tuple[np.ndarray, np.ndarray]:
-    """Return the static part of a world as upright rectangles of two triangles each.
-
-    Args:
-        world: the world.
-        sagitta: greatest distance between a circle and the polygon that stands for it [m].
-
-    Returns:
-        Vertices, shape (4 n, 3), float64 [m], and triangles, shape (6 n,), int64.
-    """
-    polygons = [polygon(x, y, radius, sagitta) for x, y, radius in world.circles.tolist()]
-    outlines = np.vstack([world.segments, *polygons])
-    count = len(outlines)
-    vertices = np.zeros((count, 4, 3))
-    vertices[:, 0, :2] = vertices[:, 3, :2] = outlines[:, :2]
-    vertices[:, 1, :2] = vertices[:, 2, :2] = outlines[:, 2:]
-    vertices[:, 2:, 2] = world.height
-    triangles = np.array([0, 1, 2, 0, 2, 3]) + 4 * np.arange(count)[:, None]
-    return vertices.reshape(-1, 3), triangles.ravel()
-
-
-# PyBullet never lets go of the lists that it reads a mesh from, nor of what they hold: fresh ones leak a third of a
-# megabyte for a world of 350 segments. So the same objects are filled anew for every mesh.
-_POINTS: list[list[float]] = []
-_NUMBERS: list[int] = []
-_VERTICES: list[list[float]] = []
-_TRIANGLES: list[int] = []
-
-
-def build_mesh(bullet: BulletClient, vertices: np.ndarray, triangles: np.ndarray) -> int:
-    """Return the id of a collision shape made of triangles, smooth where they join; see `extrude` for the arguments."""
-    _POINTS.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(_POINTS)))
-    _NUMBERS.extend(range(len(_NUMBERS), len(vertices)))
-    for point, vertex in zip(_POINTS, vertices.tolist()):
-        point[:] = vertex
-    _VERTICES[:] = _POINTS[: len(vertices)]
-    _TRIANGLES[:] = [_NUMBERS[corner] for corner in triangles.tolist()]
-    flags = bullet.GEOM_FORCE_CONCAVE_TRIMESH | bullet.GEOM_CONCAVE_INTERNAL_EDGE
-    shape: int = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=_VERTICES, indices=_TRIANGLES, flags=flags)
-    return shape
-
-
 def build_world(bullet: BulletClient, world: World) -> list[int]:
     """Put ground, walls and movers into an empty simulation; return the ids of the movers.
 
-    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside.
+    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside. The
+    walls of a world with very many are left to `NearbyWalls`.
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
-    vertices, triangles = extrude(world)
-    meshes = []
-    for first in range(0, len(vertices), _MESH_VERTICES):
-        part = vertices[first : first + _MESH_VERTICES]
-        meshes.append(build_mesh(bullet, part, triangles[: 6 * len(part) // 4]))
+    meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
     cylinders = [
         bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height)
         for mover in world.movers
@@ -100,8 +42,7 @@ def build_world(bullet: BulletClient, world: World) -> list[int]:
     movers = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
     for body in (*static, *movers):
         group, mask = (GROUND, ROLLING) if body == static[0] else (OBSTACLES, CHASSIS)
-        bullet.setCollisionFilterGroupMask(body, -1, group, mask)
-        bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
+        set_contact(bullet, body, group, mask)
     return movers
 
 

@@ -11,9 +11,11 @@ import yaml
 from PIL import Image
 from pydantic import BaseModel, Field
 from scipy import ndimage
+from tqdm import tqdm
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import deepest_cell
 
 from .outline import outline
 from .raster import MAX_CELLS, check_world
@@ -26,6 +28,8 @@ FREE_THRESH = 0.196
 """Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
 """Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
+_DELAY = 2.0
+"""Time after which there is a progress bar [s]."""
 _ROWS = 256
 """Rows of pixels that are interpreted at once: floating-point numbers take eight times the space of pixels."""
 
@@ -166,7 +170,8 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
     """Turn a map into a world: the outline of one connected area of free cells.
 
     Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map
-    leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved.
+    leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved. A progress bar shows up
+    if it takes longer than two seconds.
 
     Args:
         grid: the map.
@@ -177,6 +182,33 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
     Raises:
         ValueError: if the map has no free cell, or the spawn does not lie on one.
     """
+    with tqdm(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
+        area = _free_area(grid, name, spawn)
+        bar.update()
+        if spawn is None:
+            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
+            spawn = Pose2D(float(x), float(y), 0.0)
+        bar.update()
+        height, width = grid.data.shape
+        xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
+        ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
+        segments = outline(~area[1:-1, 1:-1], xs, ys)
+        bar.update()
+        sides = segments[:, ::2], segments[:, 1::2]
+        world = World(
+            name=name,
+            segments=segments,
+            circles=np.empty((0, 3)),
+            spawns=(spawn,),
+            bounds=(*(float(side.min()) for side in sides), *(float(side.max()) for side in sides)),  # type: ignore[arg-type]
+            source=source,
+            notes="Outline of the free cells of a map; unknown cells count as solid.",
+        )
+        return check_world(world)
+
+
+def _free_area(grid: OccupancyGrid, name: str, spawn: Pose2D | None) -> np.ndarray:
+    """Return the free area of a spawn, by default the largest one, with a margin of a cell; see `world_from_map`."""
     free = (grid.data >= 0) & (grid.data < 100 * FREE_THRESH)
     labels, count = ndimage.label(free)
     if count == 0:
@@ -188,23 +220,4 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         label = labels[tuple(cell)] if grid.contains(cell) else 0
         if label == 0:
             raise ValueError(f"spawn {tuple(spawn)} does not lie on a free cell of map {name!r}")
-    area = np.pad(labels == label, 1)
-    if spawn is None:
-        deepest = np.unravel_index(np.argmax(ndimage.distance_transform_edt(area)), area.shape)
-        x, y = grid.centers(np.array(deepest) - 1)
-        spawn = Pose2D(float(x), float(y), 0.0)
-    height, width = grid.data.shape
-    xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
-    ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
-    segments = outline(~area[1:-1, 1:-1], xs, ys)
-    low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
-    world = World(
-        name=name,
-        segments=segments,
-        circles=np.empty((0, 3)),
-        spawns=(spawn,),
-        bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
-        source=source,
-        notes="Outline of the free cells of a map; unknown cells count as solid.",
-    )
-    return check_world(world)
+    return np.pad(labels == label, 1)

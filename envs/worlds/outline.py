@@ -17,19 +17,19 @@ def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
     """
     padded = np.pad(solid, 1, constant_values=True)
     # Border k of a row of cells lies between cell k - 1 and cell k.
-    upright = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
-    level = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
-    return np.vstack(
-        [
-            np.column_stack([xs[upright[:, 0]], ys[upright[:, 1]], xs[upright[:, 0]], ys[upright[:, 2]]]),
-            np.column_stack([xs[level[:, 1]], ys[level[:, 0]], xs[level[:, 2]], ys[level[:, 0]]]),
-        ]
-    ).astype(np.float64)
+    cols, bottoms, tops = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
+    rows, lefts, rights = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    segments = np.empty((len(cols) + len(rows), 4))
+    upright, level = segments[: len(cols)], segments[len(cols) :]
+    upright[:, 0] = upright[:, 2] = xs[cols]
+    upright[:, 1], upright[:, 3] = ys[bottoms], ys[tops]
+    level[:, 1] = level[:, 3] = ys[rows]
+    level[:, 0], level[:, 2] = xs[lefts], xs[rights]
+    return segments
 
 
-def _runs(marks: np.ndarray) -> np.ndarray:
-    """Return the runs of true values along the rows: shape (n, 3), int64, (row, start, end)."""
+def _runs(marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the runs of true values along the rows: row, start and end of each, all of shape (n,), int64."""
     steps = np.diff(np.pad(marks.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(steps == 1)
-    ends = np.nonzero(steps == -1)[1]
-    return np.column_stack([rows, starts, ends])
+    return rows, starts, np.nonzero(steps == -1)[1]

@@ -1,6 +1,7 @@
 """Which cells of a raster see one of some others along a straight line of free cells."""
 
 import math
+from itertools import product
 
 import numpy as np
 from numba import njit
@@ -10,9 +11,10 @@ from envs.geometry.lines import cell_along, longest_step
 
 NUM_DIRECTIONS = 180
 """Directions in which a goal is searched for from a cell."""
-_FAR = np.uint16(2**16 - 1)
-"""Steps to a goal that is out of reach [cells]."""
-_ROWS = 50
+_HEIGHT, _WIDTH = 8, 128
+"""Size of a block of cells that look at once: a byte holds eight rows of a column, and bytes side by side are combined
+by vector instructions."""
+_ROWS = 10 * _HEIGHT
 """Rows of cells between two updates of the progress bar."""
 _DELAY = 2.0
 """Time after which there is a progress bar [s]."""
@@ -22,6 +24,10 @@ def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
     """Find the cells that see, or are, one of the goals, with a progress bar if it takes longer than two seconds.
+
+    All cells of a block look along the same line at once; bits tell which of them have met neither a wall nor a goal
+    yet. So the time is proportional to the number of cells, and at worst to the reach, whatever the shape of the free
+    space. Cells from which no path with the steps of an octant's lines leads to a goal do not look along these.
 
     Args:
         free: shape (height, width), bool.
@@ -33,115 +39,148 @@ def visible_from(
     Returns:
         Shape of `free`, bool.
     """
+    height = len(free)
+    reach = min(reach, 2.0 * max(free.shape))  # lines that are longer end beyond the raster
+    slopes, lengths, lines = _lines(reach)
+    plain, ends = _pack(free & ~goals), _pack(goals)
     visible = goals.copy()
-    skips, left = _skips(free, goals), _steps_to_goals(free, goals, min(math.ceil(reach), int(_FAR) - 1))
-    with tqdm(total=len(free), desc=f"explorable area of {name}", unit="row", delay=_DELAY, leave=False) as bar:
-        for first in range(0, len(free), _ROWS):
-            last = min(first + _ROWS, len(free))
-            _look(free, goals, candidates, skips, left, reach, first, last, visible)
-            bar.update(last - first)
+    label = f"explorable area of {name}"
+    with tqdm(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
+        for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
+            # An octant: one step in `sign` along the axis each time, to `side` or not at all along the other one.
+            chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
+            straight, diagonal = ((sign, 0), (sign, side)) if axis == 0 else ((0, sign), (side, sign))
+            wanted = _pack(candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach))
+            for first in range(0, height, _ROWS):
+                last = min(first + _ROWS, height)
+                _look(plain, ends, wanted, lengths[chosen], lines[chosen], first, last, visible)
+                bar.update(last - first)
     return visible
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _skips(free, goals):
-    """Return how many steps, to any side, lead no farther than to the first cell that is a goal, blocked or outside.
+def _comes_near(free, goals, straight, diagonal, reach):
+    """Tell from which cells some path of two kinds of steps, each (rows, columns), leads to a goal through free cells.
 
-    Shape (height, width), uint8, at most 255.
+    Shape (height, width), bool; paths have at most `reach` steps.
     """
     height, width = free.shape
-    steps = np.zeros((height, width), dtype=np.uint8)
-    for row in range(height):
+    far = np.uint16(2**16 - 2)
+    near = np.empty((height, width), dtype=np.bool_)
+    # Steps to a goal in this row and in the one that steps lead to, with a margin.
+    line, before = np.full(width + 2, far, dtype=np.uint16), np.full(width + 2, far, dtype=np.uint16)
+    by_row, by_col = diagonal
+    for k in range(height):
+        row = height - 1 - k if by_row > 0 else k
+        line, before = before, line
+        aslant = before[1 + by_col :]
+        ahead = aslant if straight[0] == 0 else before[1:]
+        is_free, is_goal, steps = free[row], goals[row], line[1:]
         for col in range(width):
-            if free[row, col] and not goals[row, col]:
-                least = 0
-                if 0 < row < height - 1 and 0 < col < width - 1:
-                    above = min(steps[row - 1, col - 1], steps[row - 1, col], steps[row - 1, col + 1])
-                    least = min(above, steps[row, col - 1], 254)
-                steps[row, col] = least + 1
-    for row in range(height - 1, -1, -1):
-        for col in range(width - 1, -1, -1):
-            if steps[row, col] > 1:
-                below = min(steps[row + 1, col - 1], steps[row + 1, col], steps[row + 1, col + 1])
-                steps[row, col] = min(steps[row, col], min(below, steps[row, col + 1], 254) + 1)
-    return steps
+            least = min(min(ahead[col], aslant[col]) + 1, far) if is_free[col] else far
+            steps[col] = 0 if is_goal[col] else least
+        if straight[0] == 0:
+            latest = far
+            for n in range(width):
+                col = width - 1 - n if by_col > 0 else n
+                if is_free[col]:
+                    steps[col] = min(steps[col], min(latest + 1, far))
+                latest = steps[col]
+        for col in range(width):
+            near[row, col] = steps[col] <= reach and steps[col] < far
+    return near
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _steps_to_goals(free, goals, reach):
-    """Return the number of steps from each cell to the nearest goal through free cells, to any of the eight sides.
+def _lines(reach):
+    """Return the lines of all directions, which are the same for every cell.
 
-    Shape (height, width), uint16; `_FAR` beyond `reach`.
+    Returns:
+        Their steps, shape (NUM_DIRECTIONS, 2), float64, see `longest_step`; their numbers of steps, shape
+        (NUM_DIRECTIONS,), int64; and (row, column) after each step as counted from the cell in which a line begins,
+        shape (NUM_DIRECTIONS, longest + 1, 2), int64.
     """
-    height, width = free.shape
-    steps = np.full((height, width), _FAR, dtype=np.uint16)
-    queue = np.empty(height * width, dtype=np.int32)
-    end = 0
-    for row in range(height):
-        for col in range(width):
-            if goals[row, col]:
-                steps[row, col] = 0
-                if _is_rim(free, goals, row, col):
-                    queue[end] = row * width + col
-                    end += 1
-    begin = 0
-    while begin < end:
-        row, col = divmod(queue[begin], width)
-        begin += 1
-        following = steps[row, col] + 1
-        if following > reach:
-            break
-        for i in range(max(row - 1, 0), min(row + 2, height)):
-            for j in range(max(col - 1, 0), min(col + 2, width)):
-                if free[i, j] and steps[i, j] == _FAR:
-                    steps[i, j] = following
-                    queue[end] = i * width + j
-                    end += 1
-    return steps
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _is_rim(free, goals, row, col):
-    """Tell whether a goal has a free neighbour, to any of its eight sides, that is none."""
-    for i in range(max(row - 1, 0), min(row + 2, free.shape[0])):
-        for j in range(max(col - 1, 0), min(col + 2, free.shape[1])):
-            if free[i, j] and not goals[i, j]:
-                return True
-    return False
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _look(free, goals, candidates, skips, left, reach, first, last, visible):
-    """Mark in `visible` which candidates of the rows from `first` to `last` see a goal."""
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
+    lines = np.empty((NUM_DIRECTIONS, int(reach) + 1, 2), dtype=np.int64)
     for k in range(NUM_DIRECTIONS):
         # The golden angle: any few directions in sequence look all around.
-        slopes[k] = longest_step(2.399963229728653 * k)
-        lengths[k] = int(reach / math.hypot(slopes[k, 0], slopes[k, 1]))
-    latest = 0
-    for row in range(first, last):
-        for col in range(free.shape[1]):
-            if candidates[row, col] and not visible[row, col] and left[row, col] != _FAR:
-                # What was seen from the cell before is mostly seen from this one in the same direction.
-                for k in range(latest, latest + NUM_DIRECTIONS):
-                    k %= NUM_DIRECTIONS
-                    if _sees(free, goals, skips, left, row, col, slopes[k], lengths[k]):
-                        visible[row, col], latest = True, k
-                        break
+        d_row, d_col = longest_step(2.399963229728653 * k)
+        slopes[k] = d_row, d_col
+        lengths[k] = int(reach / math.hypot(d_row, d_col))
+        for step in range(lengths[k] + 1):
+            lines[k, step] = cell_along(0, 0, d_row, d_col, step)
+    return slopes, lengths, lines
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _sees(free, goals, skips, left, row, col, slope, length):
-    """Tell whether the line from a cell leads to a goal within `length` steps, through free cells only."""
-    step = int(skips[row, col])
-    while step <= length:
-        i, j = cell_along(row, col, slope[0], slope[1], step)
-        if i < 0 or j < 0 or i >= free.shape[0] or j >= free.shape[1] or not free[i, j]:
-            return False
-        if goals[i, j]:
-            return True
-        if left[i, j] > length - step:
-            return False
-        step += skips[i, j]
-    return False
+def _pack(mask):
+    """Return the bits of a mask, with a margin of zeros.
+
+    Shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8. Bit b at (row + _HEIGHT, column + _WIDTH) is that of the mask
+    at (row + b, column), so that the bytes of a row hold eight rows of the mask.
+    """
+    height, width = mask.shape
+    packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
+    for row in range(height - 1, -_HEIGHT, -1):
+        line, below = packed[row + _HEIGHT, _WIDTH:], packed[row + _HEIGHT + 1, _WIDTH:]
+        for col in range(width):
+            line[col] = below[col] << 1
+        if row >= 0:
+            for col in range(width):
+                line[col] |= mask[row, col]
+    return packed
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _look(plain, ends, wanted, lengths, lines, first, last, visible):
+    """Mark in `visible` which of the wanted cells of the rows from `first` to `last` see a goal.
+
+    Args:
+        plain: free cells without the goals, see `_pack`.
+        ends: goals, see `_pack`.
+        wanted: cells in question, see `_pack`.
+        lengths: of the lines along which they look, see `_lines`.
+        lines: see `_lines`.
+        first: a multiple of `_HEIGHT`.
+        last: row after the last one.
+        visible: shape (height, width), bool, written.
+    """
+    height, width = visible.shape
+    left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
+    for top in range(first, last, _HEIGHT):
+        for start in range(0, width, _WIDTH):
+            asked = wanted[top + _HEIGHT, start + _WIDTH : start + 2 * _WIDTH]
+            if not asked.any():
+                continue
+            left[:] = asked
+            for k in range(lengths.shape[0]):
+                if not left.any():
+                    break
+                alive[:] = left
+                for step in range(1, lengths[k] + 1):
+                    row, col = top + _HEIGHT + lines[k, step, 0], start + _WIDTH + lines[k, step, 1]
+                    if not (0 < row < height + _HEIGHT and 0 < col < width + _WIDTH):
+                        break
+                    if not _advance(plain[row, col : col + _WIDTH], ends[row, col : col + _WIDTH], alive, left):
+                        break
+            for j in range(min(_WIDTH, width - start)):
+                seen = asked[j] & ~left[j]
+                for bit in range(_HEIGHT):
+                    if seen >> bit & 1:
+                        visible[top + bit, start + j] = True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _advance(plain, ends, alive, left):
+    """Let the cells of a block that are `alive` take a step; return whether any has met neither a wall nor a goal yet.
+
+    All of shape (_WIDTH,), uint8: the cells that they come to, the cells on their way, written, and those that have
+    seen no goal so far, written.
+    """
+    remain = np.uint8(0)
+    for j in range(_WIDTH):
+        left[j] &= ~(alive[j] & ends[j])
+        alive[j] &= plain[j]
+        remain |= alive[j]
+    return remain != 0

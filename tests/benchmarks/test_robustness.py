@@ -5,15 +5,18 @@ import os
 import numpy as np
 import pytest
 
-from benchmarks.robustness import inputs
+from benchmarks.robustness import __main__ as command
+from benchmarks.robustness import inputs, maps
 from benchmarks.robustness.__main__ import main
 from benchmarks.robustness.inputs import outcome_of, try_inputs
 from benchmarks.robustness.kinds import KINDS
+from benchmarks.robustness.maps import MAPS, reset_once, write_map
 from benchmarks.robustness.mutations import damage_array, damage_bytes, damage_tree
 from benchmarks.robustness.repeats import digest
 from benchmarks.robustness.steps import take_steps
 from benchmarks.robustness.walls import crosses, drive
 from envs.geometry import Pose2D
+from envs.worlds import load_map
 
 FEW = {"worlds": 12, "robots": 12, "maps": 12, "configurations": 12, "logs": 25, "bags": 20, "checkpoints": 6}
 
@@ -105,3 +108,25 @@ def test_the_command_prints_the_tables_of_the_stages_that_are_named(capsys):
     said = capsys.readouterr().out
     assert "| physics | worlds | control periods | in contact | through a wall | above the speed |" in said
     assert "| kinematic | 1 | 20 |" in said
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_hard_maps_are_driven_on_or_refused_by_name(name, tmp_path):
+    path = write_map(name, 240, 0.05, tmp_path)
+    data = load_map(path).data
+    assert data.shape == (240, 240)
+    assert 0.005 < np.mean(data == 0) < 0.99
+    _, walls, refused = reset_once(str(path), "Explore-v0, kinematic, truth", 0.05)
+    assert (walls > 0) == (name != "maze, corridors -1")
+    assert ("does not fit" in refused) == (name == "maze, corridors -1")
+
+
+def test_large_maps_are_reset_in_other_processes_and_what_takes_too_long_fails(monkeypatch, capsys):
+    for case in list(maps.CASES)[1:]:
+        monkeypatch.delitem(maps.CASES, case)
+    monkeypatch.setattr(command, "MAPS", {"one wall": MAPS["one wall"]})
+    monkeypatch.setattr(command, "MOST_TIME", 0.0)
+    assert main(("maps",), map_size=120) == 1
+    said = capsys.readouterr().out
+    assert "| one wall | 8 |" in said
+    assert "failed: MapReset(name='one wall'" in said

@@ -33,11 +33,11 @@ def cast_in_bullet(bullet, x, y, z, angles):
 
 @pytest.mark.parametrize("name", WORLD_NAMES)
 def test_ranges_agree_within_two_millimetres(bullet, name):
-    from envs.simulation.bullet_bodies import build_mesh, extrude
+    from envs.simulation.bullet_walls import build_mesh, extrude, outlines
 
     world = load_world(name)
     bullet.resetSimulation()
-    bullet.createMultiBody(0.0, build_mesh(bullet, *extrude(world, sagitta=1e-5)))
+    bullet.createMultiBody(0.0, build_mesh(bullet, *extrude(outlines(world, sagitta=1e-5), world.height)))
     corners = np.vstack([world.segments[:, :2], world.segments[:, 2:]])
     rng = np.random.default_rng(0)
     ranges, grazing = np.empty(BEAMS), 0

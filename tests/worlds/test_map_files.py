@@ -10,7 +10,16 @@ import yaml
 from PIL import Image
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
+from envs.worlds import (
+    free_area,
+    load_map,
+    load_world,
+    map_files,
+    rasterize,
+    save_map,
+    world_from_map,
+    world_sampler,
+)
 
 
 def grid_of(data):
@@ -185,3 +194,12 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
         world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half", spawn=Pose2D(2.5, 1.0, 0.0))
     with pytest.raises(ValueError, match="no free cell"):
         world_from_map(OccupancyGrid(np.full((3, 3), -1, dtype=np.int8), 0.1, (0.0, 0.0)), "void")
+
+
+def test_a_long_conversion_shows_its_progress(monkeypatch, capsys):
+    grid = grid_of(np.zeros((20, 30)))
+    world_from_map(grid, "hall")
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(map_files, "_DELAY", 0.0)
+    world_from_map(grid, "hall")
+    assert "world of map hall" in capsys.readouterr().err
