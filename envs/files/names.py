@@ -3,12 +3,16 @@
 import difflib
 import importlib
 import os
+import reprlib
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
+SHORT = reprlib.Repr()
+"""Writes values in messages, the long ones in part."""
+SHORT.maxstring = SHORT.maxother = 200
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
@@ -16,7 +20,7 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
     allowed = list(allowed)
     close = difflib.get_close_matches(name, allowed, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return f"{(shown or name)!r}{hint}; allowed are {', '.join(allowed)}"
+    return f"{SHORT.repr(shown or name)}{hint}; allowed are {', '.join(allowed)}"
 
 
 def load_object(name: str) -> Any:
@@ -27,7 +31,7 @@ def load_object(name: str) -> Any:
     """
     module_name, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
-        raise ValueError(f"{name!r} is not of the form module:attribute, such as my_package.explorers:Mine")
+        raise ValueError(f"{SHORT.repr(name)} is not of the form module:attribute, such as my_package.explorers:Mine")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     try:

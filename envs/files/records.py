@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import reprlib
 import typing
 from functools import cache
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from .names import explain_unknown
+from .names import SHORT, explain_unknown
 
 Record = TypeVar("Record")
 
@@ -23,9 +22,6 @@ MAX_DEPTH = 50
 """Deepest nesting of a YAML file."""
 MAX_MISTAKES = 10
 """Most mistakes that an error lists."""
-_SHORT = reprlib.Repr()
-"""Writes values in messages, the long ones in part."""
-_SHORT.maxstring = _SHORT.maxother = 200
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -136,7 +132,7 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
             lines.append(f"key {key!r} is missing")
         else:
             what = fault["msg"].removeprefix("Value error, ")
-            what += "" if fault["type"] in ("value_error", "json_invalid") else f", got {_SHORT.repr(fault['input'])}"
+            what += "" if fault["type"] in ("value_error", "json_invalid") else f", got {SHORT.repr(fault['input'])}"
             lines.append(f"{key}: {what}" if key else what)
     if len(faults) > MAX_MISTAKES:
         lines.append(f"and {len(faults) - MAX_MISTAKES} more mistakes")

@@ -27,6 +27,13 @@ def test_an_unknown_name_lists_the_known_ones():
         resolve("nearst", TABLE, "explorer")
 
 
+@pytest.mark.parametrize("name", ["9" * 5000, "a:" + "?" * 5000])
+def test_long_names_make_no_long_messages(name):
+    with pytest.raises(ValueError, match=r"(9|\?)\.\.\.(9|\?)") as caught:
+        resolve(name, TABLE, "explorer")
+    assert len(str(caught.value)) < 500
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
