@@ -10,6 +10,7 @@ import argparse
 import json
 import shlex
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
-from envs.files import explain_errors, read_record
+from envs.files import explain_errors, naming, read_record
 from lidarnaut.configurations import find_configuration
 
 
@@ -70,8 +71,11 @@ def main(arguments: list[str] | None = None) -> int:
         shard = Shard() if command.shard is None else Shard.parse(command.shard)
         evaluation = Evaluation(command.settings, command.out, shard)
         failures = []
-        if command.publish:  # a folder that cannot be written should not come out after the last episode
-            (command.publish / "arena").mkdir(parents=True, exist_ok=True)
+        if command.publish and command.shard is None:
+            # A folder that cannot be written should not come out after the last episode.
+            (pictures := command.publish / "arena").mkdir(parents=True, exist_ok=True)
+            with naming(pictures), tempfile.TemporaryFile(dir=pictures):
+                pass
         if not command.report:
             failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags, command.record)
         if command.shard is not None:

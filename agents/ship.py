@@ -57,7 +57,7 @@ def ship(run: Path, folder: Path) -> None:
     try:
         write_folder(folder, files)
     except BaseException:
-        if old.exists():
+        if old.exists() and not folder.exists():
             old.rename(folder)
         raise
     shutil.rmtree(old, ignore_errors=True)

@@ -52,8 +52,7 @@ class Film:
         if len(self.frames) == NUM_FRAMES:
             del self.frames[1::2]
             self._interval *= 2.0
-        else:
-            self.frames.append(self._env.render())
+        self.frames.append(self._env.render())
 
     def save(self, path: Path) -> None:
         """Write an endless WebP."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -39,10 +39,13 @@ def is_pose(pose: Any) -> bool:
 
 def is_number(value: Any) -> bool:
     """Tell whether something is a real number, not infinite and not NaN."""
-    return isinstance(value, Real) and math.isfinite(value)
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floating-point ones
+        return False
 
 
-def is_whole(value: Any) -> bool:
+def is_whole(value: Any) -> TypeGuard[int]:
     """Tell whether something is a whole number, of Python or of NumPy."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 

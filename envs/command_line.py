@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -28,20 +29,24 @@ Count = Annotated[
 """A whole number from 1."""
 
 
-def run_command(main: Callable[..., Any], arguments: list[str] | None = None) -> None:
-    """Call a function with the options of the command line, which are its arguments.
+def run_command(main: Callable[..., Any], arguments: list[str] | None = None) -> Any:
+    """Call a function with the options of the command line, which are its arguments, and return what it returns.
 
     Args:
         main: the function; the documentation of its module is shown as help.
         arguments: options; None takes those of the process.
 
     Raises:
-        SystemExit: if an option is wrong, a file is missing or cannot be written; says so, with status 2.
+        SystemExit: with status 2, if an option is wrong, or the function raises ValueError, RuntimeError or OSError,
+            such as for a missing file; says what.
     """
-    name = main.__module__ if main.__module__ != "__main__" else sys.modules["__main__"].__spec__.name  # type: ignore[union-attr]
-    name = name.removesuffix(".__main__")
+    spec = sys.modules["__main__"].__spec__
+    program = spec.name if spec else Path(sys.argv[0]).stem  # run by its path, a file has no specification
+    name = (main.__module__ if main.__module__ != "__main__" else program).removesuffix(".__main__")
     try:
-        tyro.cli(main, prog=f"python -m {name}", description=sys.modules[main.__module__].__doc__, args=arguments)
+        return tyro.cli(
+            main, prog=f"python -m {name}", description=sys.modules[main.__module__].__doc__, args=arguments
+        )
     except (ValueError, RuntimeError, OSError) as error:
         sys.stderr.write(f"{name}: {error}\n")
         sys.exit(2)

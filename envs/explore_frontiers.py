@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.arguments import check_positive
+from envs.arguments import check_positive, is_whole
 from envs.compilation import announce_compilation
 from envs.estimation import Belief
 from envs.explore import ExploreEnv
@@ -130,7 +130,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        if max_candidates not in range(1, MAX_CANDIDATES + 1):
+        if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
         if "observations" in arguments:
             raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")

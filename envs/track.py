@@ -134,7 +134,7 @@ class TrackEnv(KnownMapEnv):
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        check_positive(control_hz=control_hz)
+        check_positive(control_hz=control_hz, map_resolution=map_resolution)
         if not 0 <= map_latency < math.inf:
             raise ValueError(f"map_latency must be finite and not negative, got {map_latency!r}")
         params = load_robot(robot)

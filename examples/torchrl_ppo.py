@@ -1,4 +1,4 @@
-"""PPO of TorchRL: the environment as a `GymEnv`, a collector, and a clipped loss. Needs `pip install torchrl`."""
+"""PPO of TorchRL: the environment as a `GymEnv`, a collector, and a clipped loss. See `examples/requirements.txt`."""
 
 import tyro
 

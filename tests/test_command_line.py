@@ -35,6 +35,13 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, capsys):
     assert capsys.readouterr().err == f"tests.test_command_line: [Errno 21] Is a directory: '{tmp_path}'\n"
 
 
+def test_a_file_that_is_run_by_its_path_ends_with_a_message_too(tmp_path):
+    program = ROOT / "benchmarks/time_ratios.py"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, program, tmp_path / "none"], capture_output=True, text=True, env=environment)
+    assert (done.returncode, "time_ratios: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
+
+
 @pytest.mark.parametrize(
     ("command", "says"),
     [

@@ -249,6 +249,8 @@ def test_bad_actions_are_refused(action):
     [
         ({"max_candidates": 0}, "max_candidates"),
         ({"max_candidates": 1.5}, "max_candidates must be whole"),
+        ({"max_candidates": 5.0}, "max_candidates must be whole"),
+        ({"max_candidates": True}, "max_candidates must be whole"),
         ({"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
         ({"max_decision_time": "4"}, "max_decision_time"),
         ({"max_decision_time": 0.0}, "max_decision_time"),

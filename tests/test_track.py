@@ -238,6 +238,7 @@ def test_render_shows_the_robot_on_its_map():
         ({"path": [[0.0, 0.0]]}, "path"),
         ({"path": [[0.0, 0.0], [0.0, math.nan]]}, "path"),
         ({"control_hz": 0}, "control_hz"),
+        ({"map_resolution": "fine"}, "map_resolution must be positive, got 'fine'"),
         ({"max_deviation": -1.0}, "max_deviation"),
         ({"map_latency": -0.1}, "map_latency"),
         ({"start_spread": (0.1, -0.1)}, "start_spread"),

@@ -268,7 +268,7 @@ def test_seeds_and_options_are_numbers_and_mappings():
     env = ExploreVectorEnv(2, num_workers=0, **QUICK)
     first = env.reset(seed=np.array([1, 2]))[0]
     assert_same(env.reset(seed=[1, 2])[0], first)
-    for wrong in (1.5, [1], "a"):
+    for wrong in (1.5, True, [1], "a", "ab", (1.5, 2.5), np.array(3)):
         with pytest.raises(
             ValueError, match=f"seed must be one whole number or 2 of them, got {re.escape(repr(wrong))}"
         ):

@@ -116,11 +116,12 @@ class Records:
             totals = {match[1] for name in names if (match := re.fullmatch(rf"{ROWS}-\d+of(\d+)\.csv", name))}
             if others := sorted(totals - {total}):
                 raise ValueError(
-                    f"{self.folder} holds shards of a division by {', '.join(others)}, and {number}/{total} is one by "
-                    f"{total}: episodes would be run twice; use {others[0]} again, or leave out --shard"
+                    f"{self.folder} holds shards I/{', I/'.join(others)}, and --shard is {number}/{total}: episodes "
+                    f"would be run twice; use I/{others[0]}, or leave out --shard"
                 )
-        self._rows_file.touch()  # from now on, the folder belongs to these settings
         self._check_settings()
+        self._rows_file.touch()  # from now on, the folder belongs to these settings
+        self._check_settings()  # another shard may have begun at the same time, with others
 
     def _read(self) -> None:
         self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, COLUMNS)}

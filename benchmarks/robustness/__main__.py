@@ -9,6 +9,7 @@ from typing import Annotated, Literal, get_args
 import tyro
 from tqdm import tqdm
 
+from envs.command_line import run_command
 from envs.worlds import WORLD_NAMES
 
 from .inputs import try_inputs
@@ -147,4 +148,4 @@ def _tell(failures: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    sys.exit(run_command(main))

@@ -1,11 +1,12 @@
 """Reading YAML files into checked records, names into objects, and writing files that are whole or absent."""
 
 from .locking import Lock, LockedError
-from .names import explain_unknown, load_object, resolve
+from .names import SHORT, explain_unknown, load_object, resolve
 from .records import dump_record, explain_errors, parse_record, read_mapping, read_record
 from .writing import naming, sweep, temporary_beside, write_file, write_folder
 
 __all__ = [
+    "SHORT",
     "Lock",
     "LockedError",
     "dump_record",

@@ -40,12 +40,15 @@ def load_object(name: str) -> Any:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             raise
         raise ValueError(
-            f"{name!r}: there is no module {error.name!r} in {os.getcwd()} or among the installed packages"
+            f"{SHORT.repr(name)}: there is no module {SHORT.repr(error.name)} in {os.getcwd()} "
+            "or among the installed packages"
         ) from error
     for part in attribute.split("."):
         if not hasattr(found, part):
             public = [key for key in vars(found) if not key.startswith("_")] if hasattr(found, "__dict__") else []
-            raise ValueError(f"{name!r}: {module_name!r} has no attribute {explain_unknown(part, public, attribute)}")
+            raise ValueError(
+                f"{SHORT.repr(name)}: {module_name!r} has no attribute {explain_unknown(part, public, attribute)}"
+            )
         found = getattr(found, part)
     return found
 

@@ -172,9 +172,8 @@ class LikelihoodField:
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         distances = obstacle_distances(obstacles, resolution, params.max_distance)
         entries = np.empty(distances.shape, dtype=np.uint16)
-        for out, line in zip(
-            entries, distances
-        ):  # by rows: on a large map memory for whole fields takes most of the time
+        # By rows: memory for whole fields would take most of the time on a large map.
+        for out, line in zip(entries, distances):
             out[:] = entry(line)
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))

@@ -137,7 +137,7 @@ def _count_still(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _fail(record, obstacles, numbers):
-    """Forget contacts and other points inside the footprint: all around the robot they would hold it for ever."""
+    """Return `FAILED`, after dropping remembered points inside the footprint, which would block every later drive."""
     dropped = forget_inside(obstacles, record.num_remembered, record.num_obstacles, numbers.radius)
     record.num_remembered -= dropped
     record.num_seen -= dropped

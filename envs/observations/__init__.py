@@ -47,13 +47,14 @@ def make_parts(
     table = {**PARTS, **own}
     if isinstance(observations, str) or not isinstance(observations, Iterable):
         raise ValueError(f"observations must be a sequence of names or a mapping from them, got {observations!r}")
-    chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(observations)
+    names = list(observations)
+    if wrong := [name for name in names if not isinstance(name, str)]:
+        raise ValueError(f"observations must have names, got {wrong[0]!r}")
+    chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(names)
     if not chosen:
         raise ValueError(f"observations must name at least one of {', '.join(table)}")
     parts = {}
     for name, choice in chosen.items():
-        if not isinstance(name, str):
-            raise ValueError(f"observations must have names, got {name!r}")
         if choice is None or isinstance(choice, Mapping):
             parts[name] = resolve(name, table, "observation")(**(choice or {}))
         else:

@@ -3,7 +3,7 @@
 import numpy as np
 from gymnasium import spaces
 
-from envs.arguments import is_number
+from envs.arguments import is_number, is_whole
 from envs.robot import Robot
 from envs.robots import RobotParams
 
@@ -29,7 +29,7 @@ class MapCrop:
         """
         if not (is_number(resolution) and resolution > 0):
             raise ValueError(f"a map crop needs a positive resolution, got {resolution!r}")
-        if not (is_number(size) and int(size) == size and 1 <= size <= MAX_SIZE):
+        if not (is_whole(size) and 1 <= size <= MAX_SIZE):
             raise ValueError(f"a map crop needs a whole size from 1 to {MAX_SIZE:,}, got {size!r}")
         self.resolution = resolution
         """Side of a pixel [m]."""

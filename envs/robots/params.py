@@ -18,7 +18,8 @@ def _require(condition: bool, what: str, value: Any) -> None:
 MAX_NUMBER = 1e9
 """No length, mass, rate, count or noise of a robot is greater than this, in SI units."""
 MAX_LENGTH = 100.0
-"""No part of a robot is longer, or sits farther from the base [m]: maps have to hold what its lidar sees."""
+"""Greatest dimension of the body, and distance of it and of the lidar from the base [m]: maps have to hold what the
+lidar sees."""
 MAX_BEAMS = 20_000
 """Most beams of a scan."""
 

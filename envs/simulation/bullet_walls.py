@@ -15,14 +15,16 @@ GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 _MESH_VERTICES = 120_000
 """Greatest number of vertices of one mesh, a multiple of 4: PyBullet refuses more than 131,072."""
 _MANY = 100_000
-"""Walls (segments and circles) from which on a world has many: PyBullet takes half a second and 150 MB for these."""
+"""Rectangles from which on a world has many walls: PyBullet takes half a second and 150 MB for these."""
+_PER_CIRCLE = 32
+"""Rectangles that stand for a circle of 0.1 m; larger ones have more."""
 _SLACK = 2.0
 """How far robots drive before the walls around them are built again, in a world with many [m]."""
 
 
 def has_many_walls(world: World) -> bool:
     """Tell whether a world has too many walls for PyBullet to hold all of them."""
-    return len(world.segments) + len(world.circles) > _MANY
+    return len(world.segments) + _PER_CIRCLE * len(world.circles) > _MANY
 
 
 def polygon(x: float, y: float, radius: float, sagitta: float) -> np.ndarray:
@@ -99,7 +101,10 @@ class NearbyWalls:
     """The walls around the robots, in a world that has too many for PyBullet."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Take the world; robots get no farther than `reach` [m] between two calls of `follow`, with their bodies."""
+        """Take the world; robots drive no farther than `reach` [m] between two calls of `follow`, with their bodies.
+
+        A mover that pushes a robot faster than it drives can push it past the walls that are built.
+        """
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height

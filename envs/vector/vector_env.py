@@ -120,12 +120,13 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             gymnasium.error.ResetNeeded: if the mask leaves out some where no episodes have begun.
             gymnasium.error.ClosedEnvironmentError: after `close`.
         """
-        if seed is None or isinstance(seed, int | np.integer):
+        if seed is None or is_whole(seed):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        elif isinstance(seed, Sequence | np.ndarray) and len(seed) == self.num_envs:
-            seeds = [int(one) if isinstance(one, np.integer) else one for one in seed]
         else:
-            raise ValueError(f"seed must be one whole number or {self.num_envs} of them, got {seed!r}")
+            several = list(seed) if np.iterable(seed) else []
+            if len(several) != self.num_envs or not all(one is None or is_whole(one) for one in several):
+                raise ValueError(f"seed must be one whole number or {self.num_envs} of them, got {seed!r}")
+            seeds = [None if one is None else int(one) for one in several]
         options = read_options(options)
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from envs.files import parse_record, read_mapping, resolve
+from envs.files import SHORT, parse_record, read_mapping, resolve
 
 from .map_files import load_map, world_from_map
 from .procedural import FAMILIES
@@ -40,7 +40,9 @@ def load_world(world: str | Path | World) -> World:
         return check_world(found)
     if not isinstance(found, Path):
         if isinstance(world, str):
-            raise ValueError(f"world {world!r} must name a World, or a function that returns one, got {found!r}")
+            raise ValueError(
+                f"world {world!r} must name a World (functions are for environments), got {SHORT.repr(found)}"
+            )
         raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")

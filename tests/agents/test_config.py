@@ -123,8 +123,8 @@ def test_the_command_line_says_what_is_wrong_before_there_is_a_run(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(dump_record(tiny_config))
-    is_whole = "--seed" in arguments or "--config" in arguments or not arguments
-    assert train.main([*([] if is_whole else ["--config", "tiny.yaml"]), *arguments]) == 2
+    is_complete = "--seed" in arguments or "--config" in arguments or not arguments
+    assert train.main([*([] if is_complete else ["--config", "tiny.yaml"]), *arguments]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
 

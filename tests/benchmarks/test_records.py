@@ -92,6 +92,14 @@ def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
         Records(tmp_path, {"time_limit": None})
 
 
+def test_an_evaluation_that_begins_first_has_the_folder_to_itself(tmp_path):
+    records, late = Records(tmp_path, SETTINGS), Records(tmp_path, {"time_limit": 5.0})
+    records.begin()
+    with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
+        late.begin()
+    Records(tmp_path, SETTINGS).begin()
+
+
 def test_a_table_of_another_version_is_refused(tmp_path):
     (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):

@@ -62,7 +62,7 @@ def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
     settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
     first, late = Evaluation(settings, tmp_path, Shard(1, 2)), Evaluation(settings, tmp_path, Shard(1, 3))
     assert first.run() == []
-    with pytest.raises(ValueError, match=rf"{tmp_path} holds shards of a division by 2, and 1/3 is one by 3"):
+    with pytest.raises(ValueError, match=rf"{tmp_path} holds shards I/2, and --shard is 1/3"):
         late.run()
     assert {path.name for path in tmp_path.glob("*.csv")} == {"episodes-1of2.csv"}
     for rest in (Shard(2, 2), Shard()):
