@@ -1,4 +1,4 @@
-"""Test the project with damaged inputs, kills, long runs, walls and repetitions: `python -m benchmarks.robustness`."""
+"""Damaged inputs, kills, long runs, walls, repetitions and large maps: `python -m benchmarks.robustness`."""
 
 import sys
 import tempfile
@@ -22,22 +22,22 @@ from .walls import drive
 
 Stage = Literal["inputs", "kills", "steps", "walls", "repeats", "maps"]
 Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "bags", "checkpoints"]
+SLAMS = ("tinyslam", "hector")
+"""Of the vector environment that takes many steps."""
 GROWTH = 1.05
 """Memory at the end over that in the middle of a run up to which it counts as flat."""
 
 
 def main(
-    stages: tuple[Stage, ...] = ("inputs", "kills", "steps", "walls", "repeats", "maps"),
+    stages: tuple[Stage, ...] = get_args(Stage),
     inputs: int = 10_000,
     kinds: tuple[Kind, ...] = get_args(Kind),
     kills: int = 40,
     steps: int = 1_000_000,
-    slams: tuple[str, ...] = ("tinyslam", "hector"),
     worlds: Annotated[tuple[str, ...], tyro.conf.arg(help_behavior_hint="(default: the library)")] = WORLD_NAMES,
     physics: tuple[str, ...] = ("kinematic", "bullet"),
     wall_steps: int = 1000,
     map_size: int = 5000,
-    map_resolution: float = 0.05,
     seed: int = 0,
 ) -> int:
     """Try what must not make the programs fail, and print a table for each stage; see docs/robustness.md.
@@ -48,12 +48,10 @@ def main(
         kinds: of inputs.
         kills: of a training, and as many of an evaluation.
         steps: in a vector environment, with each SLAM.
-        slams: of the vector environment.
         worlds: in which walls are driven into.
         physics: under which walls are driven into.
         wall_steps: control periods in each world under each physics.
-        map_size: rows, and columns, of large maps.
-        map_resolution: side of their cells [m].
+        map_size: rows, and columns, of large maps of cells of 0.05 m.
         seed: of everything random.
 
     Returns:
@@ -62,10 +60,10 @@ def main(
     run = {
         "inputs": lambda: _inputs(kinds, -(-inputs // len(kinds)), seed),
         "kills": lambda: _kills(kills, seed),
-        "steps": lambda: _steps(slams, steps, seed),
+        "steps": lambda: _steps(steps, seed),
         "walls": lambda: _walls(worlds, physics, wall_steps, seed),
         "repeats": lambda: _repeats(seed),
-        "maps": lambda: _maps(map_size, map_resolution),
+        "maps": lambda: _maps(map_size),
     }
     return max([run[stage]() for stage in stages], default=0)
 
@@ -88,8 +86,8 @@ def _kills(count: int, seed: int) -> int:
     return _tell([f"{result.what}: {lost}" for result in results for lost in result.lost])
 
 
-def _steps(slams: tuple[str, ...], count: int, seed: int) -> int:
-    results = [take_steps(slam, count, seed) for slam in slams]
+def _steps(count: int, seed: int) -> int:
+    results = [take_steps(slam, count, seed) for slam in SLAMS]
     head = ("SLAM", "steps", "episodes", "memory in the second quarter [MiB]", "in the last quarter [MiB]")
     _print_table(head, [(r.slam, r.steps, r.episodes, f"{r.middle:.0f}", f"{r.end:.0f}") for r in results])
     return _tell([f"memory grows with {r.slam}" for r in results if r.end > GROWTH * r.middle])
@@ -120,8 +118,8 @@ def _repeats(seed: int, steps: int = 100) -> int:
     return _tell(failures)
 
 
-def _maps(size: int, resolution: float) -> int:
-    results = measure(list(MAPS), size, resolution)
+def _maps(size: int) -> int:
+    results = measure(list(MAPS), size)
     rows = []
     for name in MAPS:
         own = [r for r in results if r.name == name]

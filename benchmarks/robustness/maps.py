@@ -31,6 +31,8 @@ CASES = {
     "Navigate-v0": ("Navigate", {}),
 }
 """Ids and arguments; bullet and the usual SLAM where none are given."""
+RESOLUTION = 0.05
+"""Side of a map cell [m]."""
 MOST_TIME, MOST_MEMORY = 10.0, 4.0
 """What a reset may take: processor time [s], and memory of the process [GiB]."""
 
@@ -141,23 +143,23 @@ MAPS: dict[str, tuple[Callable[..., np.ndarray], int]] = {
 """Shape by name, and by how many cells its passages are wider than what the robot fits through."""
 
 
-def write_map(name: str, size: int, resolution: float, folder: Path) -> Path:
-    """Write a map of `MAPS` with `size` x `size` cells of `resolution` [m]; return the path of its YAML."""
+def write_map(name: str, size: int, folder: Path) -> Path:
+    """Write a map of `MAPS` with `size` x `size` cells; return the path of its YAML."""
     draw, more = MAPS[name]
-    fit = math.ceil(2.0 * load_robot("turtlebot3_burger").radius / resolution) + 1 + more
+    fit = math.ceil(2.0 * load_robot("turtlebot3_burger").radius / RESOLUTION) + 1 + more
     y, x = np.ogrid[:size, :size]
     free = draw(y, x, size, fit, np.random.default_rng(0))
     data = np.full((size, size), 100, dtype=np.int8)
     data[1:-1, 1:-1][free[1:-1, 1:-1]] = 0
-    return save_map(OccupancyGrid(data, resolution, (0.0, 0.0)), folder / "map.yaml")
+    return save_map(OccupancyGrid(data, RESOLUTION, (0.0, 0.0)), folder / "map.yaml")
 
 
-def reset_once(path: str, case: str, resolution: float) -> tuple[float, int, str]:
+def reset_once(path: str, case: str) -> tuple[float, int, str]:
     """Make an environment on a map and reset it; return processor time [s], the number of walls, and why not."""
     id, arguments = CASES[case]
     began, walls, refused = time.process_time(), 0, ""
     try:
-        env = gymnasium.make(f"lidarnaut/{id}-v0", world=path, map_resolution=resolution, **arguments).unwrapped
+        env = gymnasium.make(f"lidarnaut/{id}-v0", world=path, map_resolution=RESOLUTION, **arguments).unwrapped
         env.reset(seed=0)
         walls = len((env.explore if id == "ExploreFrontiers" else env).world.segments)
     except ValueError as error:
@@ -165,7 +167,7 @@ def reset_once(path: str, case: str, resolution: float) -> tuple[float, int, str
     return time.process_time() - began, walls, refused
 
 
-def measure(names: list[str], size: int, resolution: float) -> list[MapReset]:
+def measure(names: list[str], size: int) -> list[MapReset]:
     """Reset every case on every map, each in a process of its own; kernels are compiled before.
 
     Raises:
@@ -173,17 +175,17 @@ def measure(names: list[str], size: int, resolution: float) -> list[MapReset]:
     """
     results = []
     with tempfile.TemporaryDirectory() as folder:
-        small = write_map("rooms, doors +1", 100, resolution, Path(folder))
+        small = write_map("rooms, doors +1", 100, Path(folder))
         for case in CASES:
-            reset_once(str(small), case, resolution)
+            reset_once(str(small), case)
         for name in tqdm(names, desc="maps", unit="map"):
-            path = write_map(name, size, resolution, Path(folder))
-            results += [MapReset(name, case, *_reset_elsewhere(path, case, resolution)) for case in CASES]
+            path = write_map(name, size, Path(folder))
+            results += [MapReset(name, case, *_reset_elsewhere(path, case)) for case in CASES]
     return results
 
 
-def _reset_elsewhere(path: Path, case: str, resolution: float) -> tuple[float, float, int, str]:
-    command = [sys.executable, "-m", "benchmarks.robustness.maps", str(path), case, str(resolution)]
+def _reset_elsewhere(path: Path, case: str) -> tuple[float, float, int, str]:
+    command = [sys.executable, "-m", "benchmarks.robustness.maps", str(path), case]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -193,6 +195,6 @@ def _reset_elsewhere(path: Path, case: str, resolution: float) -> tuple[float, f
 
 
 if __name__ == "__main__":
-    seconds, walls, refused = reset_once(sys.argv[1], sys.argv[2], float(sys.argv[3]))
+    seconds, walls, refused = reset_once(*sys.argv[1:])
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(json.dumps([seconds, memory, walls, refused]))

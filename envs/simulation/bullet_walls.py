@@ -15,7 +15,7 @@ GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 _MESH_VERTICES = 120_000
 """Greatest number of vertices of one mesh, a multiple of 4: PyBullet refuses more than 131,072."""
 _MANY = 100_000
-"""Rectangles from which on a world has many walls: PyBullet takes half a second and 150 MB for these."""
+"""Rectangles from which on a world has many walls, which would take PyBullet long to build."""
 _PER_CIRCLE = 32
 """Rectangles that stand for a circle of 0.1 m; larger ones have more."""
 _SLACK = 2.0

@@ -112,11 +112,11 @@ def test_the_command_prints_the_tables_of_the_stages_that_are_named(capsys):
 
 @pytest.mark.parametrize("name", MAPS)
 def test_hard_maps_are_driven_on_or_refused_by_name(name, tmp_path):
-    path = write_map(name, 240, 0.05, tmp_path)
+    path = write_map(name, 240, tmp_path)
     data = load_map(path).data
     assert data.shape == (240, 240)
     assert 0.005 < np.mean(data == 0) < 0.99
-    _, walls, refused = reset_once(str(path), "Explore-v0, kinematic, truth", 0.05)
+    _, walls, refused = reset_once(str(path), "Explore-v0, kinematic, truth")
     assert (walls > 0) == (name != "maze, corridors -1")
     assert ("does not fit" in refused) == (name == "maze, corridors -1")
 
