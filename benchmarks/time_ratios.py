@@ -17,15 +17,15 @@ import numpy as np
 import tyro
 from rich.table import Table
 
-from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
+from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS, is_held_out
+from benchmarks.arena.pairs import bound_of
+from benchmarks.arena.policies import is_bound
 from benchmarks.arena.statistics import gap_closed, paired_ratio, probability_of_improvement
 from envs.command_line import make_console, run_command
 from envs.worlds import FAMILIES
 
 LEAST_TIME = 1.0
 """Times below count as this one: the first scan may show a small world as a whole [s]."""
-BOUND = "oracle"
-"""Policy that uses ground truth."""
 Row = Mapping[str, str]
 GROUPS: dict[str, Callable[[Row], bool]] = {
     "all": lambda row: True,
@@ -33,9 +33,7 @@ GROUPS: dict[str, Callable[[Row], bool]] = {
     "library, held out": lambda row: row["world"] in HELD_OUT.worlds,
     "families, test seeds": lambda row: row["world"] in FAMILIES,
     "robots, held out": lambda row: row["robot"] in HELD_OUT.robots,
-    "all that is held out": lambda row: (
-        row["world"] in (*HELD_OUT.worlds, *FAMILIES) or row["robot"] in HELD_OUT.robots
-    ),
+    "all that is held out": lambda row: is_held_out(row["world"], row["robot"]),
 }
 """What of the episodes belongs to a group, by its name."""
 
@@ -81,12 +79,13 @@ def describe(rows: Sequence[Row], policy: str, reference: str) -> list[str]:
     cells = [f"{e.iqm:.3f} [{e.low:.3f}, {e.high:.3f}]" for e in (ratio, better)]
     counts = [str(int(np.concatenate(flags).sum())) for flags in (reached, other_reached)]
     closed = ""
-    starts = [_starts(rows, name) for name in (policy, reference, BOUND)]
-    if policy != BOUND and (common := set.intersection(*starts)):
+    bound = bound_of(row["policy"] for row in rows) or ""
+    starts = [_starts(rows, name) for name in (policy, reference, bound)]
+    if not is_bound(policy) and (common := set.intersection(*starts)):
         among = [row for row in rows if _start(row) in common]
         gains = [
             [np.log(y / x) for x, y in zip(*paired_times(among, name, reference)[:2], strict=True)]
-            for name in (policy, BOUND)
+            for name in (policy, bound)
         ]
         share = gap_closed(*gains)
         closed = f"{100 * share.iqm:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"

@@ -48,6 +48,13 @@ TRAINING_WORLDS = tuple(name for name in WORLD_NAMES if name not in HELD_OUT.wor
 """Worlds of the library that training draws from."""
 TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.robots)
 """Robots of the library that training draws from."""
+
+
+def is_held_out(world: str, robot: str) -> bool:
+    """Tell by name whether no training has seen a world or a robot; of families, tests draw other worlds."""
+    return world not in TRAINING_WORLDS or robot in HELD_OUT.robots
+
+
 SPLIT = {
     "training_worlds": list(TRAINING_WORLDS),
     "held_out_worlds": list(HELD_OUT.worlds),

@@ -1,23 +1,27 @@
 """The leaderboard: all results of an evaluation in many worlds, as sections of a page."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import (
-    BOUND,
     PAIRED_AXES,
+    bound_of,
     by_start,
     from_shared_starts,
+    held_out,
     paired_values,
     policies_of,
     pool,
     reference_of,
     relate,
     split,
+    start_of,
 )
+from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, paired_difference, probability_of_improvement
 from benchmarks.arena.summary import GAPS, PRIMARY, best_of, gaps, rank
@@ -56,7 +60,7 @@ def ranking_table(rows: Sequence[Row], measures: Sequence[Measure] = SHOWN) -> T
         columns.append(marked({policy: pool(rows, policy, measure) for policy in policies if policy in known}, measure))
     lines = []
     for k, policy in enumerate(policies, start=1):
-        place = "bound:" if policy == BOUND else f"{k}."
+        place = "bound:" if is_bound(policy) else f"{k}."
         lines.append([Cell(f"{place} {short(policy)}"), *(column.get(policy, DASH) for column in columns)])
     return Table(("", *(measure.title for measure in measures)), lines, is_open=True)
 
@@ -74,11 +78,14 @@ def ranking_section(rows: Sequence[Row]) -> Section:
         "with Wilson's. Relative times and distances are shares of what "
         f"{short(reference_of(policies))} needed from the same start."
     )
-    if BOUND in policies:
-        text += (
-            f" The {BOUND} uses the true map and the true pose: it is the bound of what can be reached, and not ranked."
-        )
-    return Section("Leaderboard", (text, ranking_table(rows)))
+    if bound_of(policies):
+        text += " Who was given ground truth is a bound of what can be reached, and not ranked."
+    tables = [ranking_table(rows)]
+    if unseen := held_out(rows):
+        number, total = (len(set(map(start_of, part))) for part in (unseen, rows))
+        text += f" The first table is of the {number} starts in worlds or with robots that no training saw."
+        tables = [ranking_table(unseen), replace(tables[0], title=f"All {total} starts, those of training worlds too")]
+    return Section("Leaderboard", (text, *tables))
 
 
 def measures_table(estimates: Mapping[str, Mapping[str, Estimate]]) -> Table:
@@ -107,10 +114,10 @@ def gap_section(rows: Sequence[Row]) -> Section | None:
     closed = {policy: found for policy in policies_of(rows) if (found := gaps(rows, policy))}
     if not closed:
         return None
-    reference = short(reference_of(policies_of(rows)))
+    reference, bound = short(reference_of(policies_of(rows))), bound_of(policies_of(rows))
     text = (
-        f"0 % is {reference}, 100 % the {BOUND}. What an explorer gains on {reference} from the same start, over what "
-        f"the {BOUND} gains on it (interquartile means). No number where the {BOUND} does not clearly gain."
+        f"0 % is {reference}, 100 % {bound}. What an explorer gains on {reference} from the same start, over what "
+        f"{bound} gains on it (interquartile means). No number where {bound} does not clearly gain."
     )
     lines = []
     for policy, estimates in closed.items():

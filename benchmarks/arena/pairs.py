@@ -5,12 +5,12 @@ from functools import partial
 
 import numpy as np
 
+from agents.frontiers.tasks import is_held_out
 from benchmarks.arena.measures import BY_NAME, Measure
+from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, estimate, success_rate
 
-BOUND = "oracle"
-"""Explorer that uses ground truth. It bounds what can be reached, and does not compete."""
 REFERENCES = ("nearest", "frontier")
 """Policies that the others are compared with: the first of these that takes part, or else the first policy."""
 PAIRED_AXES = ("physics", "slam")
@@ -57,9 +57,20 @@ def policies_of(rows: Iterable[Row]) -> list[str]:
     return list(dict.fromkeys(row["policy"] for row in rows))
 
 
+def held_out(rows: Sequence[Row]) -> list[Row]:
+    """Return the episodes in worlds or with robots that no training saw; none if all, or nothing learned."""
+    found = [row for row in rows if is_held_out(row["world"], row["robot"])]
+    return found if len(found) < len(rows) and any(row["model"] for row in rows) else []
+
+
 def reference_of(policies: Sequence[str]) -> str:
     """Return the policy that the others are compared with."""
     return next((name for name in REFERENCES if name in policies), policies[0])
+
+
+def bound_of(policies: Iterable[str]) -> str | None:
+    """Return the policy that bounds what can be reached: the first that was given ground truth; None without one."""
+    return next(filter(is_bound, policies), None)
 
 
 def by_start(rows: Iterable[Row], policy: str) -> dict[Start, Row]:
@@ -76,7 +87,7 @@ def from_shared_starts(rows: Sequence[Row], policies: Iterable[str]) -> list[Row
 def common_starts(rows: Sequence[Row]) -> list[Row]:
     """Return the episodes from starts from which every competitor has one: no policy profits from a world left out."""
     policies = policies_of(rows)
-    return from_shared_starts(rows, [name for name in policies if name != BOUND] or policies) if policies else []
+    return from_shared_starts(rows, [name for name in policies if not is_bound(name)] or policies) if policies else []
 
 
 def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:

@@ -10,8 +10,16 @@ from gymnasium import spaces
 
 from agents.policies import Level, level_of, make_policy, observations_of
 from baselines import EXPLORERS
-from baselines.explorer import Explorer, ObservationPolicy
+from baselines.explorer import Explorer, ObservationPolicy, Omniscient
 from envs.files import load_object, resolve
+
+GROUND_TRUTH = " (ground truth)"
+"""How the name of a policy ends that is given ground truth; no other name can end so."""
+
+
+def is_bound(policy: str) -> bool:
+    """Tell by its name whether a policy is given ground truth: it bounds what can be reached, and does not compete."""
+    return policy.endswith(GROUND_TRUTH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +27,8 @@ class Policy:
     """A policy that can be made in any process."""
 
     name: str
-    """As users write it: a name of the table, `ppo:PATH`, `module:attribute`, or the label that they give to those."""
+    """As users write it: a name of the table, `ppo:PATH`, `module:attribute`, or the label that they give to those; it
+    ends with `GROUND_TRUTH` where it is `Omniscient`."""
     kind: str
     """A name of the table, `ppo`, or `module:attribute`."""
     checkpoint: str = ""
@@ -70,14 +79,15 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), fingerprint=fingerprint(folder))
     if what in EXPLORERS:
-        return Policy(label, what)
+        return _checked(Policy(label, what), EXPLORERS[what])
     if not rest:
         resolve(what, {**EXPLORERS, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # says what is allowed
     return _checked(Policy(label, what), load_object(what))
 
 
 def _checked(policy: Policy, source: Any) -> Policy:
-    """Return a policy with its level and observations, after making it once."""
+    """Return a policy with its level and observations, and marked if it is a bound, after making it once."""
     made = make_policy(source)
     said = made if hasattr(made, "level") else source
-    return replace(policy, level=level_of(said), observations=observations_of(said))
+    name = policy.name + GROUND_TRUTH if isinstance(made, Omniscient) else policy.name
+    return replace(policy, name=name, level=level_of(said), observations=observations_of(said))

@@ -13,7 +13,7 @@ from benchmarks.arena import leaderboard
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.overview import curves_section, gallery_section, worst_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
-from benchmarks.arena.pairs import common_starts, relate, split
+from benchmarks.arena.pairs import common_starts, held_out, relate, split
 from benchmarks.arena.players import players_section
 from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
 from benchmarks.arena.report import build_report, draw_case
@@ -147,8 +147,10 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
     for case in cases if evaluation.settings.world_sections else ():
         print_case(console, summary, case)
     if len(cases) > 1:
-        ranking = leaderboard.ranking_table(relate(common_starts(evaluation.rows())), PRINTED)
-        console.print(to_terminal(ranking, "All worlds"))
+        rows = relate(common_starts(evaluation.rows()))
+        for title, part in {"Worlds or robots that no training saw": held_out(rows), "All worlds": rows}.items():
+            if part:
+                console.print(to_terminal(leaderboard.ranking_table(part, PRINTED), title))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.")
     messages.print(

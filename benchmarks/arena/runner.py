@@ -10,8 +10,7 @@ from typing import Any
 from agents.policies import Level
 from agents.run_folder import CheckpointError
 from baselines.episode import exploration_of
-from benchmarks.arena.pairs import BOUND
-from benchmarks.arena.policies import parse_policy
+from benchmarks.arena.policies import is_bound, parse_policy
 from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
@@ -187,7 +186,7 @@ class Evaluation:
             for policy in (self.policies[name] for name in policies):
                 key = Key(policy.name, case.world_name, seed, self._robots[case], case.physics, case.slam)
                 # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
-                run_case = replace(case, slam="truth") if policy.kind == BOUND else case
+                run_case = replace(case, slam="truth") if is_bound(policy.name) else case
                 # Where the usual robot is also named, it drives once.
                 tasks.setdefault(key, Task(key, policy, run_case, self.settings.time_limit, self._objects(run_case)))
         return list(tasks.values())

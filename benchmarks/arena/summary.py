@@ -5,7 +5,7 @@ from typing import Any
 
 from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
 from benchmarks.arena.pairs import (
-    BOUND,
+    bound_of,
     from_shared_starts,
     paired_values,
     policies_of,
@@ -13,6 +13,7 @@ from benchmarks.arena.pairs import (
     reference_of,
     split,
 )
+from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, gap_closed
 
@@ -49,13 +50,13 @@ def to_json(summary: Summary) -> dict[str, dict[str, dict[str, dict[str, Any]]]]
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
     """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better.
 
-    The bound does not compete.
+    Bounds do not compete.
     """
     # A lower bound is more than the same number reached.
     shown = {
         policy: (float(measure.text(value.iqm)), value.is_bound[0])
         for policy, value in estimates.items()
-        if policy != BOUND
+        if not is_bound(policy)
     }
     if measure.higher_is_better is None or not shown:
         return set()
@@ -65,9 +66,9 @@ def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
 
 
 def rank(rows: Sequence[Row]) -> list[str]:
-    """Return the policies, best first by `PRIMARY`, and the bound, which does not compete, at the end."""
+    """Return the policies, best first by `PRIMARY`, and bounds, which do not compete, at the end."""
     areas = {policy: pool(rows, policy, PRIMARY).iqm for policy in policies_of(rows)}
-    return sorted(areas, key=lambda policy: (policy == BOUND, -areas[policy]))
+    return sorted(areas, key=lambda policy: (is_bound(policy), -areas[policy]))
 
 
 def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
@@ -77,7 +78,7 @@ def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
         rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
     """
     relative = BY_NAME["relative_time"]
-    known = policies_of(row for row in rows if relative.column in row and row["policy"] != BOUND)
+    known = policies_of(row for row in rows if relative.column in row and not is_bound(row["policy"]))
     times = {policy: pool(rows, policy, relative) for policy in known}
     return dict(sorted(times.items(), key=lambda item: (item[1].iqm, item[1].is_bound[0])))
 
@@ -92,14 +93,14 @@ def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
         policy: name of the policy.
     """
     policies = policies_of(rows)
-    reference = reference_of(policies)
-    if BOUND not in policies or policy in (reference, BOUND):
+    reference, bound = reference_of(policies), bound_of(policies)
+    if bound is None or policy == reference or is_bound(policy):
         return {}
-    shared = from_shared_starts(rows, (policy, reference, BOUND))
+    shared = from_shared_starts(rows, (policy, reference, bound))
     found = {}
     for measure in GAPS if shared else ():
         sign = 1.0 if measure.higher_is_better else -1.0
-        pairs = (zip(*paired_values(shared, name, reference, measure), strict=True) for name in (policy, BOUND))
+        pairs = (zip(*paired_values(shared, name, reference, measure), strict=True) for name in (policy, bound))
         gains, bounds = ([sign * (ours - theirs) for ours, theirs in one] for one in pairs)
         found[measure.name] = gap_closed(gains, bounds)
     return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 from PIL import Image
 
-from benchmarks.arena.pairs import BOUND
+from benchmarks.arena.policies import is_bound
 
 NUM_COLORS = 128
 
@@ -34,7 +34,7 @@ class Theme:
     def colors(self, policies: Sequence[str]) -> dict[str, str]:
         """Give every policy its colour."""
         colors = {policy: self.lines[k % len(self.lines)] for k, policy in enumerate(_competitors(policies))}
-        return {policy: colors.get(policy, self.ink if policy == BOUND else self.muted) for policy in policies}
+        return {policy: colors.get(policy, self.ink if is_bound(policy) else self.muted) for policy in policies}
 
     def dashes(self, policies: Sequence[str]) -> dict[str, tuple[float, Sequence[float]]]:
         """Give every policy its line style: dotted for the bound, for competitors another one when colours repeat."""
@@ -43,11 +43,11 @@ class Theme:
             policy: (solid, dashed, dash_dot)[k // len(self.lines) % 3]
             for k, policy in enumerate(_competitors(policies))
         }
-        return {policy: styles.get(policy, dotted if policy == BOUND else solid) for policy in policies}
+        return {policy: styles.get(policy, dotted if is_bound(policy) else solid) for policy in policies}
 
 
 def _competitors(policies: Sequence[str]) -> list[str]:
-    return [policy for policy in policies if policy not in ("random", BOUND)]
+    return [policy for policy in policies if policy != "random" and not is_bound(policy)]
 
 
 LIGHT = Theme(

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Drawing
 from baselines import EXPLORERS
 from benchmarks.arena.measures import BY_NAME
 from benchmarks.arena.page import Figure, Section
-from benchmarks.arena.pairs import BOUND, paired_values, policies_of, pool, reference_of
+from benchmarks.arena.pairs import bound_of, held_out, paired_values, policies_of, pool, reference_of
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, paired_difference
 from benchmarks.arena.summary import PRIMARY, by_relative_time, rank
@@ -24,7 +24,7 @@ MAX_SHARE = 1.6
 
 
 def verdict_section(rows: Sequence[Row]) -> Section | None:
-    """Return who explores fastest.
+    """Return who explores fastest: where something learned takes part, first in what no training saw, then in all.
 
     Args:
         rows: related episodes (`benchmarks.arena.pairs.relate`) from starts that all competitors share.
@@ -32,19 +32,24 @@ def verdict_section(rows: Sequence[Row]) -> Section | None:
     Returns:
         The section; None with fewer than two competitors.
     """
-    times = by_relative_time(rows)
-    if len(times) < 2:
+    if len(by_relative_time(rows)) < 2:
         return None
-    text = verdict(rows)
+    text, where = verdict(rows), ""
+    if unseen := held_out(rows):
+        where = ", in worlds or with robots that no training saw"
+        text = f"In worlds or with robots that no training saw: {verdict(unseen)} With those of the training: {text}"
+        rows = unseen
+    times = by_relative_time(rows)
     first = next(iter(times.values()))
     if first.never == first.n:
         return Section("At a glance", (text,))
     reference = reference_of(policies_of(rows))
-    bound = pool(rows, BOUND, TIME) if any(row["policy"] == BOUND and TIME.column in row for row in rows) else None
-    draw = partial(draw_times, times, reference, (next(iter(times)), *_tied(rows, times)), bound)
+    bound = bound_of(row["policy"] for row in rows if TIME.column in row)
+    limits = {bound: pool(rows, bound, TIME)} if bound else {}
+    draw = partial(draw_times, times, reference, (next(iter(times)), *_tied(rows, times)), limits)
     caption = (
-        f"Time to 95 % as a share of {short(reference)}'s from the same start: interquartile means, 95 % intervals. "
-        "Further left is faster. Blue: the fastest, and those that cannot be told apart from it."
+        f"Time to 95 % as a share of {short(reference)}'s from the same start{where}: interquartile means, "
+        "95 % intervals. Further left is faster. Blue: the fastest, and those that cannot be told apart from it."
     )
     return Section("At a glance", (text, Figure("verdict", Picture.of(draw), caption, is_wide=True)))
 
@@ -76,8 +81,8 @@ def verdict(rows: Sequence[Row]) -> str:
     if rivals and not set(rivals) & set(tied):
         who = "the next" if leader in EXPLORERS else "the best classic explorer"
         parts.append(f"{who}, {short(rivals[0])}, needs {_share(times[rivals[0]])}")
-    if any(row["policy"] == BOUND and TIME.column in row for row in rows):
-        parts.append(f"the bound with ground truth ({BOUND}) is {_share(pool(rows, BOUND, TIME))}")
+    if bound := bound_of(row["policy"] for row in rows if TIME.column in row):
+        parts.append(f"the bound, {bound}, is {_share(pool(rows, bound, TIME))}")
     text = f"{'; '.join(parts)}."
     if (first := rank(rows)[0]) != leader:
         text += f" By {PRIMARY.label}, which the leaderboard is ranked by, {short(first)} comes first."
@@ -108,7 +113,7 @@ def draw_times(
     times: Mapping[str, Estimate],
     reference: str,
     marked: Sequence[str],
-    bound: Estimate | None = None,
+    bounds: Mapping[str, Estimate] = {},
     theme: Theme = LIGHT,
 ) -> Drawing:
     """Draw a dot with its interval for every explorer, fastest at the top, and the bound as a dashed line.
@@ -117,18 +122,18 @@ def draw_times(
         times: shares of the reference's time to 95 %, fastest first.
         reference: whose time is 1.
         marked: policies in colour.
-        bound: what the explorer that uses ground truth needs.
+        bounds: what explorers that use ground truth need.
         theme: colours.
     """
     figure = Drawing(figsize=(7.0, 0.9 + 0.27 * len(times)), dpi=160, layout="constrained", facecolor=theme.paper)
     axes = figure.subplots()
     inside = [value for value in times.values() if value.iqm <= MAX_SHARE]
-    shown = [*inside, bound] if bound else inside
+    shown = [*inside, *bounds.values()]
     right = min(max(1.05, *(value.high for value in shown)) + 0.05, MAX_SHARE + 0.1)
     left = min(1.0, *(value.low for value in shown)) - 0.05
     axes.set(xlim=(left, right), ylim=(len(times) - 0.5, -0.6), facecolor=theme.paper)
     axes.axvline(1.0, color=theme.muted, linewidth=1.0, zorder=1)
-    if bound:
+    for bound in bounds.values():
         axes.axvline(bound.iqm, color=theme.ink, linewidth=1.2, linestyle=(0, (4, 3)), zorder=1)
     for k, (policy, value) in enumerate(times.items()):
         color = theme.lines[0] if policy in marked else theme.muted
@@ -137,7 +142,7 @@ def draw_times(
         else:
             axes.plot((value.low, min(value.high, right)), (k, k), color=color, linewidth=2.2, solid_capstyle="butt")
             axes.plot(value.iqm, k, marker="o", color=color, markersize=6.5)
-    _label(axes, times, reference, marked, bound, theme)
+    _label(axes, times, reference, marked, bounds, theme)
     return figure
 
 
@@ -146,7 +151,7 @@ def _label(
     times: Mapping[str, Estimate],
     reference: str,
     marked: Sequence[str],
-    bound: Estimate | None,
+    bounds: Mapping[str, Estimate],
     theme: Theme,
 ) -> None:
     """Write the explorers at the left, their numbers at the right, and what the lines are above them."""
@@ -163,8 +168,7 @@ def _label(
         }
         axes.annotate(text, **place, color=theme.ink, fontsize=9.5, fontweight=weight)
     lines = [(1.0, f"{short(reference)} = 1")]
-    if bound:
-        lines.append((bound.iqm, f"{BOUND}, the bound: {TIME.texts(bound)[0]}"))
+    lines += [(value.iqm, f"{policy}: {TIME.texts(value)[0]}") for policy, value in bounds.items()]
     for (x, text), side in zip(sorted(lines, reverse=True), ("left", "right")):
         shift = 3 if side == "left" else -3
         # Side by side above the axes, away from each other; a bound near the left edge gets its name at its right.

@@ -36,7 +36,7 @@ def everywhere(policy, area, time, **more):
 
 
 ROWS = [
-    *everywhere("oracle", 0.90, 50.0),
+    *everywhere("oracle (ground truth)", 0.90, 50.0),
     *everywhere("nearest", 0.80, 100.0),
     *everywhere("quick", 0.85, 80.0),
     *everywhere("slow", 0.70, 150.0, explored=0.97),
@@ -46,7 +46,12 @@ ROWS = [
 def test_relative_measures_are_shares_of_the_same_starts_reference():
     related = relate([*ROWS, row("quick", 9)])
     shares = {r["policy"]: (r["relative_time"], r["relative_distance"]) for r in related[:-1]}
-    assert shares == {"oracle": (0.5, 0.5), "nearest": (1.0, 1.0), "quick": (0.8, 0.8), "slow": (1.5, 1.5)}
+    assert shares == {
+        "oracle (ground truth)": (0.5, 0.5),
+        "nearest": (1.0, 1.0),
+        "quick": (0.8, 0.8),
+        "slow": (1.5, 1.5),
+    }
     assert "relative_time" not in related[-1]  # nearest has no such start
     assert [r["reached_95"] for r in relate([row("a"), row("b", explored=0.94)])] == [1, 0]
     assert relate([row("nearest", time=0.0)])[0]["relative_time"] == 1.0  # all was seen at once
@@ -54,9 +59,9 @@ def test_relative_measures_are_shares_of_the_same_starts_reference():
 
 def test_the_ranking_is_by_area_and_leaves_the_bound_out():
     related = relate(ROWS)
-    assert rank(related) == ["quick", "nearest", "slow", "oracle"]
+    assert rank(related) == ["quick", "nearest", "slow", "oracle (ground truth)"]
     head, lines = ranking_section(related).parts[1].head, ranking_section(related).parts[1].lines
-    assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle"]
+    assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
     assert pool(related, "quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
     assert pool(related, "quick", BY_NAME["relative_time"])[:3] == pytest.approx((0.8, 0.8, 0.8))
@@ -72,17 +77,17 @@ def test_the_gap_to_the_bound_is_closed_by_known_shares():
     found = {name: value.iqm for name, value in gaps(related, "quick").items()}
     assert found == pytest.approx({"area_under_curve": 0.5, "relative_time": 0.4, "relative_distance": 0.4})
     assert gaps(related, "slow")["relative_time"].iqm == pytest.approx(-1.0)
-    assert gaps(related, "nearest") == gaps(related, "oracle") == {}
-    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle"])) is None
+    assert gaps(related, "nearest") == gaps(related, "oracle (ground truth)") == {}
+    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle (ground truth)"])) is None
     shown = gap_section(related).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
     # Where the bound gains nothing there is no gap.
-    level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle" else r for r in ROWS]
+    level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
     assert gap_section(relate(level)).parts[1].lines[0][1].text == "-"
 
 
 def test_only_starts_that_all_competitors_share_count():
-    rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle", 3)]
+    rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle (ground truth)", 3)]
     assert [(r["policy"], r["seed"]) for r in common_starts(rows)] == [("a", 1), ("b", 1)]
     assert common_starts([row("a", 0), row("b", 1)]) == []
 
@@ -185,9 +190,13 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     with open(docs / "arena" / "episodes.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 12 + 2
-    for policy in ("nearest", "frontier", "oracle"):
+    for policy in ("nearest", "frontier", "oracle (ground truth)"):
         mine = [r for r in rows if r["policy"] == policy and r["slam"] == "hector"]
-        shown = re.search(rf"^\| (?:\d\. |bound: ){policy} \| (.*)$", page, re.MULTILINE).group(1).replace("*", "")
+        shown = (
+            re.search(rf"^\| (?:\d\. |bound: ){re.escape(policy)} \| (.*)$", page, re.MULTILINE)
+            .group(1)
+            .replace("*", "")
+        )
         numbers = [float(re.search(r"[-\d.]+", cell).group()) for cell in shown.split(" | ")]
         areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
         assert numbers[0] == pytest.approx(100 * stats.trim_mean(areas, 0.25), abs=0.051)
@@ -195,7 +204,11 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
         assert numbers[4] == pytest.approx(100 * np.mean([fraction >= 0.95 for fraction in fractions]), abs=0.51)
         seconds = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
         line = re.search(r"^\| pimouse\\_arena \| (.*) \|$", page, re.MULTILINE).group(1).replace("*", "").split(" | ")
-        head = re.search(r"^\|  \| (oracle \| nearest \| frontier) \|$", page, re.MULTILINE).group(1).split(" | ")
+        head = (
+            re.search(r"^\|  \| (oracle \(ground truth\) \| nearest \| frontier) \|$", page, re.MULTILINE)
+            .group(1)
+            .split(" | ")
+        )
         cell = line[head.index(policy)]
         assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(seconds, 0.25), abs=0.51)
     assert "## What mapping error costs" in page

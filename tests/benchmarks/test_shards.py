@@ -232,5 +232,5 @@ def test_the_bound_uses_the_true_pose_whatever_it_bounds(tmp_path):
     evaluation = Evaluation(settings, tmp_path)
     assert evaluation.run() == []
     errors = {row["policy"]: row["position_rmse"] for row in evaluation.rows()}
-    assert errors["oracle"] < 1e-9 < errors["nearest"]
+    assert errors["oracle (ground truth)"] < 1e-9 < errors["nearest"]
     assert {row["slam"] for row in evaluation.rows()} == {"odometry"}

@@ -57,7 +57,7 @@ def test_the_table_names_the_others(tmp_path, capsys):
 
 
 def test_groups_tell_what_training_has_seen(tmp_path, capsys):
-    times = {"slow": 100.0, "fast": 50.0, "oracle": 25.0}
+    times = {"slow": 100.0, "fast": 50.0, "oracle (ground truth)": 25.0}
     worlds = {"turtlebot3_house": 4, "turtlebot3_stage_1": 4, "rooms": 4}
     rows = [row(name, world, seed, t) for name, t in times.items() for world, n in worlds.items() for seed in range(n)]
     with open(tmp_path / "episodes.csv", "w", newline="") as file:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.arena.leaderboard import ranking_section
 from benchmarks.arena.overview import worst_section
 from benchmarks.arena.pairs import relate
 from benchmarks.arena.records import COLUMNS
@@ -32,11 +33,12 @@ SPREAD = np.linspace(-4.0, 4.0, STARTS)
 
 
 def test_a_clear_winner_stands_beside_the_best_classic_explorer_and_the_bound():
-    text = say(oracle=0.5 * BASE, nearest=BASE, frontier=90.0 + SPREAD, rrt=95.0 + SPREAD, mine=80.0 + SPREAD)
+    bound = {"mine (ground truth)": 0.5 * BASE}
+    text = say(**bound, nearest=BASE, frontier=90.0 + SPREAD, rrt=95.0 + SPREAD, mine=80.0 + SPREAD)
     share = r"0\.80 \[0\.7\d, 0\.8\d\]"
     assert re.match(rf"mine explores fastest: 95 % in {share} of nearest's time over 8 starts; the best classic", text)
     assert "the best classic explorer, frontier, needs 0.90 [" in text
-    assert "the bound with ground truth (oracle) is 0.50." in text
+    assert "the bound, mine (ground truth), is 0.50." in text
     assert "cannot be told apart" not in text
 
 
@@ -68,6 +70,34 @@ def test_the_reference_may_win_and_nobody_may():
     rows = relate([*episodes("nearest", never), *episodes("frontier", never)])
     assert len(verdict_section(rows).parts) == 1
     assert verdict_section(relate(list(episodes("nearest", BASE)))) is None
+
+
+def test_what_no_training_saw_comes_first():
+    unseen, seen = "turtlebot3_house", "rrt_house"
+    rows = []
+    for world, share in ((unseen, 0.9), (seen, 0.5)):
+        times = {"nearest": BASE, "gain_over_cost": 0.85 * BASE + SPREAD, "mine": share * BASE + SPREAD}
+        for policy, values in times.items():
+            rows += [
+                row | {"world": world, "model": "" if policy != "mine" else "ab"} for row in episodes(policy, values)
+            ]
+    text, figure = verdict_section(relate(rows)).parts
+    first, pooled = text.split(" With those of the training: ")
+    assert first.startswith(
+        "In worlds or with robots that no training saw: gain_over_cost explores fastest: 95 % in 0.85"
+    )
+    assert f"over {STARTS} starts" in first
+    assert pooled.startswith("mine explores fastest: 95 % in 0.70")
+    assert f"over {2 * STARTS} starts" in pooled
+    assert "that no training saw" in figure.caption
+    _, unseen_table, all_table = ranking_section(relate(rows)).parts
+    assert [line[1].text for line in unseen_table.lines] == [line[1].text for line in all_table.lines]
+    assert unseen_table.lines != all_table.lines
+    assert all_table.title.startswith(f"All {2 * STARTS} starts")
+    # Where nothing was learned, all starts are alike.
+    classic = relate([row | {"model": ""} for row in rows])
+    assert not verdict_section(classic).parts[0].startswith("In worlds")
+    assert len(ranking_section(classic).parts) == 2
 
 
 def test_another_order_by_area_is_said():
