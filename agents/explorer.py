@@ -1,5 +1,6 @@
 """Trained policies that explore: by twists, or by choosing frontiers."""
 
+import math
 import warnings
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -12,7 +13,7 @@ from agents.checkpoint import BoxRecord, DiscreteRecord, Record, load_checkpoint
 from agents.policies import Level
 from agents.ppo import build_policy, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
-from envs.robots import RobotParams
+from envs.robots import RobotParams, load_robot
 
 
 class _TrainedPolicy:
@@ -82,20 +83,26 @@ class PPOExplorer(_TrainedPolicy):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for an episode.
 
-        A policy decides as often as it did in training. Where it is asked more often, it repeats its decision.
+        A policy decides as often as it did in training. Where it is asked more often, it repeats its decision. A scan
+        with another number of beams is shown to it as that of the lidar of its training.
 
         Raises:
-            CheckpointError: if the robot's lidar has another number of beams than the policy was trained with.
+            CheckpointError: if the robot's lidar has another number of beams, and that of the training is not known.
         """
         scan = self._record.observation["scan"]
         assert isinstance(scan, BoxRecord)
-        trained = scan.shape[0]
-        if robot.lidar.num_beams != trained:
-            raise CheckpointError(
-                f"{self._name} needs scans of {trained} beams, but the lidar of robot {robot.name!r} has "
-                f"{robot.lidar.num_beams}; take a robot with the lidar of its training "
-                f"({self._record.config.environment.robot or 'turtlebot3_burger'})"
-            )
+        trained, self._beams = self._record.config.environment.robot, None
+        if robot.lidar.num_beams != scan.shape[0]:
+            if trained is None:
+                raise CheckpointError(
+                    f"{self._name} needs scans of {scan.shape[0]} beams, but the lidar of robot {robot.name!r} has "
+                    f"{robot.lidar.num_beams}; take a robot with the lidar of its training, or name the robot there "
+                    "(environment.robot)"
+                )
+            lidar = load_robot(trained).lidar
+            match = lidar.directions.T @ robot.lidar.directions
+            in_view = match.max(axis=1) >= math.cos(1.5 * robot.lidar.angle_increment)
+            self._beams = match.argmax(axis=1), in_view, robot.lidar.range_max / lidar.range_max
         trained_period = 1.0 / self._record.config.environment.control_hz
         self._repeats = max(1, round(trained_period / control_period))
         if abs(self._repeats * control_period - trained_period) > 0.01 * trained_period:
@@ -115,6 +122,11 @@ class PPOExplorer(_TrainedPolicy):
             CheckpointError: if the observation is not the one that the policy was trained on.
         """
         if self._calls % self._repeats == 0:
+            if self._beams is not None:
+                nearest, in_view, scale = self._beams
+                scan = observation["scan"][nearest]
+                scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
+                observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
             self._action = self._decide(observation)
         self._calls += 1
         return self._action.copy()

@@ -3,7 +3,7 @@
 import hashlib
 from pathlib import Path
 
-from agents.frontiers.explorer import ScoreExplorer
+from agents.frontiers.explorer import PursuitScoreExplorer, ScoreExplorer
 from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
 from agents.run_folder import CheckpointError, find_checkpoint
 from baselines.explorer import Explorer, ObservationPolicy
@@ -35,17 +35,23 @@ def find_policy(path: str | Path) -> Path:
     return find_checkpoint(path)
 
 
-def load_policy(folder: Path) -> Explorer | ObservationPolicy:
+def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | ObservationPolicy:
     """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
+    Args:
+        folder: holds the weights.
+        pursuit: whether the explorer of a score drives by pursuit (`baselines.frontier.pursuit`).
+
     Raises:
-        CheckpointError: if it is damaged.
+        CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.
     """
     if (folder / RECORD_FILE).exists():
         try:
-            return ScoreExplorer(FrontierScore.load(folder))
+            return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
         except (AttributeError, TypeError, RecursionError) as error:  # JSON of another form
             raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
+    if pursuit:
+        raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
     from agents.explorer import load_trained  # torch takes seconds to load
 
     return load_trained(folder)

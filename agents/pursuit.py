@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import DiagGaussianDistribution
@@ -9,16 +10,15 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from baselines.frontier.pursuit import TURN
 from envs.observations.plan import WIDTH
 
 Observations = dict[str, Tensor]
 
-TURN = 1.2
-"""Yaw rate of the guess over the direction of the path, as a fraction of the robot's limit [1/rad]."""
-SPIN = 0.4
-"""Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
 BACK = -0.3
 """Forward speed of the guess in contact, as a fraction of the robot's limit."""
+SPIN = 0.4
+"""Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
 BUMPER, PRESENT = 4, WIDTH - 1
 """Index in `motion` of the bumper, and in `plan` of whether there is a path."""
 
@@ -39,6 +39,17 @@ def pursue(plan: Tensor, motion: Tensor) -> Tensor:
     turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
     speed = (1.0 - bumper) * cosine.clamp_min(0.0) + bumper * BACK
     return torch.stack([speed, present * turn + (1.0 - present) * SPIN], dim=1)
+
+
+class UntrainedPursuit:
+    """The mean action of a `PursuitPolicy` before its training; a policy of twists, without a network."""
+
+    level = "twist"
+    observations = ("motion", "plan")
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the action for an observation, shape (2,), float32."""
+        return pursue(*(torch.from_numpy(observation[name])[None] for name in ("plan", "motion")))[0].numpy()
 
 
 class PursuitPolicy(MultiInputActorCriticPolicy):

@@ -12,6 +12,7 @@ from .frontier.gain_over_cost import GainOverCostExplorer, GainOverCostParams
 from .frontier.greedy_gain import GreedyGainExplorer
 from .frontier.nearest import NearestExplorer, NearestParams
 from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
+from .frontier.pursuit import PursuitExplorer
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
 from .oracle.explorer import OracleExplorer
@@ -28,6 +29,7 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "explore_lite": ExploreLiteExplorer,
     "explore_lite:published": partial(ExploreLiteExplorer, explore_lite.PUBLISHED),
     "gain_over_cost": GainOverCostExplorer,
+    "pursuit": PursuitExplorer,
     "greedy_gain": GreedyGainExplorer,
     "next_best_view": NextBestViewExplorer,
     "next_best_view:published": partial(NextBestViewExplorer, next_best_view.PUBLISHED),
@@ -64,6 +66,7 @@ __all__ = [
     "NextBestViewParams",
     "Omniscient",
     "OracleExplorer",
+    "PursuitExplorer",
     "RandomExplorer",
     "RrtExplorer",
     "RrtParams",

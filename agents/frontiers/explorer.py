@@ -4,6 +4,7 @@ import numpy as np
 
 from baselines.frontier.explorer import RuleExplorer
 from baselines.frontier.nearest import nearest
+from baselines.frontier.pursuit import PursuitDriving
 from envs.estimation import Belief
 from envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
 from envs.robots import RobotParams
@@ -47,3 +48,7 @@ class ScoreExplorer(RuleExplorer):
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
         seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
         return int(self.score(seen))
+
+
+class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
+    """Goes to the same candidates by pursuit driving."""

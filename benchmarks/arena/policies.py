@@ -30,7 +30,7 @@ class Policy:
     """As users write it: a name of the table, `ppo:PATH`, `module:attribute`, or the label that they give to those; it
     ends with `GROUND_TRUTH` where it is `Omniscient`."""
     kind: str
-    """A name of the table, `ppo`, or `module:attribute`."""
+    """A name of the table, `learned`, `pursuit`, or `module:attribute`."""
     checkpoint: str = ""
     """Checkpoint folder of a learned policy, fixed when the name was read: a training may write newer ones."""
     fingerprint: str = ""
@@ -46,7 +46,7 @@ class Policy:
         if self.checkpoint:
             from agents.learned import load_policy
 
-            return load_policy(Path(self.checkpoint))
+            return load_policy(Path(self.checkpoint), pursuit=self.kind == "pursuit")
         return make_policy(resolve(self.kind, EXPLORERS, "policy") if self.given is None else self.given, space)
 
 
@@ -54,8 +54,9 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
     """Read a name, and make the policy once to see that it can be made.
 
     Args:
-        name: a classic explorer, `ppo:PATH` (`learned:PATH` is the same), `module:attribute`, or `LABEL=` before one of
-            the latter two. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`.
+        name: a classic explorer, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
+            by pursuit), `module:attribute`, or `LABEL=` before one of the latter. PATH is the folder of a run or a
+            checkpoint, or `pretrained/NAME`.
         given: policies by further names.
 
     Raises:
@@ -71,11 +72,11 @@ def parse_policy(name: str, given: Mapping[str, Any] | None = None) -> Policy:
             f"policy {name!r}: only ppo:PATH and module:attribute can have names of their own, as LABEL=ppo:PATH, and "
             f"not that of a classic explorer ({', '.join(EXPLORERS)})"
         )
-    if kind in ("ppo", "learned") and rest:
+    if kind in ("ppo", "learned", "pursuit") and rest:
         from agents.learned import find_policy, fingerprint
 
         folder = find_policy(rest).resolve()
-        policy = Policy(label, "ppo", str(folder))
+        policy = Policy(label, "pursuit" if kind == "pursuit" else "learned", str(folder))
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), fingerprint=fingerprint(folder))
     if what in EXPLORERS:

@@ -5,9 +5,12 @@ import pytest
 import torch
 
 from agents.explorer import PPOExplorer
+from agents.learned import find_policy
 from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
+from envs.geometry import wrap_angle
+from envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
 
 
@@ -88,6 +91,25 @@ def test_what_does_not_fit_is_reported(tiny_run, env):
     del observation["map_far"]
     with pytest.raises(CheckpointError, match=r"needs observations .*map_far Box\(0, 255, \(3, 40, 40\), uint8\)"):
         explorer(observation)
+
+
+def scan_of(robot, distance):
+    """What a lidar sees of a wall ahead, as the observation has it."""
+    bearings = wrap_angle(robot.lidar.angles + robot.lidar.mount.yaw)
+    ranges = np.where(np.abs(bearings) < 0.5, distance, np.inf)
+    return np.minimum(ranges / robot.lidar.range_max, 1.0).astype(np.float32)
+
+
+def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
+    def act(robot, distance):
+        explorer = PPOExplorer.load(find_policy("pretrained/twist"))
+        explorer.reset(load_robot(robot), 0.2, np.random.default_rng(0))
+        scan = scan_of(load_robot(robot), distance)
+        return explorer({"scan": scan, "motion": np.zeros(6, np.float32), "plan": np.zeros(27, np.float32)})
+
+    trained = "turtlebot3_waffle_pi"
+    assert act("create3", 0.4) == pytest.approx(act(trained, 0.4), abs=0.005)
+    assert act(trained, 0.4) != pytest.approx(act(trained, np.inf), abs=0.005)
 
 
 def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):

@@ -178,7 +178,13 @@ def test_the_arena_of_the_project_covers_everything():
         "warehouse",
         "caves",
     }  # those that it has results for
-    assert set(settings.policies) == {*baselines.EXPLORERS, "learned=learned:pretrained/frontiers"}
+    assert set(settings.policies) == {
+        *baselines.EXPLORERS,
+        "learned=learned:pretrained/frontiers",
+        "learned_pursuit=pursuit:pretrained/frontiers",
+        "twist=ppo:pretrained/twist",
+        "twist_untrained=agents.pursuit:UntrainedPursuit",
+    }
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 

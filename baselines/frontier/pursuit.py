@@ -1,0 +1,55 @@
+"""Pursuit driving: turns towards a point near ahead on the path and drives as it turns, without slowing down for bends.
+
+`ppo:pretrained/twist` starts from the same twists (`agents.pursuit`); here they are commanded where the arc is free.
+"""
+
+import math
+
+import numpy as np
+
+from baselines.frontier.explorer import RuleExplorer
+from baselines.frontier.gain_over_cost import GainOverCost
+from envs.estimation import Belief
+from envs.navigation.obstacles import free_distance
+from envs.observations.plan import LOOKAHEADS, look_ahead
+from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
+
+TURN = 1.2
+"""Yaw rate over the direction of the path, as a fraction of the robot's limit [1/rad]."""
+
+
+class PursuitDriving(RuleExplorer):
+    """Drives where its rule says, by pursuit; as the navigator commands where obstacles are near, and to recover."""
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._robot = robot
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
+        twist, frontiers = super().act(reading, belief), self.navigator
+        if frontiers is None or self.end_reason is not None:
+            return twist
+        navigator, robot = frontiers.navigator, self._robot
+        if navigator.is_recovering or navigator.plan is None:
+            return twist
+        path = np.vstack([navigator.plan, np.array(frontiers.target)])  # what is to be seen lies beyond its end
+        direction = np.empty(2, dtype=np.float32)
+        look_ahead(path, 0, tuple(belief.pose), LOOKAHEADS[:1], direction)
+        cosine, sine = direction.tolist()
+        turn = min(max(TURN * math.atan2(sine, cosine), -1.0), 1.0)
+        pursuit = Twist(max(cosine, 0.0) * robot.max_v, turn * robot.max_w)
+        curvature, numbers = pursuit.w / max(pursuit.v, 1e-6), navigator.numbers
+        is_free = free_distance(navigator.obstacles, curvature, numbers["reach"], numbers["look"]) >= numbers["look"]
+        if not is_free:
+            return twist
+        navigator.note_command(pursuit)
+        return pursuit
+
+
+class PursuitExplorer(PursuitDriving):
+    """Goes where `GainOverCost` says, asked anew every second, by pursuit driving."""
+
+    def __init__(self) -> None:
+        super().__init__(GainOverCost(), max_time=1.0)
