@@ -19,9 +19,6 @@ from baselines.episode import exploration_of, first_at, run_episode
 from baselines.explorer import Explorer, ObservationPolicy
 from envs.files import resolve
 
-ELAPSED = 5
-"""Index in the observation `motion` of the share of the time limit that has passed."""
-
 
 @dataclass(frozen=True, slots=True)
 class Episode:
@@ -128,11 +125,11 @@ def run_episodes(
     integral, elapsed = np.zeros(vector.num_envs), np.zeros(vector.num_envs)
     while len(episodes) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations))
-        fractions, now = np.array(info["explored_fraction"]), _elapsed(observations, info["time"], limits)
+        fractions, now = np.array(info["explored_fraction"]), np.minimum(info["time"] / limits, 1.0)
         done = np.flatnonzero(np.asarray(terminated) | np.asarray(truncated)).tolist()
         for i in done:
             fractions[i] = info["final_info"]["explored_fraction"][i]
-            now[i] = _elapsed(info["final_obs"][i], info["final_info"]["time"][i], limits[i])
+            now[i] = min(info["final_info"]["time"][i] / limits[i], 1.0)
         integral += fractions * (now - elapsed)
         elapsed = now
         for i in set(done) - episodes.keys():
@@ -144,13 +141,6 @@ def run_episodes(
             time = float(info["final_info"]["time"][i]) if final["success"] else float(limits[i])
             episodes[i] = Episode(time_to_target=time, **final)
     return [episodes[i] for i in range(vector.num_envs)]
-
-
-def _elapsed(observation: Observations, time: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Return the share of the time limit that has passed, float64: as observed, or else by the clock [s]."""
-    if "motion" in observation:
-        return observation["motion"][..., ELAPSED].astype(np.float64)
-    return np.minimum(time / limit, 1.0)
 
 
 def summarise(episodes: Sequence[Episode]) -> dict[str, float]:

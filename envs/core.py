@@ -358,8 +358,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _set_time_limit(self, usual: float) -> None:
         if self._time_limit is None:
             self.time_limit = usual
-        for robot in self.robots:
-            robot.time_limit = self.time_limit
 
 
 def make_robots(

@@ -31,7 +31,7 @@ class ExploreTeamEnv(ExploreEnv):
     | `scan` | `Box(0, 1, (num_robots, num_beams), float32)` | ranges, peers among what they hit |
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
-    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, share of the time limit passed |
+    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, time since the reset over 600 s (at most 1) |
     | `mates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: estimated position ahead and to the left over 16 m, cosine and sine of the heading; only with two or more robots |
 
     Channel 2 of the maps shows where any of the robots has been.

@@ -1,7 +1,5 @@
 """One robot: its readings, its estimates of pose and map, and the path that it took."""
 
-import math
-
 from envs.estimation import ORIGIN, Belief, Estimator
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import MotionSource
@@ -43,8 +41,6 @@ class Robot:
         self.peers: list[Robot] = []
         """The other robots of a team, which tell this one their poses."""
         self._peer_filter = PeerFilter(params)
-        self.time_limit = math.inf
-        """Length of the episode [s]."""
 
     @property
     def belief(self) -> Belief:

@@ -13,8 +13,11 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from envs.explore import ExploreEnv
+from envs.geometry import Pose2D
+from envs.observations import PARTS
 from envs.robots import load_robot
 from envs.tasks.rewards import RewardWeights
+from envs.worlds import World
 from tests.rollouts import rollout
 
 IDS = sorted(id for id in gymnasium.registry if id.startswith("lidarnaut/Explore"))
@@ -88,6 +91,39 @@ def test_observations_share_no_memory_and_none_stays_constant():
     assert (np.delete(motion, 4, axis=1).std(axis=0) > 0).all()
     starts = np.stack([env.reset(seed=seed)[0]["scan"] for seed in range(3)])
     assert (starts.std(axis=0) > 0).any()
+
+
+def hall(length):
+    """A hall 2 m wide whose farther end is out of sight from its nearer one."""
+    near = [(0, 2, 0, 0), (0, 0, 8, 0), (0, 2, 8, 2), (3, 0, 3, 0.8)]
+    far = [(8, 0, length, 0), (8, 2, length, 2), (length, 0, length, 2)]
+    return World(
+        name="hall",
+        segments=np.array([*near, *far], dtype=float),
+        circles=np.empty((0, 3)),
+        spawns=(Pose2D(1.0, 1.0, 0.0),),
+        bounds=(0.0, 0.0, length, 2.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("id", "steps", "arguments"),
+    [
+        ("Explore", 12, {"observations": (*PARTS, "home"), "return_home": True}),
+        ("ExploreFrontiers", 3, {}),
+        ("ExploreTeam", 12, {"num_robots": 2, "observations": (*PARTS, "mates")}),
+    ],
+)
+def test_observations_tell_neither_the_time_limit_nor_what_is_out_of_sight(id, steps, arguments):
+    def observe(length, **limit):
+        common = {"world": hall(length), "physics": "kinematic", "start": "spawn", **arguments}
+        env = gymnasium.make(f"lidarnaut/{id}-v0", **common, **limit)
+        env.action_space.seed(0)
+        return [env.reset(seed=0)[0], *(env.step(env.action_space.sample())[0] for _ in range(steps))]
+
+    first = observe(14.0)
+    assert same(first, observe(14.0, time_limit=3000.0))
+    assert same(first, observe(40.0))
 
 
 def test_info_has_every_key_and_rewards_sum_up():

@@ -9,6 +9,9 @@ from numba import njit
 from envs.robot import Robot
 from envs.robots import RobotParams
 
+TIME_RANGE = 600.0
+"""Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
+
 
 @njit(cache=True, error_model="numpy")
 def scale_scan(ranges, range_max, scan):
@@ -35,7 +38,7 @@ class Motion:
     """How the robot moves, in six numbers.
 
     Forward speed and yaw rate by odometry over the robot's limits, the last action (2), whether the bumper is pressed
-    (0 or 1), and the share of the time limit that has passed.
+    (0 or 1), and the time since the reset over ten minutes (at most 1).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -49,4 +52,4 @@ class Motion:
         out[1] = min(max(twist.w / params.max_w, -1.0), 1.0)
         out[2], out[3] = robot.action
         out[4] = robot.reading.bumper
-        out[5] = min(robot.reading.time / robot.time_limit, 1.0)
+        out[5] = min(robot.reading.time / TIME_RANGE, 1.0)

@@ -17,6 +17,7 @@ from envs.fused import FusedRobots, is_fusible
 from envs.fused.kernels import KEY_SCAN, REMEMBER, REMEMBER_TRUE, Shapes, step_rows
 from envs.geometry import Pose2D
 from envs.observations import MapCrop, Motion, Scan
+from envs.observations.scan import TIME_RANGE
 from envs.simulation.sensors import TOUCHED
 from envs.simulation.state import THETA
 
@@ -147,7 +148,7 @@ class FusedShard(Shard):
                 motion[:, :2] = np.clip(rows.twist / self._limits, -1.0, 1.0)
                 motion[:, 2:4] = self._actions
                 motion[:, 4] = rows.others[:, 0, TOUCHED] > 0.0
-                motion[:, 5] = np.minimum(self._times / self._time_limits, 1.0)
+                motion[:, 5] = np.minimum(self._times / TIME_RANGE, 1.0)
                 out[name][active] = motion[active]
             else:
                 level = self.envs[0].robots[0].pyramid.level(part.resolution)

@@ -76,7 +76,7 @@ class FakeEnv(gymnasium.Env):
     def _observe(self, action):
         crop = np.zeros((3, 40, 40), dtype=np.uint8)
         crop[1, :SIDE, :SIDE] = 255 * self.seen
-        motion = np.array([*action, *action, 0.0, min(self.time / self.time_limit, 1.0)], dtype=np.float32)
+        motion = np.array([*action, *action, 0.0, min(self.time / 600.0, 1.0)], dtype=np.float32)
         scan = self.np_random.random(BEAMS, dtype=np.float32)
         return {"scan": scan, "map_near": crop, "map_far": crop.copy(), "motion": motion}
 
