@@ -46,7 +46,10 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Tell whether a scan sees a point (x, y) [m], world frame: no beam within `tolerance` [m] of it ends before it."""
+    """Tell whether a scan sees a point (x, y) [m], world frame: a beam within `tolerance` [m] of it reaches it.
+
+    Where neighbouring beams are less than two tolerances apart, those next to them count as well.
+    """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance > scan.range_max + tolerance:
@@ -55,14 +58,17 @@ def sees(scan, x, y, tolerance):
         return True
     num_beams = scan.ranges.shape[0]
     bearing = (math.atan2(dy, dx) - scan.theta) % (2.0 * math.pi)
+    is_dense = distance * scan.increment <= 2.0 * tolerance
     nearest = math.floor(bearing / scan.increment)
-    if nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
+    if is_dense and nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
         return True
     ratio = tolerance / distance
     # An upper bound of the arc sine where that is nearly straight.
     spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
     first = math.floor((bearing - spread) / scan.increment)
     last = math.ceil((bearing + spread) / scan.increment)
+    if not is_dense:
+        first, last = math.ceil((bearing - spread) / scan.increment), math.floor((bearing + spread) / scan.increment)
     turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
     for index in range(first, last + 1):
         beam = index % turn

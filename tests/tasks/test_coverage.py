@@ -173,6 +173,29 @@ def test_a_lidar_with_a_narrow_view_sees_ahead_only(burger):
     assert coverage.explored_fraction == pytest.approx(0.25, abs=0.08)
 
 
+@pytest.mark.parametrize("num_beams", [4, 7, 36, 360])
+@pytest.mark.parametrize("theta", [0.0, 0.4])
+def test_a_scan_sees_what_lies_within_the_width_of_its_beams(burger, num_beams, theta):
+    world, pose, lidar = (
+        room(8.02, 6.02, (2.0, 2.0, 2.0, 3.5)),
+        Pose2D(3.1, 2.6, theta),
+        replace(LONG, num_beams=num_beams),
+    )
+    area, ranges = explorable_area(world, burger, 0.05), true_scan(world, pose, lidar)
+    coverage = Coverage(area, pose, lidar)
+    coverage.update(update_of(EVERYTHING, (-5.0, -5.0)), 0.05, np.zeros_like(ranges), pose)
+    coverage.update(MapUpdate(NO_CELLS, Window(0, 0, 1, 1)), 0.05, ranges, pose)
+    # Swept by beams that are 10 cm wide on either side, and that much longer.
+    eye = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw + lidar.angle_min))
+    x, y = (area.walls.centers(np.argwhere(area.explorable)) - (eye.x, eye.y)).T
+    angles = eye.theta + lidar.angle_increment * np.arange(num_beams)
+    ahead, aside = (
+        np.outer(np.cos(angles + turn), x) + np.outer(np.sin(angles + turn), y) for turn in (0, math.pi / 2)
+    )
+    swept = ((np.abs(aside) <= 0.1) & (ahead >= 0.0) & (np.hypot(x, y) <= ranges[:, None] + 0.1)).any(axis=0)
+    assert coverage.explored_fraction == pytest.approx(swept.mean(), rel=0.06)
+
+
 @pytest.mark.parametrize("slam", ["truth", "tinyslam", "odometry"])
 def test_under_ground_truth_all_that_is_mapped_counts(slam):
     env = ExploreEnv(world="rooms", world_size=(8.0, 8.0), physics="kinematic", slam=slam, start="random")
