@@ -104,7 +104,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Put the robot into the middle of the hall."""
         super().reset(seed=seed)
         self.area = explorable_area(self._hall.world, self._robot, self.slam.resolution)
-        self.time_limit = 120.0 + 10.0 * round(0.2 * self.area.area / self._robot.max_v)
+        self.time_limit = self.area.usual_time_limit(self._robot.max_v)
         self._num_explorable = np.count_nonzero(self.area.explorable)
         self.start = self._hall.world.spawns[0]
         self._physics.reset(self.start)

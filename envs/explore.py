@@ -84,7 +84,7 @@ class ExploreEnv(LidarEnv):
     | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"` |
     | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
     | `control_hz` | `10.0` | steps per second |
-    | `time_limit` | `None` | length of an episode [s]; `None` gives a time that grows with the explorable area |
+    | `time_limit` | `None` | length of an episode [s]; `None` gives a time that grows with the explorable area and the length of its corridors |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
