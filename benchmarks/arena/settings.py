@@ -122,7 +122,7 @@ class Settings(Section):
     """Episodes of each policy in each world."""
     family_episodes: Episodes | None = None
     """Episodes in each procedural family, where each is another world; null takes `episodes`."""
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of the first episode, the next ones count up: same world, start and noise for every policy."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
     """Robots by name, path or `module:attribute`; `usual` takes each world's own."""

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import typing
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,23 +21,40 @@ MAX_VALUES = 500_000
 """Most values in a YAML file, those that aliases repeat counted each time."""
 MAX_DEPTH = 50
 """Deepest nesting of a YAML file."""
+MAX_DIGITS = 100
+"""Most characters of a number: the time to read long ones grows with their square."""
 MAX_MISTAKES = 10
 """Most mistakes that an error lists."""
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML in which 3e-4 is a number, as in YAML 1.2, and a key cannot occur twice."""
+    """YAML in which 3e-4 is a number, as in YAML 1.2, a key cannot occur twice, and little text stays little work."""
+
+    num_merged = 0
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = [key.value for key, _ in node.value]
-        if len(set(map(str, names))) < len(names):
-            name = next(name for name in names if names.count(name) > 1)
-            raise yaml.constructor.ConstructorError(None, None, f"key {name!r} occurs twice", node.start_mark)
+        names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        for name, count in names.items():
+            if count > 1:
+                mark = node.start_mark
+                raise yaml.constructor.ConstructorError(None, None, f"key {SHORT.repr(name)} occurs twice", mark)
         return super().construct_mapping(node, deep)
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        # Called for each mapping that a merge key names, as often as it names it, before what it holds is copied.
+        super().flatten_mapping(node)
+        self.num_merged += len(node.value)
+        if self.num_merged > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES:,} values, aliases counted each time")
+
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        if node.tag.endswith((":int", ":float")) and (size := len(node.value)) > MAX_DIGITS:
+            raise ValueError(f"number of {size:,} characters; at most {MAX_DIGITS} are allowed")
+        return super().construct_scalar(node)
 
 
 _Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d[\d_]*\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d[\d_]*(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
 
 
@@ -58,7 +76,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         _check_size(text)
         content = yaml.load(text, _Loader)
         _count_values(content, {})
-    except (yaml.YAMLError, ValueError, RecursionError, OverflowError) as error:
+    except Exception as error:  # PyYAML raises many kinds for values that do not fit their tags
         raise ValueError(f"{path}: not readable as YAML: {error}") from error
     return _checked_mapping(content, str(path))
 
@@ -68,7 +86,7 @@ def _check_size(text: str) -> None:
     depth = count = 0
     for event in yaml.parse(text, _Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        count += isinstance(event, yaml.ScalarEvent)
+        count += isinstance(event, yaml.NodeEvent)
         if depth > MAX_DEPTH:
             raise ValueError(f"nested deeper than {MAX_DEPTH} levels")
         if count > MAX_VALUES:
@@ -79,8 +97,10 @@ def _count_values(value: Any, counts: dict[int, int]) -> int:
     """Return the number of values in nested lists and mappings, by `counts` of those met before.
 
     Raises:
-        ValueError: there are more than `MAX_VALUES`, or one holds itself.
+        ValueError: there are more than `MAX_VALUES`, one holds itself, or is an integer of more than 64 bits.
     """
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError(f"integer {value} has more than 64 bits")
     if not isinstance(value, dict | list):
         return 1
     if id(value) not in counts:

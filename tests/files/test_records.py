@@ -67,7 +67,14 @@ def test_each_mistake_has_a_line_of_its_own():
         ("- 1", "keys and values"),
         ("a: 1\na: 2", "key 'a' occurs twice"),
         ("a: 2024-13-45", "not readable as YAML: month"),
-        ("a: " + "9" * 5000, "not readable as YAML: .*digits"),
+        ("a: " + "9" * 5000, "number of 5,000 characters; at most 100 are allowed"),
+        ("a: 0x" + "f" * 5000, "number of 5,002 characters"),
+        ("a: 1" + ":59" * 60_000, "number of 180,001 characters"),
+        ("a: 1" + ":59" * 60_000 + ".5", "number of 180,003 characters"),
+        ("a: " + "9" * 20, "integer 9{20} has more than 64 bits"),
+        ("a: !!bool perhaps", "not readable as YAML: 'perhaps'"),
+        ("a: !!timestamp now", "not readable as YAML"),
+        ("".join(f"k{i}: 1\n" for i in range(30_000)) + "k29999: 2", "key 'k29999' occurs twice"),
         ("a: &a [*a]", "more than 500,000 values"),
         ("a: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels"),
         ("a: [" + "1," * 500_001 + "]", "more than 500,000 values"),
@@ -90,6 +97,22 @@ def test_aliases_cannot_make_a_small_file_large(tmp_path):
         read_mapping(tmp_path / "bomb.yaml")
     (tmp_path / "fine.yaml").write_text("a: &a [1, 2]\nb: [*a, *a]")
     assert read_mapping(tmp_path / "fine.yaml") == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
+
+
+@pytest.mark.parametrize("repeats", [10, 1000])
+def test_merges_cannot_make_a_small_file_large(tmp_path, repeats):
+    lines = ["a0: &a0 {k: 1, l: 2}"]
+    lines += [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * repeats)}]}}" for k in range(1, 12)]
+    (tmp_path / "bomb.yaml").write_text("\n".join(lines))
+    with pytest.raises(ValueError, match=r"bomb\.yaml: .*more than 500,000 values, aliases counted each time"):
+        read_mapping(tmp_path / "bomb.yaml")
+    (tmp_path / "fine.yaml").write_text("x: &x {a: 1, b: 2}\ny: &y {<<: *x, b: 3}\nz: {<<: [*y, {c: 4}], d: 5}")
+    assert read_mapping(tmp_path / "fine.yaml")["z"] == {"a": 1, "b": 3, "c": 4, "d": 5}
+
+
+def test_long_texts_of_digits_are_read_fast(tmp_path):
+    (tmp_path / "digits.yaml").write_text("a: " + "1" * 200_000 + "x")
+    assert read_mapping(tmp_path / "digits.yaml") == {"a": "1" * 200_000 + "x"}
 
 
 def test_messages_stay_short():
