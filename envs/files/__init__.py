@@ -1,11 +1,13 @@
-"""Reading YAML files into checked records, names into objects, and writing files that are whole or absent."""
+"""Reading YAML files into checked records, archives of limited size, names into objects, and writing files that are whole or absent."""
 
+from .archives import MAX_BYTES, open_archive
 from .locking import Lock, LockedError
 from .names import SHORT, explain_unknown, load_object, resolve
 from .records import dump_record, explain_errors, parse_record, read_mapping, read_record
 from .writing import naming, sweep, temporary_beside, write_file, write_folder
 
 __all__ = [
+    "MAX_BYTES",
     "SHORT",
     "Lock",
     "LockedError",
@@ -14,6 +16,7 @@ __all__ = [
     "explain_unknown",
     "load_object",
     "naming",
+    "open_archive",
     "parse_record",
     "read_mapping",
     "read_record",

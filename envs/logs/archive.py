@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from envs.files import open_archive
+
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
-MAX_BYTES = 2**31
-"""Largest arrays of an archive together [bytes]; a small file can unpack to any size."""
 
 
 def read_archive(path: Path) -> dict[str, Any]:
@@ -20,12 +20,9 @@ def read_archive(path: Path) -> dict[str, Any]:
     arrays: dict[str, Any] = {}
     name = ""
     try:
-        # NumPy leaves a file open that is no archive, but not one that was opened for it.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        with open_archive(path) as archive:
             if missing := _DIMENSIONS.keys() - set(archive.files):
                 raise ValueError(f"lacks the arrays {sorted(missing)}")
-            if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:
-                raise ValueError(f"unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
             for name in (_DIMENSIONS | _OPTIONAL).keys() & set(archive.files):
                 arrays[name] = archive[name]
     except PermissionError:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.files import MAX_BYTES
 from envs.geometry import wrap_angle
 
 from .bag_reader import BagError, BagReader, open_bag
@@ -97,6 +98,8 @@ def _read_scans(bag: BagReader, topic: str) -> tuple[np.ndarray, np.ndarray, Any
         ranges = np.array(scan.ranges, dtype=np.float32)
         ranges[(ranges < scan.range_min) | (ranges <= 0.0)] = np.nan
         rows.append(ranges)
+        if (size := len(rows) * ranges.nbytes) > MAX_BYTES:
+            raise bag.error(f"{topic}: unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
         times.append(_seconds(scan.header.stamp))
     order = _time_order(bag, topic, times)
     return np.array(times)[order], np.stack(rows)[order], first

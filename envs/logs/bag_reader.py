@@ -1,15 +1,50 @@
 """Bags of ROS 1 and ROS 2, opened without ROS by the library rosbags."""
 
+import bz2
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+from lz4.frame import LZ4FrameDecompressor
+from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_typestore
 
 MAX_TEXT = 1000
 """Longest text of an error beside the path [characters]."""
+
+MAX_CHUNK = 2**29
+"""Most bytes to which a chunk of a bag, or a message that is compressed by itself, may unpack."""
+
+
+def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
+    """Return a function that unpacks a chunk to at most `MAX_CHUNK` bytes."""
+
+    def unpack(data: bytes, *_: int) -> bytes:
+        decompressor = make_decompressor()
+        content: bytes = decompressor.decompress(data, max_length=MAX_CHUNK + 1)
+        if len(content) > MAX_CHUNK:
+            raise ValueError(f"a chunk unpacks to more than the {MAX_CHUNK:,} bytes that are allowed")
+        if not decompressor.eof:
+            raise EOFError("a chunk ends early")
+        return content
+
+    return unpack
+
+
+# The library unpacks chunks to any size. What differs between the kinds of bags are the tables that it looks them up in.
+_zstd = rosbag2.reader.zstd
+_UNPACK = {
+    "bz2": _bounded(bz2.BZ2Decompressor),
+    "lz4": _bounded(LZ4FrameDecompressor),
+    "zstd": _bounded(_zstd.ZstdDecompressor),
+}
+for table in (rosbag1.reader.decompressors, storage_mcap.DECOMPRESSORS):
+    table.update((name, _UNPACK[name]) for name in table.keys() & _UNPACK.keys())
+rosbag2.reader.zstd = SimpleNamespace(open=_zstd.open, decompress=_UNPACK["zstd"])
 
 
 class BagError(ValueError):

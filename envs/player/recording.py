@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.files import open_archive
+
 FORMAT = 1
 """Number of this layout."""
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
@@ -125,8 +127,7 @@ class Recording:
             OSError: if it cannot be read.
         """
         try:
-            # NumPy leaves a file open that is no archive, but not one that was opened for it.
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            with open_archive(path) as archive:
                 if missing := sorted({"about", *_LAYOUT} - set(archive.files)):
                     raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")
                 about = json.loads(archive["about"].tobytes())

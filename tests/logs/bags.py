@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -57,13 +57,14 @@ class Messages:
         return self.make(TF, stamped)
 
 
-def write_bag(path, messages, storage="mcap"):
+def write_bag(path, messages, storage="mcap", compression=None):
     """Write (topic, message) pairs, a second apart, into a bag; return its path.
 
     Args:
         path: of the bag without a suffix.
         messages: a function of `Messages` that returns the pairs.
         storage: "ros1" (`path.bag`), "sqlite3" or "mcap" (a folder), or "file" (`path.mcap`).
+        compression: None, "BZ2" or "LZ4" for ROS 1, "STORAGE" or "MESSAGE", both by Zstandard, for ROS 2.
     """
     ros1 = storage == "ros1"
     maker = Messages(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
@@ -71,9 +72,13 @@ def write_bag(path, messages, storage="mcap"):
     if ros1:
         path = path.with_suffix(".bag")
         writer = Writer1(path)
+        if compression:
+            writer.set_compression(Writer1.CompressionFormat[compression])
     else:
         plugin = StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP
         writer = Writer2(path, version=8, storage_plugin=plugin)
+        if compression:
+            writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
     serialize = maker.store.serialize_ros1 if ros1 else maker.store.serialize_cdr
     with writer:
         connections = {}

@@ -26,6 +26,27 @@ def test_bags_of_all_kinds(tmp_path, storage):
     np.testing.assert_allclose(angles, math.pi / 2 + np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), atol=1e-6)
 
 
+COMPRESSIONS = [("ros1", "BZ2"), ("ros1", "LZ4"), ("mcap", "STORAGE"), ("mcap", "MESSAGE"), ("sqlite3", "MESSAGE")]
+
+
+@pytest.mark.parametrize(("storage", "compression"), COMPRESSIONS)
+def test_what_is_compressed_unpacks_to_a_limited_size(tmp_path, monkeypatch, storage, compression):
+    path = write_bag(tmp_path / "drive", drive, storage, compression)
+    np.testing.assert_array_equal(load_log(path).ranges, [[1.0, NAN, NAN, 8.0, INF]] * 3)
+    monkeypatch.setattr("envs.logs.bag_reader.MAX_CHUNK", 100)
+    with pytest.raises(ValueError, match=r"drive(\.bag)?: .*unpacks to more than the 100 bytes that are allowed"):
+        load_log(path)
+
+
+def test_scans_of_a_bag_have_the_limit_of_arrays(tmp_path, monkeypatch):
+    path = write_bag(tmp_path / "drive", drive)
+    monkeypatch.setattr("envs.logs.bag.MAX_BYTES", 59)
+    with pytest.raises(ValueError, match=r"drive: /scan: unpacks to 60 bytes; at most 59 are allowed"):
+        load_log(path)
+    monkeypatch.setattr("envs.logs.bag.MAX_BYTES", 60)
+    assert len(load_log(path).ranges) == 3
+
+
 def test_transforms_serve_as_odometry(tmp_path):
     def messages(m):
         for k in range(3):

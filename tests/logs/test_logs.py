@@ -158,7 +158,7 @@ def test_damaged_archives_are_named(tmp_path):
 
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("envs.logs.archive.MAX_BYTES", 100_000)
+    monkeypatch.setattr("envs.files.archives.MAX_BYTES", 100_000)
     np.savez_compressed(tmp_path / "drive.npz", **ARRAYS | {"ranges": np.ones((3, 10_000))})
     with pytest.raises(ValueError, match=r"drive\.npz: unpacks to .* bytes; at most 100,000"):
         load_log(tmp_path / "drive.npz")

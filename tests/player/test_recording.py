@@ -1,4 +1,5 @@
 import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -48,3 +49,15 @@ def test_what_is_no_recording_is_named(tmp_path, content, says):
         Recording.load(path)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = tmp_path / "episode.npz"
+    path.write_bytes(synthetic(5.0).to_bytes())
+    with zipfile.ZipFile(path) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size)
+    Recording.load(path)
+    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size - 1)
+    with pytest.raises(ValueError, match=rf"episode\.npz .*unpacks to {size:,} bytes; at most {size - 1:,} are allowed"):
+        Recording.load(path)
