@@ -2,6 +2,7 @@
 
 import base64
 import html
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,14 +88,17 @@ class Section:
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
-    """Write a page, and its pictures as PNG files for light paper into the folder `pictures`, which is emptied."""
+    """Write a page, and its pictures as PNG files for light paper into the folder `pictures`, which is emptied.
+
+    The introduction `text` is Markdown, all other text is plain: names of worlds and policies may hold anything.
+    """
     pictures.mkdir(parents=True, exist_ok=True)
     for old in pictures.glob("*.png"):
         old.unlink()
     relative = pictures.relative_to(page.parent)
     blocks = [f"# {title}", text]
     for section in sections:
-        blocks.append(f"## {section.title}")
+        blocks.append(f"## {_escape(section.title)}")
         blocks.extend(_markdown(part, pictures, str(relative)) for part in section.parts)
     write_file(page, "\n\n".join(blocks) + "\n")
 
@@ -105,13 +109,14 @@ def _markdown(part: Part, pictures: Path, relative: str) -> str:
         return _fold(part.title, "\n\n".join(_markdown(one, pictures, relative) for one in part.parts))
     if isinstance(part, Figure):
         write_file(pictures / f"{part.name}.png", part.picture.light)
-        return f"![{part.caption}]({relative}/{part.name}.png)\n\n*{part.caption}*"
-    return _markdown_table(part) if isinstance(part, Table) else part
+        caption = _escape(part.caption)
+        return f"![{caption}]({relative}/{part.name}.png)\n\n*{caption}*"
+    return _markdown_table(part) if isinstance(part, Table) else _escape(part)
 
 
 def _fold(title: str, content: str) -> str:
     """Fold Markdown away; without the blank lines it would be taken for HTML."""
-    return f"<details><summary>{html.escape(title)}</summary>\n\n{content}\n\n</details>"
+    return f"<details><summary>{_plain(title)}</summary>\n\n{content}\n\n</details>"
 
 
 def to_html(sections: Sequence[Section], heading: str = "h2") -> str:
@@ -194,9 +199,9 @@ def _markdown_cell(cell: Cell) -> str:
 
 def to_terminal(table: Table, title: str) -> rich.table.Table:
     """Return a table for the terminal; intervals stand in brackets."""
-    shown = rich.table.Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    shown = rich.table.Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, heading in enumerate(table.head):
-        shown.add_column(heading, justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
+        shown.add_column(Text(heading), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
     for line in table.lines:
         texts = [Text(cell.text, style="bold" if cell.is_best else "") for cell in line]
         shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(texts, line)))
@@ -204,4 +209,10 @@ def to_terminal(table: Table, title: str) -> rich.table.Table:
 
 
 def _escape(text: str) -> str:
-    return text.replace("|", "\\|").replace("_", "\\_")
+    """Return plain text as Markdown in one line."""
+    return re.sub(r"[\\|_*`]|\](?=\()", r"\\\g<0>", _plain(text))
+
+
+def _plain(text: str) -> str:
+    """Return plain text as HTML in one line."""
+    return html.escape(" ".join(text.split()), quote=False)

@@ -48,7 +48,7 @@ def run_with_progress(
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("[dim]{task.fields[latest]}"),
+        TextColumn("{task.fields[latest]}", style="dim", markup=False),
     )
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("episodes", total=evaluation.total, completed=evaluation.done, latest="")
@@ -152,7 +152,7 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
             if part:
                 console.print(to_terminal(leaderboard.ranking_table(part, PRINTED), title))
     if missing := evaluation.missing():
-        messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.")
+        messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.", markup=False)
     messages.print(
         f"Interquartile means [95 % intervals]. Report: {folder / 'report.html'}", highlight=False, markup=False
     )

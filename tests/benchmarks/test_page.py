@@ -1,10 +1,14 @@
 """Pages of text, tables and pictures, and the command that they name."""
 
+import io
+import re
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
+from rich.console import Console
 
-from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Fold, Section, Table, to_html, write_markdown
+from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Fold, Section, Table, to_html, to_terminal, write_markdown
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.theme import Picture
 from evaluate import Command, shown_command
@@ -39,6 +43,28 @@ def test_folded_pictures_are_written_and_shown(tmp_path):
         assert "<details><summary>all &lt;maps&gt;</summary>" in text
     assert report.count("<picture>") == 3
     assert report.count('<div class="pair">') == 1
+
+
+HOSTILE = "maps/<img src=x onerror=alert(1)>&amp;[x](javascript:y)`\n# a|b_c.yaml"
+
+
+def test_names_that_users_give_are_text_on_every_page(tmp_path):
+    table = Table(("", HOSTILE), [[Cell(HOSTILE, HOSTILE), Cell(HOSTILE, is_best=True, link=HOSTILE)]], title=HOSTILE)
+    figure = Figure("map", PICTURE, HOSTILE)
+    sections = [Section(HOSTILE, (HOSTILE, table, figure, Fold(HOSTILE, (HOSTILE, table))))]
+    write_markdown("T", "See [Evaluation](evaluation.md).", sections, tmp_path / "page.md", tmp_path / "page")
+    page = (tmp_path / "page.md").read_text()
+    rendered = MarkdownIt().enable("table").render(page)
+    for text in (rendered, to_html(sections)):
+        assert "<img src=x" not in text
+        assert 'href="javascript' not in text
+        assert text.count("maps/&lt;img src=x onerror=alert(1)&gt;&amp;amp;[x](javascript:y)`") >= 8
+    assert 'See <a href="evaluation.md">Evaluation</a>.' in rendered
+    assert rendered.count("<h1>") == 1
+    assert rendered.count("</th>") == rendered.count("</td>") == 4
+    console = Console(file=io.StringIO(), width=500)
+    console.print(to_terminal(Table(("", "a [/b]"), [[Cell("[/x]"), Cell("1")]]), "world [/w].yaml"))
+    assert {"[/b]", "[/x]", "world [/w].yaml"} <= set(re.findall(r"world \S+|\[/.\]", console.file.getvalue()))
 
 
 SETTINGS = Settings(policies=("nearest",), worlds=("home=maps/home.yaml", "maze"))
