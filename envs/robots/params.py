@@ -150,7 +150,8 @@ class DriveParams(_Params):
     max_torque: float = 1.0
     """Greatest torque that a motor exerts on its wheel [N m]."""
     slip_std: float = 0.0
-    """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; grows with the distance's root."""
+    """Standard deviation of the distance that a wheel slips while it rolls 1 m [m]; grows with the distance's root. No
+    slip moves the robot at more than one and a half times its greatest speed and yaw rate."""
 
     def __post_init__(self) -> None:
         self._require_positive("wheel_radius", "track", "wheel_width", "wheel_mass", "friction", "max_torque")

@@ -10,6 +10,7 @@ from envs.estimation.motion import WheelMotion
 from envs.geometry import Pose2D
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
+from envs.simulation.drive import SLIP_MARGIN
 
 SECONDS = 5
 
@@ -106,6 +107,27 @@ def test_slip_spreads_as_stated(physics, plain):
     expected = math.sqrt(2.0) * 0.02 * math.sqrt(distance) / robot.drive.track
     assert np.std(headings) == pytest.approx(expected, rel=3.0 / math.sqrt(2 * runs))
     assert np.abs(odometry_headings).max() < 0.1 * expected
+
+
+@pytest.mark.parametrize("command", [(1.0, 0.0), (0.0, 1.0), (1.0, -1.0), (0.02, 0.0)])
+def test_no_slip_moves_a_robot_beyond_its_limits_and_their_margin(physics, command, plain):
+    robot = load_robot("turtlebot3_burger")
+    robot = replace(robot, drive=replace(robot.drive, slip_std=1.0))
+    forward, turning = gains(robot)
+    simulator = make_simulator(physics, robot, 0.1)
+    simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    speeds, yaw_rates = [], []
+    for _ in range(100):
+        before = simulator.states[0].pose
+        simulator.step([Twist(command[0] * robot.max_v, command[1] * robot.max_w)])
+        motion = before.between(simulator.states[0].pose)
+        speeds.append(math.hypot(motion.x, motion.y) / 0.1)
+        yaw_rates.append(abs(motion.theta) / 0.1)
+    limits = (1.0 + SLIP_MARGIN) * forward * robot.max_v, (1.0 + SLIP_MARGIN) * turning * robot.max_w
+    more = 1.001 if physics == "kinematic" else 1.3  # a body of some mass overshoots, and pitches
+    assert max(speeds) < more * limits[0]
+    assert max(yaw_rates) < more * limits[1]
+    simulator.close()
 
 
 def test_the_control_period_changes_the_time_of_a_step_alone(physics, plain):
