@@ -118,7 +118,7 @@ class Episode:
     map_iou: float
     """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.tasks.coverage.map_iou`)."""
     decision_ms: float
-    """Mean wall-clock time of a decision [ms]."""
+    """Mean processor time of a decision, of all threads [ms]: other processes of the machine do not count."""
     success: bool
     """Whether the environment's target coverage was reached."""
     end_reason: str
@@ -202,7 +202,8 @@ def run_episode(
         if on_step:
             on_step(info)
 
-    _, info, decision_times = run(env, decide_with(explorer, inner), observation, info, watch)
+    decide = decide_with(explorer, inner)
+    _, info, decision_times = run(env, decide, observation, info, watch, clock=time.process_time)
     columns = np.array(samples)
     curve, limit = Curve(*columns[:, :3].T), inner.time_limit
     position_rmse, heading_rmse = np.sqrt(np.mean(columns[:, 3:] ** 2, axis=0))
