@@ -10,6 +10,7 @@ import tyro
 from tqdm import tqdm
 
 from envs.command_line import run_command
+from envs.robots import ROBOT_NAMES
 from envs.worlds import WORLD_NAMES
 
 from .inputs import try_inputs
@@ -18,12 +19,14 @@ from .maps import CASES as RESETS
 from .maps import MAPS, MOST_MEMORY, MOST_TIME, measure
 from .repeats import CASES, WAYS, digest, digest_elsewhere
 from .steps import take_steps
-from .walls import drive
+from .walls import drive, slide
 
 Stage = Literal["inputs", "kills", "steps", "walls", "repeats", "maps"]
 Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "bags", "checkpoints"]
 SLAMS = ("tinyslam", "hector")
 """Of the vector environment that takes many steps."""
+ANGLES = (15, 30, 45, 60, 75)
+"""Between a robot's heading and the wall that it drives into [deg]."""
 GROWTH = 1.05
 """Memory at the end over that in the middle of a run up to which it counts as flat."""
 
@@ -102,6 +105,10 @@ def _walls(worlds: tuple[str, ...], physics: tuple[str, ...], steps: int, seed: 
         sums = [sum(getattr(d, name) for d in own) for name in ("steps", "contacts", "through", "too_fast")]
         rows.append((one, len(own), *sums))
     _print_table(("physics", "worlds", "control periods", "in contact", "through a wall", "above the speed"), rows)
+    slides = []
+    for robot in ROBOT_NAMES:
+        slides.append((robot, *(" / ".join(f"{slide(robot, one, angle):.2f}" for one in physics) for angle in ANGLES)))
+    _print_table((f"along a wall [m]: {' / '.join(physics)}", *(f"{angle} deg" for angle in ANGLES)), slides)
     return _tell([str(d) for d in drives if d.through or d.too_fast])
 
 

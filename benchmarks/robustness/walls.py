@@ -7,8 +7,9 @@ import numpy as np
 
 from envs.arguments import choose_robot
 from envs.geometry import Pose2D
+from envs.robots import load_robot
 from envs.simulation import Twist, make_simulator
-from envs.worlds import explorable_area, load_world
+from envs.worlds import World, explorable_area, load_world
 
 PERIOD = 0.2
 """Control period [s]."""
@@ -64,6 +65,21 @@ def drive(world_name: str, physics: str, steps: int, seed: int) -> Drive:
             result.too_fast += moved > TOLERANCE * fastest * PERIOD + SLACK
     simulator.close()
     return result
+
+
+def slide(robot_name: str, physics: str, angle: float) -> float:
+    """Return how far a robot gets along a wall in ten seconds at full speed, heading into it at an angle [deg] [m]."""
+    robot = load_robot(robot_name)
+    start = Pose2D(0.0, -robot.radius - 0.01, math.radians(angle))
+    wall = np.array([[-20.0, 0.0, 20.0, 0.0]])
+    world = World("wall", wall, np.empty((0, 3)), spawns=(start,), bounds=(-20.0, -20.0, 20.0, 0.0))
+    simulator = make_simulator(physics, robot, PERIOD)
+    simulator.reset(world, [start], [np.random.default_rng(0)])
+    for _ in range(round(10.0 / PERIOD)):
+        simulator.step([Twist(robot.max_v, 0.0)])
+    x = simulator.states[0].pose.x
+    simulator.close()
+    return x
 
 
 def crosses(before: Pose2D, after: Pose2D, segments: np.ndarray) -> bool:

@@ -14,7 +14,7 @@ from benchmarks.robustness.maps import MAPS, reset_once, write_map
 from benchmarks.robustness.mutations import damage_array, damage_bytes, damage_tree
 from benchmarks.robustness.repeats import digest
 from benchmarks.robustness.steps import take_steps
-from benchmarks.robustness.walls import crosses, drive
+from benchmarks.robustness.walls import crosses, drive, slide
 from envs.geometry import Pose2D
 from envs.worlds import load_map
 
@@ -98,6 +98,11 @@ def test_walls_hold():
     assert (done.through, done.too_fast) == (0, 0)
 
 
+def test_robots_slide_along_walls():
+    assert slide("turtlebot3_burger", "kinematic", 60) == pytest.approx(0.22 * 10.0 * 0.5, rel=0.1)
+    assert slide("turtlebot3_burger", "bullet", 15) == pytest.approx(0.22 * 10.0, rel=0.1)
+
+
 def test_episodes_repeat_after_others_and_differ_between_seeds():
     case = "Explore-v0, hector"
     assert digest(case, 3, 20) == digest(case, 3, 20, after=1) != digest(case, 4, 20)
@@ -108,6 +113,7 @@ def test_the_command_prints_the_tables_of_the_stages_that_are_named(capsys):
     said = capsys.readouterr().out
     assert "| physics | worlds | control periods | in contact | through a wall | above the speed |" in said
     assert "| kinematic | 1 | 20 |" in said
+    assert "| along a wall [m]: kinematic | 15 deg |" in said
 
 
 @pytest.mark.parametrize("name", MAPS)
