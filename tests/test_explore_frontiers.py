@@ -1,5 +1,6 @@
 import itertools
 import json
+import math
 import pickle
 import warnings
 from dataclasses import asdict
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
+from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.estimation import Correction, MapUpdate, Window
 from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
@@ -315,6 +317,13 @@ def test_time_up_truncates_within_a_decision():
     assert (info["end_reason"], info["outcome"]) == ("time_limit", "episode_end")
     assert info["time"] == pytest.approx(9.0)
     assert 0.0 < info["map_iou"] <= 1.0
+
+
+@pytest.mark.parametrize("kind", [ExploreFrontiersEnv, ExploreFrontiersAbstractEnv])
+def test_an_infinite_time_limit_is_one_that_never_comes(kind):
+    rollouts = [rollout(kind(**QUICK, time_limit=limit), 1, 12) for limit in (math.inf, 1e9)]
+    for ours, theirs in zip(*rollouts, strict=True):
+        assert same(ours, theirs)
 
 
 def test_nothing_left_to_reach_terminates():

@@ -155,5 +155,7 @@ class FusedDrive:
         if self._next == BLOCK:
             self._next = 0
             env.simulator.sensors.draw_rows(env.simulator.rngs[0], self._noise)
-        left = math.ceil((env.time_limit - 1e-6) / env.control_period) - env.simulator.steps
+        steps = env.simulator.steps
+        # Time limits may be infinite.
+        left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, steps + BLOCK)) - steps
         return self._noise[self._next : min(BLOCK, self._next + max(left, 1))]
