@@ -1,7 +1,8 @@
 """Checks of arguments, and robots by the world that they are usual in."""
 
+import inspect
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
@@ -70,6 +71,13 @@ def check_positive(**values: float) -> None:
     for name, value in values.items():
         if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
+
+
+def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
+    """Return what to add to the refusal of actions outside [-1, 1] where an argument of the environment helps."""
+    if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
+        return ""
+    return "; clip_actions=True clips what lies outside"
 
 
 def read_action(action: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, is_number, read_action, read_options
+from envs.arguments import check_positive, clip_hint, is_number, read_action, read_options
 from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
@@ -179,7 +179,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         for robot, (v, w) in zip(self.robots, rows, strict=True):
             if not (-1.0 <= v <= 1.0 and -1.0 <= w <= 1.0):
                 if not self.clip_actions or math.isnan(v) or math.isnan(w):
-                    raise ValueError(f"action must be finite and lie in [-1, 1], got {action}")
+                    hint = clip_hint(type(self), action)
+                    raise ValueError(f"action must be finite and lie in [-1, 1], got {action}{hint}")
                 v, w = min(max(v, -1.0), 1.0), min(max(w, -1.0), 1.0)
             robot.action = (v, w)
             twists.append(Twist(v * max_v, w * max_w))

@@ -227,10 +227,15 @@ def test_actions_outside_are_refused_or_clipped():
     env, clipped = ExploreEnv(**QUICK), ExploreEnv(**QUICK, clip_actions=True)
     for each in (env, clipped):
         each.reset(seed=0)
-    with pytest.raises(ValueError, match="action must"):
+    with pytest.raises(ValueError, match=r"action must.*, got \[1.5 0. \]; clip_actions=True clips"):
         env.step(np.array([1.5, 0.0], dtype=np.float32))
-    with pytest.raises(ValueError, match="action must"):
-        clipped.step(np.array([np.nan, 0.0], dtype=np.float32))
+    for each in (env, clipped):
+        with pytest.raises(ValueError, match=r"action must.*, got \[nan  2.\]$"):
+            each.step(np.array([np.nan, 2.0], dtype=np.float32))
+    team = ExploreTeamEnv(**QUICK, num_robots=2)
+    team.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must(.|\n)*\]$"):
+        team.step(np.full((2, 2), 1.5, dtype=np.float32))
     expected = env.step(np.array([1.0, -1.0], dtype=np.float32))
     assert same(clipped.step(np.array([2.5, -7.0], dtype=np.float32)), expected)
 

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeReward, RecordEpisodeStatistics, RecordVideo
 
 from envs.explore import ExploreEnv
-from envs.vector import ExploreVectorEnv, LidarVectorEnv
+from envs.vector import ExploreTeamVectorEnv, ExploreVectorEnv, LidarVectorEnv
 from tests.side_by_side import assert_same, step_both
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0}
@@ -172,11 +172,19 @@ def test_bad_arguments_are_named(arguments, culprit):
         ExploreVectorEnv(**{"num_envs": 1, **QUICK, **arguments})
 
 
-@pytest.mark.parametrize("actions", [np.zeros((1, 2)), np.full((2, 2), np.nan), np.full((2, 2), 1.5)])
-def test_bad_actions_are_refused(actions):
-    env = ExploreVectorEnv(2, **QUICK)
+@pytest.mark.parametrize(
+    ("kind", "actions", "message"),
+    [
+        (ExploreVectorEnv, np.zeros((1, 2)), "have shape"),
+        (ExploreVectorEnv, np.full((2, 2), np.nan), r"be finite.*sub-environment 0$"),
+        (ExploreVectorEnv, np.full((2, 2), 1.5), r"be finite.*sub-environment 0; clip_actions=True clips"),
+        (ExploreTeamVectorEnv, np.full((2, 2, 2), 1.5), r"be finite(.|\n)*sub-environment 0$"),
+    ],
+)
+def test_bad_actions_are_refused(kind, actions, message):
+    env = kind(2, num_workers=1, **QUICK)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="actions must"):
+    with pytest.raises(ValueError, match=f"actions must {message}"):
         env.step(actions)
     env.close()
 

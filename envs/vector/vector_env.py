@@ -14,7 +14,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import is_whole, read_action, read_options
+from envs.arguments import clip_hint, is_whole, read_action, read_options
 
 from .fused import make_shard
 from .memory import Memory
@@ -233,6 +233,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.action_space = batch_space(env.action_space, self.num_envs)
         self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = env.render_mode
+        self._kind = type(env)
         self._clips_actions = getattr(env, "clip_actions", False)
         env.close()
 
@@ -252,7 +253,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             wrong, allowed = ~inside.reshape(self.num_envs, -1).all(axis=1), "be finite and lie in [-1, 1]"
         if wrong.any():
             i = int(np.argmax(wrong))
-            raise ValueError(f"actions must {allowed}, got {actions[i]} in sub-environment {i}")
+            hint = clip_hint(self._kind, actions[i])
+            raise ValueError(f"actions must {allowed}, got {actions[i]} in sub-environment {i}{hint}")
         return actions
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
