@@ -1,8 +1,10 @@
 """AMCL: adaptive Monte Carlo localization, as in Nav2."""
 
 import math
+import weakref
 from collections import deque
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +27,23 @@ _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
 
 
+class _MapTables:
+    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it."""
+
+    in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
+
+    def __init__(self, key: tuple, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
+        free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
+        if not free.any():
+            raise ValueError("the map has no free cell, so the robot can be nowhere")
+        self.key, self.map = key, replace(occupancy, data=occupancy.data.copy())
+        self.free_cells = np.argwhere(free)
+        self.field = LikelihoodField(params, lidar, occupancy)
+        self.sensor_model = BeamModel(params, lidar, occupancy) if params.sensor == "beam" else self.field
+        self.raster = BinRaster.over(occupancy.bounds, params.bin_size, params.bin_angle)
+        self.in_use[key] = self
+
+
 class Amcl:
     """An augmented particle filter whose size follows the spread of its particles.
 
@@ -38,7 +57,7 @@ class Amcl:
         self.params = params
         self._lidar = lidar
         self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
-        self._map: OccupancyGrid | None = None
+        self._tables: _MapTables
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
 
@@ -77,7 +96,7 @@ class Amcl:
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
         """Update by one scan, see `Localizer`; until the robot has moved far enough, by odometry alone."""
-        if self._map is None:
+        if not hasattr(self, "_tables"):
             raise RuntimeError("AMCL has no map yet; call reset first")
         ranges = check_scan(ranges, motion, self._lidar)
         self._moved = moved = self._moved.compose(motion)
@@ -100,19 +119,11 @@ class Amcl:
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
-        known, frame = self._map, (occupancy.resolution, occupancy.origin)
-        if known and (known.resolution, known.origin) == frame and np.array_equal(known.data, occupancy.data):
-            return
-        free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
-        if not free.any():
-            raise ValueError("the map has no free cell, so the robot can be nowhere")
-        self._free_cells = np.argwhere(free)
-        self._field = LikelihoodField(self.params, self._lidar, occupancy)
-        is_beam = self.params.sensor == "beam"
-        self._sensor_model = BeamModel(self.params, self._lidar, occupancy) if is_beam else self._field
-        self._raster = BinRaster.over(occupancy.bounds, self.params.bin_size, self.params.bin_angle)
-        self._seen = np.zeros(math.prod(self._raster.shape), dtype=np.bool_)
-        self._map = replace(occupancy, data=occupancy.data.copy())
+        data, params, lidar = occupancy.data, self.params, self._lidar
+        key = (params, lidar, occupancy.resolution, *occupancy.origin, data.shape, data.tobytes())
+        if not hasattr(self, "_tables") or key != self._tables.key:
+            self._tables = _MapTables.in_use.get(key) or _MapTables(key, params, lidar, occupancy)
+            self._seen = np.zeros(math.prod(self._tables.raster.shape), dtype=np.bool_)
 
     def _check_pose(self, pose: Pose2D, occupancy: OccupancyGrid) -> None:
         if not all(map(math.isfinite, pose)):
@@ -127,9 +138,9 @@ class Amcl:
 
     def _draw_anywhere(self, count: int) -> np.ndarray:
         """Draw particles uniformly over the map's free space and all headings: shape (3, count), float32."""
-        assert self._map is not None
-        cells = self._free_cells[self.rng.integers(len(self._free_cells), size=count)]
-        positions = self._map.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
+        free_cells = self._tables.free_cells
+        cells = free_cells[self.rng.integers(len(free_cells), size=count)]
+        positions = self._tables.map.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
         return np.stack([*positions.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
 
     def _draw_around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
@@ -162,7 +173,7 @@ class Amcl:
 
     def _correct(self, ranges: np.ndarray) -> None:
         """Reweight by a scan, normalize, summarise, and resample."""
-        weigh = self._sensor_model(ranges)
+        weigh = self._tables.sensor_model(ranges)
         if weigh is not None:
             likelihood = weigh(self._particles, self._weights)
             self._weights /= self._weights.sum()
@@ -191,11 +202,11 @@ class Amcl:
 
     def _summarise(self, ranges: np.ndarray | None = None) -> PoseEstimate:
         """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
-        particles, weights = self._particles, self._weights
+        tables, particles, weights = self._tables, self._particles, self._weights
         bins = self._bins[: len(weights)]
-        extent = find_bins(particles, self._raster, bins)
+        extent = find_bins(particles, tables.raster, bins)
         # In a cloud of at most two bins along each axis, all bins touch.
-        weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, self._raster)
+        weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance, mean_covariance = np.empty((3, 3)), np.empty((3, 3))
         pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
         if weight == 1.0:
@@ -206,7 +217,7 @@ class Amcl:
         if not has_converged:
             self._fits.clear()
         elif ranges is not None:
-            share, hits = self._field.fit(ranges, pose)
+            share, hits = tables.field.fit(ranges, pose)
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         fit = sum(self._fits) / len(self._fits) if self._fits else math.nan

@@ -20,7 +20,6 @@ class Beams:
             directions=np.ascontiguousarray(lidar.directions[:, self._picked]),
             range_max=float(min(params.max_range or math.inf, lidar.range_max)),
         )
-        self._points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
         """Return the readings of these beams, shape (k,), float32 [m]."""
@@ -28,4 +27,5 @@ class Beams:
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
         """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
-        return self._points, project_hits(self.pick(ranges), self.geometry, self._points)
+        points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
+        return points, project_hits(self.pick(ranges), self.geometry, points)

@@ -180,7 +180,6 @@ class LikelihoodField:
         x, y = occupancy.origin
         self._field = Field(entries, border, (x - border * resolution, y - border * resolution), resolution)
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
-        self._sums = np.empty(params.most_particles, dtype=np.int32)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return the weighting function of a scan.
@@ -197,7 +196,7 @@ class LikelihoodField:
             return None
 
         def weigh(particles: np.ndarray, weights: np.ndarray) -> float:
-            sums = self._sums[: len(weights)]
+            sums = np.empty(len(weights), dtype=np.int32)
             sum_fields(self._field, points, count, particles, sums)
             if self._is_product:
                 return multiply_by_product(

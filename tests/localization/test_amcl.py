@@ -1,5 +1,6 @@
 import math
 import os
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -306,3 +307,21 @@ def test_the_beginning_of_the_intel_log():
     assert measures["position_rmse_m"] < 0.1
     assert measures["heading_rmse_deg"] < 4.0
     assert measures["lost_share"] < 0.05
+
+
+def test_localizers_share_what_they_compute_from_equal_maps():
+    lidar, params = LidarParams(180, 6.0), replace(PARAMS, initial_std=0.1)
+    data = np.kron(MAP.data, np.ones((8, 8), dtype=np.int8))
+    localizers, retained, poses = [], [], []
+    tracemalloc.start()
+    for cells in (data, data.copy(), np.roll(data, 8, axis=1)):
+        localizers.append(Amcl(lidar, params))
+        before = tracemalloc.get_traced_memory()[0]
+        localizers[-1].reset(OccupancyGrid(cells, 0.05 / 8, MAP.origin), START, np.random.default_rng(0))
+        retained.append(tracemalloc.get_traced_memory()[0] - before)
+        for pose, motion in _circle(8):
+            localizers[-1].update(_scan(pose), motion)
+        poses.append(localizers[-1].estimate.pose)
+    tracemalloc.stop()
+    assert retained[1] < 0.1 * min(retained[0], retained[2])
+    assert poses[0] == poses[1] != poses[2]
