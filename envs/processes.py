@@ -14,18 +14,22 @@ from concurrent.futures import ProcessPoolExecutor
 def start_worker() -> None:
     """Begin a worker: the `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
 
-    It ends when its parent has died, however that was; it would wait for tasks for ever. Ctrl-C, which reaches every
-    process of the terminal, ends it without a word: the parent tells. It computes with one thread, since workers are
-    as many as the cores.
+    It follows its parent. Ctrl-C, which reaches every process of the terminal, ends it without a word: the parent
+    tells. It computes with one thread, since workers are as many as the cores.
     """
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in the background of a script: the parent goes on, too
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # held back by `interrupts_held`
     os.environ["OMP_NUM_THREADS"] = "1"  # before torch is imported
+    follow_parent()
+
+
+def follow_parent() -> None:
+    """Let this process end when its parent has died, however that was; it would wait for tasks for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
-    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+    threading.Thread(target=_follow, args=(parent.sentinel, os.getppid()), daemon=True).start()
 
 
 @contextlib.contextmanager
@@ -52,7 +56,11 @@ def stop_workers(pool: ProcessPoolExecutor) -> None:
         process.terminate()
 
 
-def _follow(parent: int) -> None:
-    """End this process when its parent has died."""
-    multiprocessing.connection.wait([parent])
+def _follow(parent: int, parent_id: int) -> None:
+    """End this process when its parent has died.
+
+    Processes that were forked later hold copies of what closes the sentinel then, so the process's id tells as well.
+    """
+    while not multiprocessing.connection.wait([parent], timeout=1.0) and os.getppid() == parent_id:
+        pass
     os._exit(1)

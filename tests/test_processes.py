@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-PARENT = """
+POOL = """
 import multiprocessing, os, time
 from concurrent.futures import ProcessPoolExecutor
 from envs.processes import start_worker
@@ -17,6 +17,27 @@ if __name__ == "__main__":
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), start_worker) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
+"""
+VECTOR = """
+import multiprocessing, time
+from envs.explore import ExploreEnv
+from envs.vector import LidarVectorEnv
+
+class Asleep(ExploreEnv):
+    def begin(self, **arguments):
+        super().begin(**arguments)
+        time.sleep(self.control_period)
+
+if __name__ == "__main__":
+    envs = [LidarVectorEnv(Asleep, 3, num_workers=3, physics="kinematic", context="fork")]
+    # A process that does not follow, and holds copies of what was open when it was forked.
+    other = multiprocessing.get_context("fork").Process(target=time.sleep, args=(20.0,))
+    other.start()
+    for method in ("forkserver", "spawn"):
+        envs.append(LidarVectorEnv(Asleep, 3, num_workers=3, physics="kinematic", context=method))
+    envs[0].set_attr("control_period", [0.0, 600.0, 600.0])
+    print(*{child.pid for child in multiprocessing.active_children()} - {other.pid}, flush=True)
+    envs[0].reset(seed=0)
 """
 
 
@@ -30,17 +51,19 @@ def is_alive(pid):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_workers_end_with_their_parent_even_in_the_midst_of_a_task(tmp_path):
+@pytest.mark.parametrize(("code", "count"), [(POOL, 1), (VECTOR, 6)])
+def test_workers_end_with_their_parent_even_in_the_midst_of_a_task(tmp_path, code, count):
     script = tmp_path / "parent.py"
-    script.write_text(PARENT)
+    script.write_text(code)
     parent = subprocess.Popen(
         [sys.executable, script], stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": os.getcwd()}
     )
-    worker = int(parent.stdout.readline())
-    assert is_alive(worker)
+    workers = [int(word) for word in parent.stdout.readline().split()]
+    assert len(workers) == count
+    assert all(map(is_alive, workers))
     parent.send_signal(signal.SIGKILL)
     parent.wait()
-    deadline = time.monotonic() + 20.0
-    while is_alive(worker) and time.monotonic() < deadline:
+    deadline = time.monotonic() + 12.0
+    while any(map(is_alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not is_alive(worker)
+    assert not any(map(is_alive, workers))

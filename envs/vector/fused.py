@@ -75,9 +75,10 @@ class FusedShard(Shard):
             return work(*args)
         for i in range(len(self.envs)):
             self._robots.sync(i)
-        result = work(*args)
-        self._load_all()
-        return result
+        try:
+            return work(*args)
+        finally:  # it may have changed some before it failed
+            self._load_all()
 
     def step(self) -> tuple[np.ndarray, Extras]:
         """Step every sub-environment with its row of the actions; see `Shard`."""

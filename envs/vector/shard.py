@@ -74,6 +74,7 @@ class Shard:
         for i, seed in enumerate(seeds):
             if mask[i]:
                 self._note(i, self._reset(i, seed, options), extras)
+                self._arrays.terminated[i] = self._arrays.truncated[i] = False
         assert self._records is not None
         return self._records, extras
 

@@ -5,7 +5,7 @@ import itertools
 import multiprocessing
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import gymnasium
@@ -83,10 +83,9 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         shared_by = multiprocessing_context if num_workers > 1 else None
         memory = Memory.of(num_envs, observations, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
-        self._has_ended = np.zeros(num_envs, dtype=np.bool_)
         self._dtype: np.dtype | None = None
         """Of what `info` holds at every step."""
-        self._has_begun = False
+        self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         makers = [
             functools.partial(
@@ -119,6 +118,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             ValueError: if there are not as many seeds as sub-environments, or the mask selects none.
             gymnasium.error.ResetNeeded: if the mask leaves out some where no episodes have begun.
             gymnasium.error.ClosedEnvironmentError: after `close`.
+            RuntimeError: after a call that was interrupted.
         """
         if seed is None or is_whole(seed):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
@@ -141,7 +141,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         ]
         results = self._call("reset", shares)
         self._dtype, self._has_begun = results[0][0].dtype, True
-        self._has_ended[mask] = False
         return self._observations(), self._info(results)
 
     def step(
@@ -154,21 +153,23 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
         Raises:
             ValueError: if actions have the wrong shape or lie outside of the action space.
-            gymnasium.error.ResetNeeded: if no episodes have begun, or one has ended and nothing resets it.
+            gymnasium.error.ResetNeeded: if no episodes have begun, or one has ended and nothing resets it, or a step
+                has failed.
             gymnasium.error.ClosedEnvironmentError: after `close`.
+            RuntimeError: after a call that was interrupted.
         """
         self._check_open()
         if not self._has_begun:
-            raise gymnasium.error.ResetNeeded("call reset first: no episodes have begun")
-        self._arrays.actions[...] = self._check_actions(actions)
-        if self.autoreset_mode == AutoresetMode.DISABLED and self._has_ended.any():
-            ended = np.flatnonzero(self._has_ended).tolist()
-            raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
-        for worker in self._workers:
-            worker.send(b"s")
-        results = self._gather(self._shard.step)
+            raise gymnasium.error.ResetNeeded("call reset first: no episodes have begun, or a step has failed")
         arrays = self._arrays
-        self._has_ended = arrays.terminated | arrays.truncated
+        arrays.actions[...] = self._check_actions(actions)
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            ended = np.flatnonzero(arrays.terminated | arrays.truncated).tolist()
+            if ended:
+                raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
+        self._has_begun = False  # unless all succeed: others have gone on, and Numba may turn Ctrl-C into a TypeError
+        results = self._exchange(itertools.repeat(b"s"), self._shard.step)
+        self._has_begun = True
         info = self._info(results)
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
@@ -215,6 +216,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Stop the workers."""
         self._shard.close()
         for worker in self._workers:
+            if self._is_under_way:  # it may be at work for long, or wait for the rest of a message
+                worker.process.terminate()
             worker.close()
 
     @property
@@ -224,6 +227,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("the vector environment is closed")
+        if self._is_under_way:
+            raise RuntimeError(
+                "an earlier call of the vector environment was interrupted, in the midst of which its sub-environments "
+                "were left; close it and make another one"
+            )
 
     def _take_spaces(self, make_env: Callable[[], Any]) -> None:
         """Take spaces and metadata of a sub-environment."""
@@ -259,21 +267,24 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Call a method of every shard, each with arguments of its own, and return the results."""
-        for worker, share in zip(self._workers, shares[1:], strict=True):
-            worker.send(pickle.dumps((method, share)))
-        return self._gather(lambda: getattr(self._shard, method)(*shares[0]))
+        requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before any of them is sent
+        return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
-    def _gather(self, work: Callable[[], Any]) -> list[Any]:
-        """Do this process's share, wait for the workers' and return all results.
+    def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
+        """Send the workers their requests, do this process's share, wait for the workers' and return all results.
 
         Raises:
             Exception: the first one, once nobody is at work any more.
         """
+        self._is_under_way = True  # and stays so where Ctrl-C, or what else is no `Exception`, ends this method
+        for worker, request in zip(self._workers, requests, strict=False):
+            worker.send(request)
         try:
             own = work()
         except Exception as error:
             own = error
         results = [own, *(worker.receive(self._dtype) for worker in self._workers)]
+        self._is_under_way = False
         for result in results:
             if isinstance(result, Exception):
                 raise result

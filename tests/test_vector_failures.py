@@ -1,0 +1,158 @@
+"""Vector environments that are interrupted, whose workers fail, or whose requests cannot be sent."""
+
+import multiprocessing
+import signal
+import threading
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs.explore import ExploreEnv
+from envs.vector import LidarVectorEnv
+from tests.side_by_side import assert_same
+
+QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0, "physics": "kinematic"}
+ACTIONS = np.full((3, 2), 0.5, dtype=np.float32)
+
+
+class TwoArgumentsError(Exception):
+    """Pickles, and does not unpickle."""
+
+    def __init__(self, what, where):
+        super().__init__(f"{what} in {where}")
+
+    def __reduce__(self):
+        return type(self), self.args
+
+
+class TextError(Exception):
+    """Unpickles to a text."""
+
+    def __reduce__(self):
+        return str, ("no error at all",)
+
+
+class Unloadable:
+    """Pickles, and does not unpickle."""
+
+    def __reduce__(self):
+        return int, ("no number",)
+
+
+class Failing(ExploreEnv):
+    """Does what `failure` says, once."""
+
+    failure = None
+
+    def fail(self, *_):
+        failure, self.failure = self.failure, None
+        if failure is not None:
+            failure()
+
+    speed = property(fail, fail)
+
+    def twists(self, action):
+        self.fail()
+        return super().twists(action)
+
+    def begin(self, **arguments):
+        self.fail()
+        super().begin(**arguments)
+
+    def unloadable(self):
+        return Unloadable()
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def interrupt_soon():
+    """Let a signal of Ctrl-C come to the main thread after a while, as it waits for others by then."""
+    main = threading.main_thread().ident
+    threading.Timer(0.3, signal.pthread_kill, (main, signal.SIGINT)).start()
+
+
+def fall_asleep():
+    time.sleep(1.0)
+
+
+def two_arguments():
+    raise TwoArgumentsError("nothing works", "a step")
+
+
+def text_error():
+    raise TextError("with a text")
+
+
+@pytest.fixture
+def env():
+    env = LidarVectorEnv(Failing, 3, num_workers=3, **QUICK)
+    env.reset(seed=0)
+    yield env
+    began = time.monotonic()
+    env.close()
+    assert time.monotonic() - began < 5.0
+    assert not multiprocessing.active_children()
+
+
+CALLS = {
+    "step": lambda env: env.step(ACTIONS),
+    "reset": lambda env: env.reset(seed=0),
+    "call": lambda env: env.call("fail"),
+    "get_attr": lambda env: env.get_attr("speed"),
+    "set_attr": lambda env: env.set_attr("speed", 1.0),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("failures", [(interrupt, None, None), (interrupt_soon, fall_asleep, None)])
+def test_after_an_interrupt_every_call_says_that_the_environment_must_be_closed(env, call, failures):
+    env.set_attr("failure", failures)
+    with pytest.raises(KeyboardInterrupt):
+        CALLS[call](env)
+    for again in CALLS.values():
+        with pytest.raises(RuntimeError, match=r"interrupted.*close it and make another"):
+            again(env)
+
+
+@pytest.mark.parametrize(("failure", "text"), [(two_arguments, "nothing works in a step"), (text_error, "with a text")])
+def test_errors_that_cannot_be_unpickled_show_their_traceback(env, failure, text):
+    first, _ = env.reset(seed=0)
+    env.set_attr("failure", [None, failure, None])
+    with pytest.raises(RuntimeError, match=f"Error: {text}") as caught:
+        env.step(ACTIONS)
+    assert f"in {failure.__name__}" in caught.value.__notes__[0]
+    env.set_attr("time_limit", [1.0, 2.0, 3.0])
+    assert env.get_attr("time_limit") == (1.0, 2.0, 3.0)
+    with pytest.raises(ValueError, match="no number"):
+        env.call("unloadable")
+    assert env.get_attr("time_limit") == (1.0, 2.0, 3.0)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="a step has failed"):
+        env.step(ACTIONS)
+    assert_same(env.reset(seed=0)[0], first)
+    env.step(ACTIONS)
+
+
+def test_nothing_is_sent_unless_all_shares_can_be(env):
+    env.set_attr("time_limit", [1.0, 2.0, 3.0])
+    with pytest.raises((AttributeError, TypeError), match="pickle"):
+        env.set_attr("time_limit", [4.0, 5.0, threading.Lock()])
+    assert env.get_attr("time_limit") == (1.0, 2.0, 3.0)
+    env.step(ACTIONS)
+
+
+def test_ended_sub_environments_are_told_by_the_last_step():
+    env = LidarVectorEnv(Failing, 3, num_workers=2, autoreset_mode="Disabled", max_episode_steps=1, **QUICK)
+    env.reset(seed=0)
+    assert env.step(ACTIONS)[3].all()
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[0, 1, 2\] have ended"):
+        env.step(ACTIONS)
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+        env.step(ACTIONS)
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(ACTIONS)
+    env.close()
