@@ -4,7 +4,7 @@ LIBRARIES := .venv-libraries/bin
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install demo test test-all test-libraries coverage check format docs clean clean-cache
+.PHONY: install demo test test-all test-libraries coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -49,9 +49,5 @@ $(DOCS_INSTALLED): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,docs]"
 	touch $@
 
-# Compiled kernels: Numba does not notice when a kernel that another one calls has changed.
-clean-cache:
-	find envs baselines agents benchmarks tests -name __pycache__ -prune -exec rm -rf {} +
-
-clean: clean-cache
+clean:
 	rm -rf .venv .venv-libraries build *.egg-info docs/environments docs/examples docs/gallery

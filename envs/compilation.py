@@ -1,20 +1,116 @@
-"""A note to users while kernels compile in the first step."""
+"""Compiled kernels: where they are kept, and a progress bar while they are made."""
 
+import hashlib
 import logging
+import multiprocessing
+import os
+import re
+import sys
+import time
 from functools import cache
-from pathlib import Path
 from typing import Any
 
+import numba
+from numba.core import caching, event
+from tqdm import tqdm
+
 _log = logging.getLogger("lidarnaut")
+_ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+_OWN = re.compile(r"(agents|baselines|benchmarks|envs)\b")
+_IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
+
+
+class SourceLocator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):
+    """Lets Numba keep kernels in the user's cache folder, by their source and that of all modules they import.
+
+    By itself Numba keeps them beside their file and compares that file alone: each new checkout compiles all of them
+    again, and an outdated kernel stays in use where another one that it calls has changed. The folder is
+    `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`; where it cannot be written, Numba's own apply.
+    """
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """Return the locator of a function, None where it is not one of this project or nothing can be written."""
+        return super().from_function(py_func, py_file) if _OWN.match(os.path.relpath(py_file, _ROOT)) else None
+
+    def get_cache_path(self) -> str:
+        home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        module = os.path.relpath(self._py_file, _ROOT).removesuffix(".py").replace(os.sep, ".")
+        folder = f"{module}-{self.get_source_stamp()[:16]}"
+        return os.path.join(numba.config.CACHE_DIR or os.path.join(home, "lidarnaut"), folder)
+
+    def get_source_stamp(self) -> str:
+        return _hash(self._py_file)
+
+
+class _Progress(event.Listener):
+    """Announces once that kernels compile, and counts them where standard error is a terminal."""
+
+    def __init__(self) -> None:
+        self._depth, self._is_announced, self._paused_at = 0, False, 0.0
+        self._bar: Any = None
+
+    def on_start(self, event: Any) -> None:
+        self._depth += 1
+        is_own = _OWN.match(event.data["dispatcher"].py_func.__module__)
+        if self._depth > 1 or not is_own:
+            return
+        # Daemons are the workers of vector environments, which compile what their parent does.
+        if not self._is_announced and not multiprocessing.current_process().daemon:
+            _log.warning("compiling kernels for this machine, once: it takes one to two minutes")
+        self._is_announced = True
+        if multiprocessing.parent_process() is not None or not sys.stderr.isatty():
+            return
+        if self._bar is not None:
+            self._bar.start_t += time.time() - self._paused_at
+            self._bar.refresh()
+        else:
+            self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False)
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._bar is not None and multiprocessing.parent_process() is None:
+            self._bar.update()
+            if self._depth == 0:  # whatever is printed next begins on a clean line
+                self._bar.clear()
+                self._paused_at = time.time()
+
+
+def sources(path: str) -> list[str]:
+    """Return a file and those of this project that it, or one of them, imports at its top level."""
+    found, new = {path}, {path}
+    while new:
+        new = {other for one in new for other in _read(one)[1]} - found
+        found |= new
+    return sorted(found)
 
 
 @cache
-def announce_compilation(kernel: Any) -> None:
-    """Log, once in a process, that kernels will be compiled, unless `kernel` and with it the others already were.
+def _hash(path: str) -> str:
+    """Return the hash of all that may shape the kernels of a file: code and constants of what it imports, and Numba."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sources(path):
+        digest.update(os.path.relpath(source, _ROOT).encode() + _read(source)[0])
+    return digest.hexdigest()
 
-    Args:
-        kernel: a Numba function that keeps its compiled form in a cache on disk.
-    """
-    name = f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__qualname__}"
-    if not any(Path(kernel.stats.cache_path).glob(f"{name}-*.nbi")):
-        _log.warning("compiling the kernels for this machine; this happens once and takes up to half a minute")
+
+@cache
+def _read(path: str) -> tuple[bytes, list[str]]:
+    """Return the hash of a file, and the files of this project that it imports at its top level."""
+    with open(path, "rb") as file:
+        content = file.read()
+    stems = []
+    for dots, module, names in _IMPORT.findall(content.decode()):
+        if dots or _OWN.match(module):
+            folder = os.path.normpath(os.path.join(path, *[".."] * len(dots))) if dots else _ROOT
+            stem = os.path.join(folder, *module.split("."))
+            stems += [stem, *(os.path.join(stem, name) for name in re.findall(r"\b[a-z]\w*", names))]
+    files = (stem + end for stem in stems for end in (".py", f"{os.sep}__init__.py"))
+    return hashlib.sha256(content).digest(), list(filter(os.path.isfile, files))
+
+
+caching.CacheImpl._locator_classes.insert(0, SourceLocator)
+event.register("numba:compile", _Progress())

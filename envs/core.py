@@ -11,7 +11,6 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, clip_hint, is_number, read_action, read_options
-from envs.compilation import announce_compilation
 from envs.estimation import Belief, Estimator
 from envs.estimation.motion import TrueMotion, make_motion_source
 from envs.geometry import Pose2D
@@ -21,7 +20,6 @@ from envs.randomization import Randomization, Ranges
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, Simulator, Twist, make_simulator
-from envs.simulation.sensors import measure_ranges
 from envs.task import Task
 from envs.worlds import World
 
@@ -71,7 +69,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         check_positive(control_hz=control_hz)
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        announce_compilation(measure_ranges)
         self.task = task
         self.simulator = simulator
         self.robots = list(robots)

@@ -8,12 +8,10 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.arguments import check_positive, is_whole
-from envs.compilation import announce_compilation
 from envs.estimation import Belief
 from envs.explore import ExploreEnv
 from envs.fused import UNCHECKED, FusedDrive, is_fusible
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
-from envs.navigation.candidates import find_candidates
 from envs.navigation.home import HomeNavigator
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
@@ -135,7 +133,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if "observations" in arguments:
             raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
-        announce_compilation(find_candidates)
         self.explore = env = ExploreEnv(control_hz=control_hz, **arguments)
         """The environment that is driven. Control steps within a decision make no observations and no `info`."""
         self.navigator = FrontierNavigator(

@@ -1,47 +1,108 @@
-import logging
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from envs.compilation import announce_compilation
+from envs.compilation import sources
 
-FIRST_USE = """
-import gymnasium, envs
-env = gymnasium.make("lidarnaut/ExploreRooms-v0", physics="kinematic", slam="truth")
+ROOT = Path(__file__).parents[1]
+FILES = {
+    "constants": "FACTOR = 2\n",
+    "inner": "from numba import njit\n\nfrom envs.constants import FACTOR\n\n\n"
+    "@njit(cache=True)\ndef scale(x):\n    return FACTOR * x\n",
+    "outer": "from numba import njit\n\nfrom .inner import (\n    scale,\n)\n\n\n"
+    "@njit(cache=True)\ndef shifted(x):\n    return scale(x) + 1\n",
+    "other": "from numba import njit\n\n\n@njit(cache=True)\ndef same(x):\n    return x\n",
+}
+PROGRAM = """
+import envs.compilation
+from envs.outer import shifted
+from envs.other import same
+print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stats.cache_hits.values()))
 """
 
 
 @pytest.fixture
-def module(tmp_path, monkeypatch):
-    """A module with a kernel of its own, whose cache is empty."""
-    (tmp_path / "kernels_of_a_test.py").write_text(
-        "from numba import njit\n\n@njit(cache=True)\ndef double(x):\n    return 2 * x\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "kernels_of_a_test", raising=False)
-    import kernels_of_a_test
+def make_checkout(tmp_path):
+    """Return a function that makes a checkout of a project that is as small as can be."""
 
-    return kernels_of_a_test
+    def make(name):
+        folder = tmp_path / name
+        (folder / "envs").mkdir(parents=True)
+        shutil.copy(ROOT / "envs" / "compilation.py", folder / "envs")
+        for module, text in {"__init__": "", **FILES}.items():
+            (folder / "envs" / f"{module}.py").write_text(text)
+        return folder
 
-
-def test_what_has_never_been_compiled_is_announced_once(module, caplog):
-    with caplog.at_level(logging.WARNING, logger="lidarnaut"):
-        announce_compilation(module.double)
-        announce_compilation(module.double)
-    assert [record.message for record in caplog.records if "compiling" in record.message] == [caplog.records[0].message]
+    return make
 
 
-def test_what_has_been_compiled_is_not_announced(module, caplog):
-    assert module.double(2) == 4
-    with caplog.at_level(logging.WARNING, logger="lidarnaut"):
-        announce_compilation(module.double)
-    assert not caplog.records
-
-
-def test_the_first_environment_of_a_machine_says_that_it_compiles(tmp_path):
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": ""}
+def run(checkout, program=PROGRAM, **variables):
+    """Run a program there with a cache beside it, and return what it prints to standard output and error."""
+    environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache"), **variables}
     done = subprocess.run(
-        [sys.executable, "-c", FIRST_USE], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", program], env=environment, cwd=checkout, capture_output=True, text=True, check=True
     )
-    assert "compiling the kernels" in done.stderr
+    return done.stdout.split(), done.stderr
+
+
+def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(make_checkout):
+    first, second = make_checkout("first"), make_checkout("second")
+    result, said = run(first)
+    assert result == ["7", "3", "0", "0"]
+    assert said.count("compiling kernels for this machine") == 1
+    os.utime(second / "envs" / "inner.py", (0, 0))
+    assert run(second) == (["7", "3", "1", "1"], "")
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "result"), [("constants", "2", "5", "16"), ("inner", "FACTOR *", "1 + 4 *", "14")]
+)
+def test_an_edit_compiles_what_depends_on_it_and_nothing_else(make_checkout, module, old, new, result):
+    first, second = make_checkout("first"), make_checkout("second")
+    run(first)
+    path = second / "envs" / f"{module}.py"
+    path.write_text(path.read_text().replace(old, new))
+    assert run(second)[0] == [result, "3", "0", "1"]
+    assert run(first)[0] == ["7", "3", "1", "1"]
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(make_checkout):
+    checkout = make_checkout("first")
+    assert run(checkout, XDG_CACHE_HOME="/dev/null")[0] == ["7", "3", "0", "0"]
+    assert list((checkout / "envs" / "__pycache__").glob("outer.*.nbi"))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
+def test_a_terminal_shows_how_many_kernels_have_been_compiled(make_checkout):
+    checkout = make_checkout("first")
+    ours, theirs = os.openpty()
+    pytest.importorskip("termios").tcsetwinsize(theirs, (24, 80))
+    environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout)}
+    command = [sys.executable, "-c", PROGRAM]
+    subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.DEVNULL, stderr=theirs, check=True)
+    shown = os.read(ours, 100_000).decode()
+    assert "compiling: 0 kernels [00:0" in shown
+    assert shown.rstrip(" ").endswith("\r")  # the line is cleared
+
+
+def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(make_checkout):
+    checkout = make_checkout("first")
+    (checkout / "mine.py").write_text(FILES["other"])
+    result, said = run(checkout, "import envs.compilation, mine; print(mine.same(1), mine.same.stats.cache_path)")
+    assert result == ["1", str(checkout / "__pycache__")]
+    assert said == ""
+
+
+def test_all_kernels_are_kept_so():
+    """Every file with kernels, or a package around it, imports the module that says where they are kept."""
+    wanted = str(ROOT / "envs" / "compilation.py")
+    files = [path for folder in ("agents", "baselines", "benchmarks", "envs") for path in (ROOT / folder).rglob("*.py")]
+    files = [path for path in files if "cache=True" in path.read_text(encoding="utf-8")]
+    assert len(files) > 50
+    for path in files:
+        packages = [folder / "__init__.py" for folder in path.parents if (folder / "__init__.py").exists()]
+        assert any(wanted in sources(str(one)) for one in (path, *packages)), path

@@ -47,16 +47,6 @@ def build_wheel(folder):
     return wheel
 
 
-def share_compiled_kernels(installed):
-    """Let the installed files use the kernels that the checkout has compiled: Numba compares the times of the files."""
-    for package in PACKAGES:
-        for cache in (ROOT / package).rglob("__pycache__"):
-            shutil.copytree(cache, installed / cache.relative_to(ROOT), dirs_exist_ok=True)
-        for path in (ROOT / package).rglob("*.py"):
-            times = path.stat()
-            os.utime(installed / path.relative_to(ROOT), ns=(times.st_atime_ns, times.st_mtime_ns))
-
-
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
     """Return an environment that holds the wheel, and sees the dependencies that this one has."""
@@ -70,7 +60,6 @@ def environment(tmp_path_factory):
     installed = Path(sysconfig.get_path("purelib", vars={"base": str(environment)}))
     # Folders that a .pth file adds have no .pth files of their own run: an editable checkout stays out of sight.
     (installed / "dependencies.pth").write_text("\n".join(site.getsitepackages()))
-    share_compiled_kernels(installed)
     return environment, installed
 
 
