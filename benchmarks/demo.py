@@ -1,4 +1,4 @@
-"""The whole path in two minutes: evolve an explorer, let it and the shipped one explore a house, film and report."""
+"""The whole path: train an explorer from nothing, let the shipped ones explore an unseen house, film and report."""
 
 import importlib.util
 import shutil
@@ -10,7 +10,9 @@ from pathlib import Path
 from PIL import Image
 from rich.console import Console
 
-from agents.config import EvolutionConfig
+from agents.config import TrainingConfig
+from agents.curves import Row as CurveRow
+from agents.curves import draw_learning_curve, read_evaluations
 from benchmarks.arena.pairs import by_start, start_of
 from benchmarks.arena.publish import print_case, publish, run_with_progress
 from benchmarks.arena.records import Row
@@ -26,33 +28,36 @@ FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
 WORLD = "turtlebot3_house"
 """Where the explorers meet. No training has seen it: `agents/frontiers/held_out.yaml` names it."""
-LEARNED, CLASSIC, FRESH = "learned", "gain_over_cost", "fresh"
-"""The explorer that comes with the package, the best classic one, and the one that the demo trains."""
+REFERENCE, CLASSIC, LEARNED, TWIST = "nearest", "gain_over_cost", "learned", "twist"
+"""The usual baseline, the best classic explorer, and the two that come with the package."""
+LARGEST_RATIO = 0.5
+"""Of the times to the target after and before the training; more counts as a failure of the training."""
 NUM_FRAMES = 48
 """Pictures in the film."""
 INTRO = (
-    "Three explorers meet in a house that no training saw: a score of frontiers that was evolved on other worlds and "
-    "comes with the package (learned), the classic rule that its evolution started from (gain_over_cost), and a score "
-    "that was evolved just now, for a minute (fresh; the rule itself, if nothing better was validated). None sees "
-    "ground truth: map and pose come from Hector SLAM."
+    "First, PPO learns to drive from an untrained network, in one small world, and is measured there, from random "
+    "starts. Then explorers meet in a house that no training saw: the two that come with the package, a score of "
+    "frontiers (learned) and PPO that drives with a plan in view (twist), and two classic rules, the usual baseline "
+    "(nearest) and the best one (gain_over_cost). None sees ground truth: map and pose come from Hector SLAM."
 )
 """First lines of the report."""
 
 
 def demo(
-    config: EvolutionConfig,
+    config: TrainingConfig,
     folder: Path,
     episodes: int = 11,
     physics: str = "bullet",
     time_limit: float | None = None,
     jobs: int = 2,
 ) -> str:
-    """Evolve, evaluate with so many episodes of each explorer, film and report; return the results, in a sentence.
+    """Train, evaluate with so many episodes of each explorer, film and report; return the results, in a sentence.
 
     The results of an earlier demo in the folder are replaced once the new ones are complete. A time limit [s] of None
     lets the environment choose.
 
     Raises:
+        RuntimeError: if the training did not improve the time to the target coverage.
         envs.files.LockedError: if another process is at it.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -61,9 +66,9 @@ def demo(
 
 
 def _demo(
-    config: EvolutionConfig, folder: Path, episodes: int, physics: str, time_limit: float | None, jobs: int
+    config: TrainingConfig, folder: Path, episodes: int, physics: str, time_limit: float | None, jobs: int
 ) -> str:
-    from agents.frontiers.evolution import evolve  # torch takes seconds to load: the first line should not wait for it
+    from agents.training import train  # torch takes seconds to load: the first line should not wait for it
 
     console, began = Console(stderr=True), time.monotonic()
 
@@ -73,12 +78,14 @@ def _demo(
     work = folder.with_name(f"{folder.name}.new")
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    say(f"1/3 Evolve an explorer in the abstract simulator: {config.generations} generations")
-    run = evolve(config, run=work / "training")
-    shutil.copy(run / "learning_curve.png", work)
+    home = config.environment.world
+    say(f"1/3 Train PPO in {home}, from an untrained network: {config.total_steps:,} steps")
+    evaluations = read_evaluations(train(config, run=work / "training"))
+    draw_learning_curve({"PPO": evaluations}, f"PPO learns {home}, and is measured there", work / "learning_curve.png")
+    lesson = learned(evaluations, f"{config.environment.target_coverage:.0%} of {home}")
 
-    say(f"2/3 Explore {WORLD} with it, with the shipped one and with the classic one: {episodes} episodes each")
-    policies = (CLASSIC, f"{LEARNED}=learned:pretrained/frontiers", f"{FRESH}=learned:{run}")
+    say(f"2/3 Explore {WORLD}, which no training saw, with the shipped explorers: {episodes} episodes each")
+    policies = (REFERENCE, CLASSIC, f"{LEARNED}=learned:pretrained/frontiers", f"{TWIST}=ppo:pretrained/twist")
     settings = Settings(
         policies=policies, worlds=(WORLD,), episodes=episodes, physics=(physics,), time_limit=time_limit
     )
@@ -93,16 +100,17 @@ def _demo(
     save_gif(frames, work / "exploration.gif", frames[-1].shape[1], Image.fromarray(frames[-1]).quantize())
     (work / "paths.png").write_bytes(Picture.of(lambda _: pictures.draw()).light)
     where = f"seed {pair[0]['seed']}, the median of {episodes} starts by the ratio of times to 95 %, here {ratio:.2f}"
-    lead = {
-        f"The shipped explorer beside the classic one, in step ({where}).": (work / "exploration.gif").read_bytes(),
-        "The same at the end: where each drove longest without seeing anything new.": (work / "paths.png").read_bytes(),
-        "What the fresh explorer learned, on validation tasks.": (work / "learning_curve.png").read_bytes(),
+    captions = {
+        "learning_curve.png": f"{lesson} Trained and measured in this world alone, from random starts.",
+        "exploration.gif": f"The shipped twist policy beside the usual baseline, in step ({where}).",
+        "paths.png": "The same at the end: where each drove longest without seeing anything new.",
     }
+    lead = {caption: (work / name).read_bytes() for name, caption in captions.items()}
     summary = publish(evaluation, title="From an unknown house to a finished map", intro=INTRO, lead=lead)
     print_case(console, summary, WORLD)
     _replace(folder, work)
     say("Done")
-    return _sentence(rows, folder)
+    return f"{folder / 'report.html'}: {lesson} {_sentence(rows)}"
 
 
 def time_to_mark(row: Row) -> float:
@@ -110,10 +118,29 @@ def time_to_mark(row: Row) -> float:
     return float(min(row["time_to_95"], row["time_limit"]))
 
 
-def median_pair(rows: Sequence[Row], policy: str = LEARNED) -> tuple[float, tuple[Row, Row]]:
-    """Return the median ratio of the times of a policy and the classic one, and their episodes from that start."""
-    classic = by_start(rows, CLASSIC)
-    pairs = [(row, classic[start_of(row)]) for row in by_start(rows, policy).values()]
+def learned(evaluations: Sequence[CurveRow], target: str) -> str:
+    """Say how long PPO took to a target before and after its training, and the explorers that do not learn.
+
+    Raises:
+        RuntimeError: if the training did not improve it.
+    """
+    times = [float(row["time_to_target"]) for row in evaluations if row["policy"] == "ppo"]
+    if not times[-1] <= LARGEST_RATIO * times[0]:
+        raise RuntimeError(
+            f"the training did not improve: {target} took {times[0]:.1f} s before and {times[-1]:.1f} s after it; "
+            f"it should take at most {LARGEST_RATIO:g} of the time"
+        )
+    others = ", ".join(
+        f"{row['policy']} {row['time_to_target']:.1f} s" for row in evaluations if row["policy"] != "ppo"
+    )
+    steps = int(evaluations[-1]["steps"])
+    return f"PPO took {times[0]:.1f} s to {target} before training, {times[-1]:.1f} s after {steps:,} steps ({others})."
+
+
+def median_pair(rows: Sequence[Row], policy: str = TWIST) -> tuple[float, tuple[Row, Row]]:
+    """Return the median ratio of the times of a policy and the reference, and their episodes from that start."""
+    reference = by_start(rows, REFERENCE)
+    pairs = [(row, reference[start_of(row)]) for row in by_start(rows, policy).values()]
     ratios = sorted(((time_to_mark(a) / time_to_mark(b), k) for k, (a, b) in enumerate(pairs)))
     ratio, k = ratios[len(ratios) // 2]
     return ratio, pairs[k]
@@ -129,20 +156,17 @@ def _replace(folder: Path, work: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _sentence(rows: Sequence[Row], folder: Path) -> str:
-    """Say where the report lies, and how long the explorers took."""
-    (shipped, (own, other)), (fresh, _) = (median_pair(rows, policy) for policy in (LEARNED, FRESH))
-    return (
-        f"{folder / 'report.html'}: to 95 % of {WORLD} the shipped explorer took {shipped:.2f} of {CLASSIC}'s time "
-        f"(median start: {time_to_mark(own):.0f} s and {time_to_mark(other):.0f} s), the fresh one {fresh:.2f}."
-    )
+def _sentence(rows: Sequence[Row]) -> str:
+    """Say how long the explorers took in the house."""
+    ratios = [f"{policy} {median_pair(rows, policy)[0]:.2f}" for policy in (CLASSIC, LEARNED, TWIST)]
+    return f"Times to 95 % of {WORLD}, as shares of {REFERENCE}'s (median start): {', '.join(ratios)}."
 
 
 def main() -> int:
     """Run the demo; return the exit status."""
     try:
         physics = "bullet" if importlib.util.find_spec("pybullet") else "kinematic"
-        print(demo(read_record(CONFIG, EvolutionConfig), FOLDER, physics=physics))
+        print(demo(read_record(CONFIG, TrainingConfig), FOLDER, physics=physics))
     except KeyboardInterrupt:
         print(f"stopped; an earlier demo in {FOLDER} is as it was", file=sys.stderr)
         return 130

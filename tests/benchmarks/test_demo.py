@@ -3,43 +3,74 @@ import sys
 
 import pytest
 
-from agents.config import EvolutionConfig
-from benchmarks.demo import CLASSIC, FRESH, LEARNED, WORLD, demo, median_pair
-from envs.files import Lock, LockedError
+from agents.config import TrainingConfig
+from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, demo, learned, median_pair
+from envs.files import Lock, LockedError, parse_record
 
-TINY = {"algorithm": "evolution", "experiment": "tiny", "generations": 1, "population": 4, "tasks": 1, "num_workers": 1}
-TINY |= {"validation_tasks": 1, "families": ("rooms",)}
+TINY = {
+    "experiment": "tiny",
+    "total_steps": 16,
+    "num_envs": 2,
+    "environment": {"world": "turtlebot3_world", "time_limit": 2.0, "target_coverage": 0.95, "num_workers": 0},
+    "ppo": {"num_steps": 8, "batch_size": 16, "num_epochs": 1},
+    "evaluation": {"every": 16, "episodes": 1, "references": ["nearest"]},
+}
 
 
-def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch):
+@pytest.fixture
+def config():
+    return parse_record(TINY, "tiny", TrainingConfig)
+
+
+def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config):
     monkeypatch.setattr("benchmarks.demo.NUM_FRAMES", 3)
+    monkeypatch.setattr("benchmarks.demo.LARGEST_RATIO", 1.0)
     folder = tmp_path / "demo"
     folder.mkdir()
     (folder / "report.html").write_text("of an earlier demo")
     (tmp_path / "demo.new").mkdir()
     (tmp_path / "demo.new" / "half").write_text("of an interrupted one")
-    sentence = demo(EvolutionConfig(**TINY), folder, episodes=1, physics="kinematic", time_limit=3.0, jobs=1)
+    sentence = demo(config, folder, episodes=1, physics="kinematic", time_limit=3.0, jobs=1)
     assert {path.name for path in tmp_path.iterdir()} == {"demo", ".lock-demo"}
     assert not (folder / "half").exists()
-    assert set(json.loads((folder / "summary.json").read_text())) == {LEARNED, CLASSIC, FRESH}
+    assert set(json.loads((folder / "summary.json").read_text())) == {REFERENCE, CLASSIC, LEARNED, TWIST}
     assert (folder / "exploration.gif").read_bytes().startswith(b"GIF")
     assert (folder / "exploration.gif").stat().st_size < 5_000_000
     for picture in ("paths.png", "learning_curve.png", f"map_{WORLD}_{LEARNED}.png"):
         assert (folder / picture).read_bytes().startswith(b"\x89PNG")
     assert (folder / "report.html").read_text().count("data:image/gif") == 1
-    assert sentence.startswith(f"{folder / 'report.html'}: to 95 % of {WORLD} the shipped explorer took 1.00")
+    assert sentence.startswith(f"{folder / 'report.html'}: PPO took 2.0 s to 95% of turtlebot3_world before training")
+    assert sentence.endswith(f"as shares of nearest's (median start): {CLASSIC} 1.00, {LEARNED} 1.00, {TWIST} 1.00.")
+
+
+def test_a_training_that_does_not_improve_fails_and_leaves_an_earlier_demo(tmp_path, config):
+    (tmp_path / "demo").mkdir()
+    with pytest.raises(RuntimeError, match=r"95% of turtlebot3_world took 2\.0 s before and 2\.0 s after it"):
+        demo(config, tmp_path / "demo")
+    assert (tmp_path / "demo").exists()
+    assert (tmp_path / "demo.new" / "training" / "learning_curve.png").exists()
+
+
+def test_a_training_counts_if_it_halves_the_time():
+    rows = [{"policy": policy, "steps": 0.0, "time_to_target": 16.0} for policy in ("nearest", "ppo")]
+    improved = [*rows, {"policy": "ppo", "steps": 4096.0, "time_to_target": 8.0}]
+    assert learned(improved, "T") == "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
+    for time in (8.1, float("nan")):
+        improved[-1]["time_to_target"] = time
+        with pytest.raises(RuntimeError, match=f"16.0 s before and {time:.1f} s after"):
+            learned(improved, "T")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
-def test_a_second_demo_leaves_the_first_one_alone(tmp_path):
+def test_a_second_demo_leaves_the_first_one_alone(tmp_path, config):
     (tmp_path / "demo.new").mkdir()
     with Lock(tmp_path, "lock-demo"), pytest.raises(LockedError, match=f"{tmp_path} is in use: process"):
-        demo(EvolutionConfig(**TINY), tmp_path / "demo")
+        demo(config, tmp_path / "demo")
     assert (tmp_path / "demo.new").exists()
 
 
 def test_the_median_start_is_that_of_the_ratio_of_times():
-    times = {LEARNED: (30.0, 90.0, float("inf")), CLASSIC: (60.0, 100.0, 50.0)}
+    times = {TWIST: (30.0, 90.0, float("inf")), REFERENCE: (60.0, 100.0, 50.0)}
     rows = [
         {"policy": policy, "world": WORLD, "robot": "r", "physics": "p", "slam": "s", "seed": seed}
         | {"time_to_95": time, "time_limit": 200.0}
@@ -48,5 +79,5 @@ def test_the_median_start_is_that_of_the_ratio_of_times():
     ]
     ratio, (own, other) = median_pair(rows)
     assert ratio == 0.9
-    assert (own["policy"], own["seed"], other["policy"], other["seed"]) == (LEARNED, 1, CLASSIC, 1)
+    assert (own["policy"], own["seed"], other["policy"], other["seed"]) == (TWIST, 1, REFERENCE, 1)
     assert median_pair(rows[:1] + rows[2:])[0] == 4.0  # of the two that are left, the slower one
