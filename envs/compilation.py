@@ -5,8 +5,6 @@ import logging
 import multiprocessing
 import os
 import re
-import sys
-import time
 from functools import cache
 from typing import Any
 
@@ -34,13 +32,12 @@ class SourceLocator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Any:
         """Return the locator of a function, None where it is not one of this project or nothing can be written."""
-        return super().from_function(py_func, py_file) if _OWN.match(os.path.relpath(py_file, _ROOT)) else None
+        return super().from_function(py_func, py_file) if _OWN.match(_name(py_file)) else None
 
     def get_cache_path(self) -> str:
         home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-        module = os.path.relpath(self._py_file, _ROOT).removesuffix(".py").replace(os.sep, ".")
-        folder = f"{module}-{self.get_source_stamp()[:16]}"
-        return os.path.join(numba.config.CACHE_DIR or os.path.join(home, "lidarnaut"), folder)
+        folder = numba.config.CACHE_DIR or os.path.join(home, "lidarnaut")
+        return os.path.join(folder, f"{_name(self._py_file)}-{self.get_source_stamp()[:16]}")
 
     def get_source_stamp(self) -> str:
         return _hash(self._py_file)
@@ -50,33 +47,26 @@ class _Progress(event.Listener):
     """Announces once that kernels compile, and counts them where standard error is a terminal."""
 
     def __init__(self) -> None:
-        self._depth, self._is_announced, self._paused_at = 0, False, 0.0
+        self._depth = 0
         self._bar: Any = None
 
     def on_start(self, event: Any) -> None:
         self._depth += 1
-        is_own = _OWN.match(event.data["dispatcher"].py_func.__module__)
-        if self._depth > 1 or not is_own:
+        if self._depth > 1 or not _OWN.match(event.data["dispatcher"].py_func.__module__):
             return
-        # Daemons are the workers of vector environments, which compile what their parent does.
-        if not self._is_announced and not multiprocessing.current_process().daemon:
-            _log.warning("compiling kernels for this machine, once: it takes one to two minutes")
-        self._is_announced = True
-        if multiprocessing.parent_process() is not None or not sys.stderr.isatty():
-            return
-        if self._bar is not None:
-            self._bar.start_t += time.time() - self._paused_at
-            self._bar.refresh()
-        else:
-            self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False)
+        if self._bar is None:
+            if not multiprocessing.current_process().daemon:  # workers that compile what their parent does
+                _log.warning("compiling kernels for this machine, once: it takes one to two minutes")
+            is_off = True if multiprocessing.parent_process() else None  # None: if this is no terminal
+            self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False, disable=is_off)
+        self._bar.refresh()
 
     def on_end(self, event: Any) -> None:
         self._depth -= 1
-        if self._bar is not None and multiprocessing.parent_process() is None:
+        if self._bar is not None:
             self._bar.update()
-            if self._depth == 0:  # whatever is printed next begins on a clean line
-                self._bar.clear()
-                self._paused_at = time.time()
+            if self._depth == 0:
+                self._bar.clear()  # whatever is printed next begins on a clean line
 
 
 def sources(path: str) -> list[str]:
@@ -91,25 +81,28 @@ def sources(path: str) -> list[str]:
 @cache
 def _hash(path: str) -> str:
     """Return the hash of all that may shape the kernels of a file: code and constants of what it imports, and Numba."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in sources(path):
-        digest.update(os.path.relpath(source, _ROOT).encode() + _read(source)[0])
-    return digest.hexdigest()
+    parts = (f"{_name(source)}\n{_read(source)[0]}" for source in sources(path))
+    return hashlib.sha256("\n".join([numba.__version__, *parts]).encode()).hexdigest()
 
 
 @cache
-def _read(path: str) -> tuple[bytes, list[str]]:
-    """Return the hash of a file, and the files of this project that it imports at its top level."""
-    with open(path, "rb") as file:
-        content = file.read()
+def _read(path: str) -> tuple[str, list[str]]:
+    """Return the text of a file, and the files of this project that it imports at its top level."""
+    with open(path, encoding="utf-8") as file:
+        text = file.read()
     stems = []
-    for dots, module, names in _IMPORT.findall(content.decode()):
+    for dots, module, names in _IMPORT.findall(text):
         if dots or _OWN.match(module):
             folder = os.path.normpath(os.path.join(path, *[".."] * len(dots))) if dots else _ROOT
             stem = os.path.join(folder, *module.split("."))
             stems += [stem, *(os.path.join(stem, name) for name in re.findall(r"\b[a-z]\w*", names))]
     files = (stem + end for stem in stems for end in (".py", f"{os.sep}__init__.py"))
-    return hashlib.sha256(content).digest(), list(filter(os.path.isfile, files))
+    return text, list(filter(os.path.isfile, files))
+
+
+def _name(path: str) -> str:
+    """Return the name of the module in a file of this project."""
+    return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
 caching.CacheImpl._locator_classes.insert(0, SourceLocator)
