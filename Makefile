@@ -4,7 +4,7 @@ LIBRARIES := .venv-libraries/bin
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install demo test test-all test-libraries coverage check format docs clean
+.PHONY: install warm demo test test-all test-libraries coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -13,6 +13,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
 	$(BIN)/python -m pip check
 	touch $@
+
+# Compiled kernels are kept in ~/.cache/lidarnaut, for all checkouts.
+warm: install
+	$(BIN)/python -m lidarnaut.warm
 
 demo: install
 	$(BIN)/python -m benchmarks.demo

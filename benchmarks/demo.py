@@ -82,7 +82,7 @@ def _demo(
     say(f"1/3 Train PPO in {home}, from an untrained network: {config.total_steps:,} steps")
     evaluations = read_evaluations(train(config, run=work / "training"))
     draw_learning_curve({"PPO": evaluations}, f"PPO learns {home}, and is measured there", work / "learning_curve.png")
-    lesson = learned(evaluations, f"{config.environment.target_coverage:.0%} of {home}")
+    lesson = check_learning(evaluations, f"{config.environment.target_coverage:.0%} of {home}")
 
     say(f"2/3 Explore {WORLD}, which no training saw, with the shipped explorers: {episodes} episodes each")
     policies = (REFERENCE, CLASSIC, f"{LEARNED}=learned:pretrained/frontiers", f"{TWIST}=ppo:pretrained/twist")
@@ -118,7 +118,7 @@ def time_to_mark(row: Row) -> float:
     return float(min(row["time_to_95"], row["time_limit"]))
 
 
-def learned(evaluations: Sequence[CurveRow], target: str) -> str:
+def check_learning(evaluations: Sequence[CurveRow], target: str) -> str:
     """Say how long PPO took to a target before and after its training, and the explorers that do not learn.
 
     Raises:

@@ -52,7 +52,7 @@ class _Progress(event.Listener):
 
     def on_start(self, event: Any) -> None:
         self._depth += 1
-        if self._depth > 1 or not _OWN.match(event.data["dispatcher"].py_func.__module__):
+        if self._depth > 1 or not _OWN.match(str(event.data["dispatcher"].py_func.__module__)):
             return
         if self._bar is None:
             if not multiprocessing.current_process().daemon:  # workers that compile what their parent does

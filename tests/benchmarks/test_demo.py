@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from agents.config import TrainingConfig
-from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, demo, learned, median_pair
+from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
 from envs.files import Lock, LockedError, parse_record
 
 TINY = {
@@ -54,11 +54,14 @@ def test_a_training_that_does_not_improve_fails_and_leaves_an_earlier_demo(tmp_p
 def test_a_training_counts_if_it_halves_the_time():
     rows = [{"policy": policy, "steps": 0.0, "time_to_target": 16.0} for policy in ("nearest", "ppo")]
     improved = [*rows, {"policy": "ppo", "steps": 4096.0, "time_to_target": 8.0}]
-    assert learned(improved, "T") == "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
+    assert (
+        check_learning(improved, "T")
+        == "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
+    )
     for time in (8.1, float("nan")):
         improved[-1]["time_to_target"] = time
         with pytest.raises(RuntimeError, match=f"16.0 s before and {time:.1f} s after"):
-            learned(improved, "T")
+            check_learning(improved, "T")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
