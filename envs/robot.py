@@ -1,6 +1,7 @@
 """One robot: its readings, its estimates of pose and map, and the path that it took."""
 
 from envs.estimation import ORIGIN, Belief, Estimator
+from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import MotionSource
 from envs.estimation.peers import PeerFilter
@@ -34,6 +35,9 @@ class Robot:
         """
         self.params = params
         self.estimator = estimator
+        kind = type(estimator)
+        # Those of the project are not checked, which takes a twentieth of a kinematic step.
+        self._own_estimator = "" if kind.__module__.startswith("envs.") else kind.__name__
         self.odometry = odometry
         self.ground_truth = ground_truth
         self.control_period = control_period
@@ -67,6 +71,7 @@ class Robot:
         """Estimated positions so far, map frame."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """The map at the scales of observations."""
+        self._data = self.belief.grid.data, self.belief.grid.data.shape
 
     def sense(self, reading: Reading) -> None:
         """Process a reading but for its scan: odometry and bumper."""
@@ -79,12 +84,30 @@ class Robot:
             self.predicted_pose = self.belief.pose.compose(self.motion)
 
     def locate(self) -> None:
-        """Process the reading's scan: pose, map and trail."""
+        """Process the reading's scan: pose, map and trail.
+
+        Raises:
+            ValueError: no map can be made of the belief; see `check_belief`.
+        """
         ranges = self.reading.ranges
         if self.peers:
             peers = [peer.predicted_pose for peer in self.peers]
             ranges = self._peer_filter(ranges, self.predicted_pose, peers)
-        self.follow(self.estimator.update(ranges, self.motion))
+        belief = self.estimator.update(ranges, self.motion)
+        if self._own_estimator:
+            self._check(belief)
+        self.follow(belief)
+
+    def _check(self, belief: Belief) -> None:
+        name, (data, shape) = self._own_estimator, self._data
+        check_belief(belief, name)
+        grid = belief.grid
+        if grid is not self.pyramid.grid or (grid.data is data and data.shape != shape):
+            raise ValueError(
+                f"estimator {name}: grid must be one OccupancyGrid in an episode, for all robots of a team, "
+                "and its data another array where the shape changes"
+            )
+        self._data = grid.data, grid.data.shape
 
     def follow(self, belief: Belief) -> None:
         """Bring trail and pyramid up to date with the belief after a scan."""

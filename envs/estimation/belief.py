@@ -1,7 +1,7 @@
 """Estimates of a robot's pose, with their covariance, and of its map."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -92,3 +92,38 @@ class Belief:
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
     of estimators with an `anchor` [m, m, rad]; None otherwise."""
+
+
+def check_belief(belief: Any, name: str) -> None:
+    """Refuse a belief that no map can be made of, by the name of its estimator; kernels check no index.
+
+    Raises:
+        ValueError: it is no `Belief`, or a part has the wrong type or shape, is not finite or lies outside of the grid.
+    """
+    if fault := _fault_of(belief):
+        raise ValueError(f"estimator {name}: {fault}")
+
+
+def _fault_of(belief: Any) -> str:
+    if not isinstance(belief, Belief):
+        return f"it must return a Belief, got {belief!r}"
+    data, start, path = belief.grid.data, belief.grid.origin, () if belief.path is None else belief.path
+    cells, window, _, origin, _ = belief.update
+    if data.ndim != 2 or data.dtype != np.int8:
+        return f"grid.data must be a 2D int8 array, got {data.ndim}D {data.dtype}"
+    if not (np.isfinite([*belief.pose, *start, *origin]).all() and np.isfinite(path).all()):
+        return f"pose, origins and path must be finite, got {belief.pose}, {start}, {origin} and {path}"
+    size = "the grid has {} rows and {} columns".format(*data.shape)
+    left, low, right, high = sides = np.asarray((0, 0, 0, 0) if window is None else window)
+    if sides.dtype.kind not in "iu" or not (0 <= left <= right < data.shape[1] and 0 <= low <= high < data.shape[0]):
+        return f"{window} is no window of cells; {size}"
+    if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
+        kind = getattr(cells, "dtype", type(cells).__name__)
+        return f"new_cells must be integers of shape (k, 2), got {kind} of shape {np.shape(cells)}"
+    for axis in (0, 1) if len(cells) else ():
+        # By columns, as the minimum along axis 0 takes twenty times as long.
+        first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
+        least, most = first + int(cells[:, axis].min()), first + int(cells[:, axis].max())
+        if least < 0 or most >= data.shape[axis]:
+            return f"new_cells lie in {('rows', 'columns')[axis]} {least} to {most}; {size}"
+    return ""

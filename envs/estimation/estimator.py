@@ -13,7 +13,7 @@ class Estimator(Protocol):
     """Turns scans and motions into a belief. Constructed with the lidar's geometry and the algorithm's parameters.
 
     An estimator whose `reset` integrates scans into a map that it is given, and that has this map as `map`, sets
-    `shares_map = True`, and serves several robots with one map.
+    `shares_maps = True`, and serves several robots with one map.
     """
 
     @property

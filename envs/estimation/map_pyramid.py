@@ -191,14 +191,14 @@ class MapPyramid:
             grid: the map; the array in it may be replaced.
             trails: where robots have been, map frame; they go on growing.
         """
-        self._grid, self._data = grid, grid.data
+        self.grid, self._data = grid, grid.data
         self._trails = trails
         self._levels: dict[int, Level] = {}
         self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
         """Take note of a change of the map; levels follow when they are next asked for."""
-        data = self._grid.data
+        data = self.grid.data
         if update.redrawn or data is not self._data:
             self._data = data
             for level in self._levels.values():
@@ -225,8 +225,8 @@ class MapPyramid:
             out: shape (3, size, size), uint8, written; see `crop_level`.
         """
         level = self.level(pixel)
-        side = level.block * self._grid.resolution
-        left, low = self._grid.origin
+        side = level.block * self.grid.resolution
+        left, low = self.grid.origin
         x, y = (x - left) / side, (y - low) / side
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
@@ -234,7 +234,7 @@ class MapPyramid:
         """Return, up to date, the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
-            block = 2 ** max(round(math.log2(pixel / self._grid.resolution)), 0)
+            block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)
             level = self._level_of_pixel[pixel] = self._level(block)
         self._refresh(level)
         return level
@@ -249,14 +249,14 @@ class MapPyramid:
         if level.finer is not None:
             self._refresh(level.finer)
         if level.is_stale:
-            level.rebuild(self._grid.data)
+            level.rebuild(self.grid.data)
             for trail in self._trails:
                 for x, y in trail.positions.tolist():
                     level.mark(*self._in_cells(x, y))
         elif level.pending is not None:
-            level.update(self._grid.data, level.pending)
+            level.update(self.grid.data, level.pending)
         level.is_stale, level.pending = False, None
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
-        grid, (left, low) = self._grid, self._grid.origin
+        grid, (left, low) = self.grid, self.grid.origin
         return (x - left) / grid.resolution, (y - low) / grid.resolution

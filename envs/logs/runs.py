@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from envs.estimation import Estimator
+from envs.estimation.belief import check_belief
 from envs.geometry import Pose2D
 from envs.worlds import save_map
 
@@ -70,7 +71,8 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     as seen from there.
 
     Raises:
-        ValueError: the estimator gave a corrected path that does not hold one pose per scan.
+        ValueError: the estimator gave a belief that no map can be made of, or a corrected path that does not hold one
+            pose per scan.
     """
     slam.reset(np.random.default_rng(seed))
     anchors: list[Any] = []
@@ -82,6 +84,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
         begin = time.perf_counter()
         belief = slam.update(ranges, motion)
         seconds[k] = time.perf_counter() - begin
+        check_belief(belief, type(slam).__name__)
         online[k], is_lost[k] = belief.pose, belief.is_lost
         if hasattr(slam, "anchor"):
             anchors.append(slam.anchor)

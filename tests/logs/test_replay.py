@@ -164,6 +164,13 @@ def test_a_corrected_path_has_a_pose_per_scan(log, monkeypatch):
         main(Options(log, slam="my_slams:Closing"))
 
 
+def test_a_slam_whose_pose_is_no_number_is_named(log):
+    slam = TurningSlam(None, 0.05)
+    slam.reset = lambda rng: setattr(slam, "theta", math.nan)
+    with pytest.raises(ValueError, match=r"estimator TurningSlam: pose.* must be finite, got Pose2D.*nan"):
+        replay(load_log(log), slam, 0)
+
+
 def test_all_slams_are_compared(log, tmp_path, capsys):
     relations = tmp_path / "relations"
     relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")

@@ -1,0 +1,124 @@
+"""What the estimators of users hand over, and what becomes of it where it is wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from envs.estimation.belief import check_belief
+from envs.explore import ExploreEnv
+from envs.explore_team import ExploreTeamEnv
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.slam import KnownPoses, load_params
+from tests.test_core import QUICK, STILL
+
+CELLS = np.array([[3, 4], [5, 6]], dtype=np.int32)
+FAR = np.array([[3, 100_000]], dtype=np.int32)
+
+
+def replacing(**fields):
+    """Return a function that replaces fields of a belief, or of its grid, by what functions of the belief return."""
+
+    def spoil(belief):
+        for name, make in fields.items():
+            setattr(belief if hasattr(belief, name) else belief.grid, name, make(belief))
+
+    return spoil
+
+
+def updating(cells=CELLS, window=(0, 0, 9, 9), **further):
+    """Return a function that replaces the update of a belief."""
+    return replacing(update=lambda belief: MapUpdate(cells, window, **{"origin": belief.grid.origin, **further}))
+
+
+def reach_one_too_far(belief):
+    height, width = belief.grid.data.shape
+    updating(window=Window(0, 0, width - 1, height))(belief)
+
+
+def reshape(belief):
+    height, width = belief.grid.data.shape
+    belief.grid.data.shape = height // 2, 2 * width
+
+
+FAULTS = {
+    "window ends beyond": (reach_one_too_far, r"window .* the grid has \d+ rows and \d+ columns"),
+    "window begins before": (updating(window=Window(-1, 0, 3, 3)), "window"),
+    "window is empty": (updating(window=Window(5, 5, 4, 6)), "window"),
+    "window of floats": (updating(window=Window(0.0, 0, 3, 3)), "window"),
+    "cell beyond": (updating(FAR), r"new_cells .* the grid has \d+ rows and \d+ columns"),
+    "cell before": (updating(-CELLS), "new_cells"),
+    "cells elsewhere": (updating(origin=(90.0, 0.0)), "new_cells"),
+    "cells of floats": (updating(CELLS.astype(float)), r"new_cells .* integers .* float64"),
+    "cells in columns": (updating(np.vstack([CELLS, CELLS]).T), r"new_cells .* shape \(k, 2\)"),
+    "cells in a list": (updating(CELLS.tolist()), "new_cells .* list"),
+    "origin is NaN": (updating(origin=(math.nan, 0.0)), "finite"),
+    "pose is NaN": (replacing(pose=lambda belief: belief.pose._replace(theta=math.nan)), "finite.*nan"),
+    "pose is infinite": (replacing(pose=lambda belief: belief.pose._replace(x=math.inf)), "finite.*inf"),
+    "path with a NaN": (replacing(path=lambda _: np.full((4, 3), math.nan)), "path"),
+    "data of floats": (replacing(data=lambda belief: belief.grid.data.astype(float)), "data .* int8.* float64"),
+    "data in 3D": (replacing(data=lambda belief: belief.grid.data[None]), "data .* int8"),
+    "data in another shape": (reshape, "data .* shape"),
+    "another grid": (replacing(grid=lambda belief: OccupancyGrid(belief.grid.data, 0.05, (0.0, 0.0))), "OccupancyGrid"),
+}
+
+
+class Faulty(KnownPoses):
+    """Maps at poses by odometry, and spoils its belief at the second scan of an episode."""
+
+    def __init__(self, lidar, resolution):
+        super().__init__(lidar, load_params("default", {"resolution": resolution}))
+
+    def reset(self, *args, **kwargs):
+        self._count = 0
+        return super().reset(*args, **kwargs)
+
+    def update(self, ranges, motion):
+        belief = super().update(ranges, motion)
+        self._count += 1
+        if self._count == 2:
+            self.spoil(belief)
+        return belief
+
+    @staticmethod
+    def spoil(belief):
+        """Leave it as it is."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_belief_that_maps_cannot_work_with_is_refused(fault, monkeypatch):
+    spoil, says = FAULTS[fault]
+    env = ExploreEnv(**QUICK, slam=Faulty)
+    with monkeypatch.context() as patch:
+        patch.setattr(Faulty, "spoil", staticmethod(spoil))
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=f"Faulty.*{says}"):
+            env.step(STILL)
+    env.reset(seed=0)  # the next episode is as any other
+    env.step(STILL)
+
+
+def test_a_slam_that_returns_no_belief_is_named(monkeypatch):
+    monkeypatch.setattr(Faulty, "update", lambda self, ranges, motion: None)
+    with pytest.raises(ValueError, match=r"Faulty.*Belief.*None"):
+        ExploreEnv(**QUICK, slam=Faulty).reset(seed=0)
+
+
+def test_a_team_whose_robots_have_maps_of_their_own_is_refused(monkeypatch):
+    monkeypatch.setattr(Faulty, "reset", lambda self, rng, pose=ORIGIN, map=None: KnownPoses.reset(self, rng, pose))
+    monkeypatch.setattr(Faulty, "update", KnownPoses.update)
+    with pytest.raises(ValueError, match=r"Faulty.*OccupancyGrid"):
+        ExploreTeamEnv(**QUICK, slam=Faulty, num_robots=2).reset(seed=0)
+
+
+def test_cells_may_be_counted_from_where_the_map_began_before_it_grew():
+    grid = OccupancyGrid(np.zeros((20, 10), dtype=np.int8), 0.05, (-0.35, -0.5))
+    belief = Belief(Pose2D(0.0, 0.0, 0.0), grid)
+    cells = np.array([[-10, -7], [9, 2]], dtype=np.int32)
+    belief.update = MapUpdate(cells, Window(0, 0, 9, 19), origin=(0.0, 0.0))
+    check_belief(belief, "mine")
+    for off in ((-1, 0), (0, -1), (1, 0), (0, 1)):
+        belief.update = belief.update._replace(new_cells=cells + np.array(off, dtype=np.int32))
+        with pytest.raises(ValueError, match=r"mine.*new_cells"):
+            check_belief(belief, "mine")
