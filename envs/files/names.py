@@ -2,6 +2,7 @@
 
 import difflib
 import importlib
+import inspect
 import os
 import reprlib
 import sys
@@ -45,12 +46,20 @@ def load_object(name: str) -> Any:
         ) from error
     for part in attribute.split("."):
         if not hasattr(found, part):
-            public = [key for key in vars(found) if not key.startswith("_")] if hasattr(found, "__dict__") else []
+            inside = getattr(found, "__dict__", {}).items()
+            own = [key for key, value in inside if key[:1] != "_" and not _is_imported(value, module_name)]
+            own = getattr(found, "__all__", own)
             raise ValueError(
-                f"{SHORT.repr(name)}: {module_name!r} has no attribute {explain_unknown(part, public, attribute)}"
+                f"{SHORT.repr(name)}: {module_name!r} has no attribute {explain_unknown(part, own, attribute)}"
             )
         found = getattr(found, part)
     return found
+
+
+def _is_imported(value: Any, module: str) -> bool:
+    """Tell whether a value in a module comes from another one, as far as values know: classes and functions do."""
+    knows = inspect.isclass(value) or inspect.isroutine(value)
+    return inspect.ismodule(value) or (knows and not str(value.__module__).startswith(module))
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:

@@ -50,6 +50,18 @@ def test_what_cannot_be_loaded_is_named(mine, name, message):
         load_object(name)
 
 
+def test_what_a_module_imports_is_not_offered(tmp_path, monkeypatch):
+    (tmp_path / "imports_of_names.py").write_text(
+        "import numpy as np\nfrom dataclasses import dataclass, replace\nfrom envs.simulation import Twist\n"
+        "class Mine: pass\ndef drive(): pass\nSPEED = 3\nTWIST = Twist(0, 0)\n"
+    )
+    (tmp_path / "all_of_names.py").write_text("from envs.simulation import Twist\nSPEED = 3\n__all__ = ['Twist']\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name, allowed in (("imports_of_names", "Mine, drive, SPEED, TWIST"), ("all_of_names", "Twist")):
+        with pytest.raises(ValueError, match=f"no attribute 'Nope'; allowed are {allowed}$"):
+            load_object(f"{name}:Nope")
+
+
 def test_an_error_inside_the_module_is_not_hidden(mine):
     with pytest.raises(ModuleNotFoundError, match="no_such_dependency"):
         load_object("broken_of_names:x")
