@@ -1,5 +1,6 @@
 """A module of a user, outside of the package: tests copy it to a folder of its own and name its parts."""
 
+import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,18 @@ class Spy(Circling):
 
     def reveal(self, coverage, target_coverage):
         self.coverage = coverage
+
+
+class Leaving(Circling):
+    """Ends the process, as a script may, at its second decision."""
+
+    count = 0
+
+    def act(self, reading, belief):
+        self.count += 1
+        if self.count > 1:
+            sys.exit("done")
+        return super().act(reading, belief)
 
 
 def ahead(observation):
@@ -68,6 +81,21 @@ ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
 def my_slam(lidar, resolution):
     """A SLAM: maps at the pose that odometry leads to."""
     return KnownPoses(lidar, replace(load_params("default"), resolution=resolution))
+
+
+class Failing(KnownPoses):
+    """A SLAM that fails at its first scan."""
+
+    def __init__(self, lidar, resolution):
+        super().__init__(lidar, replace(load_params("default"), resolution=resolution))
+
+    def update(self, ranges, motion):
+        raise TypeError("no numbers")
+
+
+def leave(*_):
+    """Ends the process instead of making anything."""
+    sys.exit(3)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Key, Records, Row
 from benchmarks.arena.settings import Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path
-from benchmarks.arena.workers import Result, Task, prepare, run_all, run_on_ray
+from benchmarks.arena.workers import FAULTS, Result, Task, explain_fault, prepare, run_all, run_on_ray
 from envs.files import Lock, write_file
 from envs.worlds import FAMILIES, WORLD_NAMES
 
@@ -50,6 +50,17 @@ class Shard:
         return f"{self.number}of{self.total}" if self.total > 1 else ""
 
 
+@contextlib.contextmanager
+def _blaming(culprit: str) -> Iterator[None]:
+    """Name whose code has failed, unless the error speaks for itself."""
+    try:
+        yield
+    except (ValueError, RuntimeError, ImportError, OSError):
+        raise
+    except FAULTS as error:
+        raise ValueError(f"{culprit}: {explain_fault(error)}") from error
+
+
 class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
@@ -73,7 +84,10 @@ class Evaluation:
         self.settings = settings
         self.folder = folder
         self._given = dict(given or {})
-        self.policies = {name: parse_policy(name, self._given) for name in settings.all_policies}
+        self.policies = {}
+        for name in settings.all_policies:
+            with _blaming(name):
+                self.policies[name] = parse_policy(name, self._given)
         names = [policy.name for policy in self.policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
@@ -212,7 +226,7 @@ class Evaluation:
                     except (ValueError, CheckpointError) as error:
                         first = first or error
                         continue
-                    except Exception:  # a fault in the explorer: its episodes will tell
+                    except FAULTS:  # a fault in the explorer: its episodes will tell
                         pass
                     pending.discard(name)
         if pending and first:
@@ -227,7 +241,8 @@ class Evaluation:
         robots: dict[Case, str] = {}
         for case, _, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
             if case not in robots:
-                env = case.make_env(self.settings.time_limit, given=self._objects(case))
+                with _blaming(f"{case.slam} in {case.world_name}"):
+                    env = case.make_env(self.settings.time_limit, given=self._objects(case))
                 with contextlib.closing(env):
                     robots[case] = exploration_of(env).robot.name
         return robots

@@ -11,6 +11,7 @@ from benchmarks.arena.records import Row
 from benchmarks.arena.runner import NOT_RUN
 from benchmarks.arena.theme import short
 from benchmarks.arena.workers import Result
+from envs.slam import SLAM_NAMES
 
 MARKS = (0.95, 0.99)
 """Explored fractions that count as done and as finished."""
@@ -61,10 +62,11 @@ def _below(rows: Sequence[Row]) -> list[int]:
 
 
 def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
-    """Return by world (with its robot) and reason how many episodes could not be run, and of which explorers."""
+    """Return by world (with its robot, and an own SLAM) and reason how many episodes could not be run, and of whom."""
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
+        where += "" if failure.key.slam in SLAM_NAMES else f" and {failure.key.slam}"
         groups.setdefault((where, failure.reason), []).append(short(failure.key.policy))
     return {group: (len(names), ", ".join(dict.fromkeys(names))) for group, names in groups.items()}
 

@@ -33,6 +33,16 @@ WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
 
 
+FAULTS = (Exception, SystemExit)
+"""What users' code may raise without ending the evaluation."""
+
+
+def explain_fault(error: BaseException) -> str:
+    """Return kind and text of what was raised, and where."""
+    *_, last = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
+
+
 @dataclass(frozen=True, slots=True)
 class Task:
     """One episode to run, at most `time_limit` long [s]; None lets the environment choose."""
@@ -149,12 +159,10 @@ class _Worker:
         """Run an episode. What goes wrong in it is its own result: the others go on."""
         try:
             return self._run(task)
-        except Exception as error:
-            if not isinstance(error, (ValueError, CheckpointError)):  # those speak for themselves
+        except FAULTS as error:
+            if not isinstance(error, (ValueError, CheckpointError, SystemExit)):  # those speak for themselves
                 logging.getLogger(__name__).exception("%s", task.key)
-            *_, last = traceback.extract_tb(error.__traceback__)
-            said = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            return Result(task.key, reason=f"{said} ({Path(last.filename).name}, line {last.lineno})")
+            return Result(task.key, reason=explain_fault(error))
 
     def _run(self, task: Task) -> Result:
         env_key = (task.case, task.time_limit, task.policy.level, task.policy.observations)

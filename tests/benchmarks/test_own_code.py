@@ -1,6 +1,7 @@
 """Explorers, policies, worlds, robots and SLAMs of a user enter the arena without an edit of the checkout."""
 
 import csv
+import re
 import shutil
 import subprocess
 import sys
@@ -94,6 +95,37 @@ def test_the_objects_themselves_can_be_given_in_python(tmp_path):
     both = [[(row["policy"], row["path_length"], row["robot"]) for row in each.rows()] for each in (here, there)]
     assert both[0] == both[1]
     assert [row[0] for row in both[0]] == list(settings.policies)
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_alone(own_folder, capsys, jobs):
+    own = ["--policies", "own_explorers:Leaving", "nearest", "--slam", "own_explorers:Failing", "odometry"]
+    options = ["--worlds", "pimouse_arena", "--no-world-sections", "--jobs", jobs, "--out", "out"]
+    assert main([*BRIEF, *own, *options]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    where = "in pimouse_arena with raspimouse"
+    for culprit in (
+        rf"own_explorers:Leaving {where} could not be run: SystemExit: done \(own_explorers.py, line \d+\)",
+        rf"{where} and own_explorers:Failing could not be run: TypeError: no numbers \(own_explorers.py, line \d+\)",
+    ):
+        assert re.search(culprit, said), said
+    assert list(read_rows(own_folder / "out")) == ["nearest"]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--policies", "own_explorers:leave"], "own_explorers:leave: SystemExit: 3 (own_explorers.py, line "),
+        (["--slam", "own_explorers:leave"], "own_explorers:leave in pimouse_arena: SystemExit: 3 (own_explorers.py"),
+        (
+            ["--slam", "own_explorers:Circling"],
+            "own_explorers:Circling in pimouse_arena: TypeError: Circling() takes no",
+        ),
+    ],
+)
+def test_what_cannot_be_made_is_named_before_any_episode(own_folder, capsys, options, says):
+    assert main([*BRIEF, "--policies", "nearest", "--worlds", "pimouse_arena", "--out", "out", *options]) == 2
+    assert f"evaluate.py: {says}" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
