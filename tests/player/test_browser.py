@@ -1,73 +1,15 @@
 """The page in a real browser: Debian's chromium, without a window."""
 
-import functools
-import http.server
-import json
-import os
-import queue
-import shutil
-import subprocess
-import threading
 from pathlib import Path
 
 import pytest
 
 from envs.player import build_page
+from tests.browser import needs_browser, visit
 from tests.player.episodes import synthetic
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason=f"needs a browser: {', '.join(BROWSERS)}")
 HARNESS = Path(__file__).with_name("harness.html")
-
-
-class Handler(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder, and puts what is posted into a queue."""
-
-    def __init__(self, *arguments, answers, **keywords):
-        self._answers = answers
-        super().__init__(*arguments, **keywords)
-
-    def do_POST(self):
-        self._answers.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-        self.send_response(204)
-        self.end_headers()
-
-    def log_message(self, *arguments):
-        pass
-
-
-def visit(folder, query, timeout=120.0):
-    """Open the harness in the browser, and return what it reports."""
-    shutil.copy(HARNESS, folder)
-    answers = queue.Queue()
-    handler = functools.partial(Handler, directory=folder, answers=answers)
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        root = ["--no-sandbox"] if os.geteuid() == 0 else []  # chromium refuses a sandbox to root
-        options = ["--headless=new", "--disable-gpu", "--no-first-run", f"--user-data-dir={folder / 'browser'}", *root]
-        address = f"http://127.0.0.1:{server.server_address[1]}/{HARNESS.name}?{query}"
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        process = subprocess.Popen([BROWSER, *options, address], start_new_session=True, **silent)
-        try:
-            return answers.get(timeout=timeout) | {"processor_time": processor_time(process.pid)}
-        finally:
-            process.terminate()
-            process.wait()
-            server.shutdown()
-
-
-def processor_time(session):
-    """Return the processor time of all processes of a session so far [s]."""
-    ticks = 0
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:  # it has ended
-            continue
-        if int(fields[3]) == session:
-            ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +18,7 @@ def pair(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pair")
     page = build_page([synthetic(60.0), synthetic(30.0, explorer="other", seed=1)])
     (folder / "page.html").write_text(page)
-    return {width: visit(folder, f"page=page.html&width={width}") for width in (1280, 390)}
+    return {width: visit(folder, HARNESS, f"page=page.html&width={width}") for width in (1280, 390)}
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -129,7 +71,7 @@ def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
     page = build_page([synthetic(3600.0, (50.0, 30.0), num_candidates=20, flicker=40)])
     (tmp_path / "page.html").write_text(page)
     (tmp_path / "brief.html").write_text(build_page([synthetic(1.0)]))
-    brief, hour = (visit(tmp_path, f"page={name}.html&width=1280&brief=1") for name in ("brief", "page"))
+    brief, hour = (visit(tmp_path, HARNESS, f"page={name}.html&width=1280&brief=1") for name in ("brief", "page"))
     assert hour["errors"] == []
     assert hour["samples"] == "7201"
     # Processor time of all threads, beyond the browser's own start: the clock says little where cores are shared.
