@@ -7,8 +7,12 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
-# Notebooks and generated pictures open no window, and import this checkout.
-os.environ |= {"SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "agg", "PYTHONPATH": str(HERE.parent)}
+# Notebooks open no window, show their figures in the page, and import this checkout.
+os.environ |= {
+    "SDL_VIDEODRIVER": "dummy",
+    "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+    "PYTHONPATH": str(HERE.parent),
+}
 
 project = "Lidarnaut"
 author = "the Lidarnaut contributors"
@@ -43,6 +47,8 @@ napoleon_use_ivar = True
 html_theme = "furo"
 html_title = "Lidarnaut"
 html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 copybutton_prompt_text = r">>> |\$ "
 copybutton_prompt_is_regexp = True
