@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from benchmarks.posegraph import make_graph
 from envs.geometry import Pose2D
 from envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise, optimise_step
+from tests.slam.posegraph.graphs import make_graph
 
 PHI = 9.0
 

@@ -1,18 +1,11 @@
-"""Time of pose graph optimisation: `python -m benchmarks.posegraph`.
-
-A robot drives laps, its pose drifts, and loop closures constrain it to submaps of earlier laps. Printed are the time of
-one iteration and of the whole optimisation, the least of all repetitions and the median, on one core.
-"""
+"""Graphs of laps with loop closures, whose poses have drifted."""
 
 import math
-import time
-from dataclasses import dataclass
 
 import numpy as np
-import tyro
 
 from envs.geometry import Pose2D
-from envs.slam.posegraph import PoseGraph, optimise, optimise_step
+from envs.slam.posegraph import PoseGraph
 
 SPACING, TURN = 20, 40
 """Nodes from one submap to the next, and nodes that a submap takes."""
@@ -20,20 +13,6 @@ SIGMAS = np.array([0.03, 0.03, 0.008])
 """Noise of constraints [m, m, rad]."""
 DRIFT = np.array([0.005, 0.005, 0.004])
 """Noise of odometry from node to node [m, m, rad]."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Time the optimisation of a pose graph."""
-
-    nodes: int = 2000
-    """Number of nodes; a submap starts every 20."""
-    loops: int = 1000
-    """Number of loop constraints."""
-    outliers: int = 0
-    """Number of loop constraints that are wrong."""
-    repetitions: int = 50
-    """Number of times that everything is measured."""
 
 
 def drive(num_nodes: int, step: float = 0.2) -> np.ndarray:
@@ -76,31 +55,3 @@ def make_graph(
         wrong = rng.uniform([-4.0, -4.0, -0.5], [4.0, 4.0, 0.5])
         graph.add_constraint(k, submap, wrong, covariance, is_loop=True)
     return graph, np.array(truth)
-
-
-def main(options: Options) -> None:
-    graph, truth = make_graph(options.nodes, options.loops, options.outliers, np.random.default_rng(0))
-    arrays = graph.arrays
-    submaps, nodes = arrays.submaps.copy(), arrays.nodes.copy()
-    times: dict[str, list[float]] = {"one iteration": [], "optimisation": []}
-    iterations = 0
-    for k in range(options.repetitions + 1):
-        for name, call in (
-            ("one iteration", lambda: optimise_step(arrays, 9.0)),
-            ("optimisation", lambda: optimise(arrays, 9.0, 5, 1e-4)),
-        ):
-            arrays.submaps[:], arrays.nodes[:] = submaps, nodes
-            start = time.perf_counter()
-            iterations = call()
-            if k:
-                times[name].append(1e3 * (time.perf_counter() - start))
-    count = len(arrays.constraints.node)
-    print(f"{graph.num_nodes} nodes, {graph.num_submaps} submaps, {count} constraints ({options.loops} loops)")
-    for name, values in times.items():
-        print(f"{name:15s} {min(values):6.2f} ms, median {np.median(values):6.2f} ms")
-    errors = [np.sqrt(np.mean(np.sum((each - truth)[:, :2] ** 2, axis=1))) for each in (nodes, arrays.nodes)]
-    print(f"{iterations} iterations; error of nodes {errors[0]:.3f} m before, {errors[1]:.3f} m after (RMSE)")
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Options))
