@@ -46,8 +46,8 @@ def main(arguments: list[str] | None = None) -> int:
             from agents.training import train
 
             run = train(config, resume=given.resume)
-    except KeyboardInterrupt:
-        print("train.py: stopped; --resume with the run's folder goes on from its last checkpoint", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"train.py: stopped {error}".rstrip(), file=sys.stderr)
         return 130
     except (CheckpointError, LockedError, ValueError, OSError, ImportError, gymnasium.error.Error) as error:
         print(f"train.py: {error}", file=sys.stderr)

@@ -32,9 +32,11 @@ def train(
         The run folder.
 
     Raises:
-        ValueError: if a new run folder holds a run already, or the environment refuses its arguments.
+        ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training
+            diverges; then the message names the last good checkpoint.
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
         envs.files.LockedError: if another process is at the run.
+        KeyboardInterrupt: on Ctrl-C; the state before the running rollout is saved, and the message names the run.
     """
     source = checkpoint = None
     with contextlib.ExitStack() as held:
@@ -67,7 +69,17 @@ def train(
         total_steps = config.num_updates * config.rollout_steps
         if model.num_timesteps < total_steps:
             bar = [ProgressBar(total_steps, evaluations)] if progress else []
-            model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
+            try:
+                model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(keeper.save()) from None
+            except ValueError as error:
+                if "to satisfy the constraint" not in str(error):  # how torch's distributions refuse NaN
+                    raise
+                raise keeper.diverged() from None
+            finally:
+                for one in bar:
+                    one.on_training_end()
         model.logger.close()
     return run
 

@@ -25,7 +25,7 @@ from agents.config import EvolutionConfig
 from agents.learned import POLICY
 from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
 from envs.files import write_file
-from envs.processes import start_worker
+from envs.processes import start_worker, stop_workers
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances, validate
@@ -53,17 +53,23 @@ def evolve(
         CheckpointError: if the files of a run that is to go on do not fit together.
         ValueError: if a new run folder holds a run already.
         envs.files.LockedError: if another process is at the run.
+        KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
     """
     with open_run(config, run, resume) as run, _pool(config.num_workers) as pool:
         evolution = _Evolution(config, run, pool)
         bar = tqdm(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
-        with bar, evolution.log:
-            evolution.prepare()
-            for generation in range(config.generations):
-                if generation % config.validate_every == 0:
-                    bar.set_postfix(time_over_rule=f"{evolution.validate(generation):.3f}")
-                bar.update(evolution.advance(generation))
-            bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
+        try:
+            with bar, evolution.log:
+                evolution.prepare()
+                for generation in range(config.generations):
+                    if generation % config.validate_every == 0:
+                        bar.set_postfix(time_over_rule=f"{evolution.validate(generation):.3f}")
+                    bar.update(evolution.advance(generation))
+                bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
+        except KeyboardInterrupt:
+            stop_workers(pool)
+            done = f"after generation {len(evolution.values)}"
+            raise KeyboardInterrupt(f"{done}; python train.py --resume {run} goes on") from None
         evolution.save()
     return run
 

@@ -90,7 +90,7 @@ class Section:
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
     """Write a page, and its pictures as PNG files for light paper into the folder `pictures`, which is emptied.
 
-    The introduction `text` is Markdown, all other text is plain: names of worlds and policies may hold anything.
+    Only `text` is Markdown: names of worlds and policies may hold anything.
     """
     pictures.mkdir(parents=True, exist_ok=True)
     for old in pictures.glob("*.png"):

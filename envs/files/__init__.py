@@ -1,4 +1,4 @@
-"""Reading YAML files into checked records, archives of limited size, names into objects, and writing files that are whole or absent."""
+"""Reading YAML files into checked records, archives, names into objects, and writing files that are whole or absent."""
 
 from .archives import MAX_BYTES, open_archive
 from .locking import Lock, LockedError

@@ -13,11 +13,7 @@ MAX_BYTES = 2**31
 
 @contextlib.contextmanager
 def open_archive(path: Path) -> Iterator[Any]:
-    """Open an archive (.npz), in which arrays are read when they are asked for.
-
-    Raises:
-        ValueError: it unpacks to more than `MAX_BYTES`. NumPy and zipfile raise many other kinds of errors.
-    """
+    """Open an archive (.npz) as `np.load` does; ValueError if it unpacks to more than `MAX_BYTES`."""
     # NumPy leaves a file open that is no archive, but not one that was opened for it.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from lz4.frame import LZ4FrameDecompressor
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import storage_mcap
@@ -21,30 +21,22 @@ MAX_CHUNK = 2**29
 
 
 def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-    """Return a function that unpacks a chunk to at most `MAX_CHUNK` bytes."""
+    """Return a function that unpacks a chunk to at most `MAX_CHUNK` bytes; those of the library have no limit."""
 
     def unpack(data: bytes, *_: int) -> bytes:
         decompressor = make_decompressor()
         content: bytes = decompressor.decompress(data, max_length=MAX_CHUNK + 1)
-        if len(content) > MAX_CHUNK:
-            raise ValueError(f"a chunk unpacks to more than the {MAX_CHUNK:,} bytes that are allowed")
-        if not decompressor.eof:
-            raise EOFError("a chunk ends early")
+        if len(content) > MAX_CHUNK or not decompressor.eof:
+            raise ValueError(f"a chunk ends early, or unpacks to more than the {MAX_CHUNK:,} bytes that are allowed")
         return content
 
     return unpack
 
 
-# The library unpacks chunks to any size. What differs between the kinds of bags are the tables that it looks them up in.
-_zstd = rosbag2.reader.zstd
-_UNPACK = {
-    "bz2": _bounded(bz2.BZ2Decompressor),
-    "lz4": _bounded(LZ4FrameDecompressor),
-    "zstd": _bounded(_zstd.ZstdDecompressor),
-}
-for table in (rosbag1.reader.decompressors, storage_mcap.DECOMPRESSORS):
-    table.update((name, _UNPACK[name]) for name in table.keys() & _UNPACK.keys())
-rosbag2.reader.zstd = SimpleNamespace(open=_zstd.open, decompress=_UNPACK["zstd"])
+_lz4, _zstd = _bounded(LZ4FrameDecompressor), _bounded(rosbag2.reader.zstd.ZstdDecompressor)
+rosbag1.reader.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
+storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
+rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=_zstd)  # type: ignore[assignment]
 
 
 class BagError(ValueError):

@@ -58,11 +58,15 @@ class FakeEnv(gymnasium.Env):
             raise RuntimeError("the floor gave way")
         if self.world == f"deadly_{self.steps}":
             os.kill(os.getpid(), signal.SIGKILL)
+        if self.world == f"interrupted_{self.steps}":
+            raise KeyboardInterrupt
         self.time += self.control_period
         self.heading += action[1] * self.control_period
         ahead = np.array([np.cos(self.heading), np.sin(self.heading)])
         self.position = np.clip(self.position + 2.0 * action[0] * ahead * self.control_period, 0, SIDE - 1)
         gained = self._look()
+        if self.world == f"priceless_{self.steps}":
+            gained = np.nan
         terminated = bool(self.seen.all())
         truncated = not terminated and self.time >= self.time_limit - 1e-6
         return self._observe(action), gained, terminated, truncated, self._info(gained)

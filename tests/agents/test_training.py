@@ -148,6 +148,51 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     assert events[-1].value == pytest.approx(config.ppo.learning_rate * 2 / config.num_updates)
 
 
+@pytest.mark.parametrize("step", [1, 100])
+def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_path, monkeypatch, capsys):
+    """At the 100th step of each environment, 384 steps have been learned from; checkpoints are due every 256."""
+    monkeypatch.chdir(tmp_path)
+    interrupted = tiny_data["environment"] | {"world": f"interrupted_{step}"}
+    (tmp_path / "tiny.yaml").write_text(dump_record(changed(tiny_data, environment=interrupted)))
+    assert main(["--config", "tiny.yaml"]) == 130
+    (run,) = Path("runs").iterdir()
+    steps = 0 if step == 1 else 384
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said == f"train.py: stopped at step {steps}, which is saved; python train.py --resume {run} goes on"
+    saved = load_checkpoint(find_checkpoint(run))
+    assert saved.record.steps == steps
+    often = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
+    whole = load_checkpoint(train(often, run=tmp_path / "whole", progress=False) / "checkpoints" / f"step_{steps:09d}")
+    assert saved.record.numpy_random == whole.record.numpy_random
+    assert saved.record.evaluations == whole.record.evaluations
+    for mine, theirs in ((saved.policy, whole.policy), (saved.training, whole.training)):
+        assert mine.keys() == theirs.keys()
+        assert all(torch.equal(mine[key], theirs[key]) for key in mine)
+
+
+def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.yaml").write_text(dump_record(changed(tiny_data)))
+    assert main(["--config", "tiny.yaml", "--ppo.learning-rate", "1e30"]) == 2
+    (run,) = Path("runs").iterdir()
+    good = run / "checkpoints" / "step_000000000"
+    assert list_checkpoints(run) == [good]
+    load_checkpoint(good)
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said == (
+        "train.py: the training diverged at step 128: the network's weights or outputs are not finite; "
+        f"lower ppo.learning_rate (1e+30) or the weights of large rewards; {good} is good, --resume {good} goes on"
+    )
+    assert main(["--resume", str(good), "--ppo.learning-rate", "1e-3", "--total-steps", "128"]) == 0
+
+
+def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
+    broken = tiny_data["environment"] | {"world": "priceless_70"}
+    with pytest.raises(ValueError, match=r"diverged at step 384: a reward of sub-environment 0 is nan; .*is good"):
+        train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
+    assert load_checkpoint(find_checkpoint(tmp_path / "run")).record.steps == 256
+
+
 def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(tiny_data, tiny_run, tmp_path):
     config = changed(tiny_data, total_steps=896)
     runs = [shutil.copytree(tiny_run, tmp_path / name) for name in ("a", "b")]

@@ -8,7 +8,17 @@ import pytest
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Fold, Section, Table, to_html, to_terminal, write_markdown
+from benchmarks.arena.page import (
+    MAX_OPEN_LINES,
+    Cell,
+    Figure,
+    Fold,
+    Section,
+    Table,
+    to_html,
+    to_terminal,
+    write_markdown,
+)
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.theme import Picture
 from evaluate import Command, shown_command

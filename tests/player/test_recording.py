@@ -59,5 +59,5 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, mon
     monkeypatch.setattr("envs.files.archives.MAX_BYTES", size)
     Recording.load(path)
     monkeypatch.setattr("envs.files.archives.MAX_BYTES", size - 1)
-    with pytest.raises(ValueError, match=rf"episode\.npz .*unpacks to {size:,} bytes; at most {size - 1:,} are allowed"):
+    with pytest.raises(ValueError, match=rf"npz .*unpacks to {size:,} bytes; at most {size - 1:,} are allowed"):
         Recording.load(path)

@@ -1,7 +1,12 @@
 """Tasks that training draws, and the evolution of a score."""
 
 import csv
+import os
 import shutil
+import signal
+import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +21,7 @@ from agents.frontiers.rollout import compare
 from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError
-from envs.files import Lock
+from envs.files import Lock, dump_record
 from envs.robots import ROBOT_NAMES
 from envs.worlds import FAMILIES, WORLD_NAMES, explorable_area
 
@@ -69,6 +74,24 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
     assert len(policy.score.weights) == len(NAMES)
     assert (part / "learning_curve.csv").read_text() == (whole / "learning_curve.csv").read_text()
     assert (part / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_ctrl_c_ends_at_once_and_names_the_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    config = tmp_path / "tiny.yaml"
+    config.write_text(dump_record(EvolutionConfig(**TINY, generations=100)))
+
+    def interrupt():
+        while not list(tmp_path.glob(f"runs/*/{GENERATIONS}")):
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    assert train.main(["--config", str(config)]) == 130
+    (run,) = Path("runs").iterdir()
+    generations = len((run / GENERATIONS).read_text().splitlines())
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said == f"train.py: stopped after generation {generations}; python train.py --resume {run} goes on"
 
 
 def test_validations_are_logged_beside_nearest_which_is_measured_once(tmp_path):
