@@ -1,5 +1,6 @@
 """Worker processes."""
 
+import _signal  # type: ignore[import-not-found]
 import contextlib
 import multiprocessing
 import multiprocessing.connection
@@ -50,6 +51,29 @@ def interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextlib.contextmanager
+def interrupts_delayed() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of a short block, unless it comes again: where Numba meets it, it may crash."""
+    # The functions of `signal` convert each handler to an enumeration, which takes 10 us.
+    before = _signal.getsignal(signal.SIGINT)
+    if before is None or threading.current_thread() is not threading.main_thread():  # it does not come as an exception
+        yield
+        return
+    came = []
+
+    def note(number: int, _: object) -> None:
+        came.append(number)
+        _signal.signal(signal.SIGINT, before)
+
+    _signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        _signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
 def stop_workers(pool: ProcessPoolExecutor) -> None:
     """End the processes of a pool at once, whatever they are at."""
     for process in list((pool._processes or {}).values()):
@@ -57,10 +81,7 @@ def stop_workers(pool: ProcessPoolExecutor) -> None:
 
 
 def _follow(parent: int, parent_id: int) -> None:
-    """End this process when its parent has died.
-
-    Processes that were forked later hold copies of what closes the sentinel then, so the process's id tells as well.
-    """
+    """End this process when its parent has died; processes that were forked later may hold the sentinel open."""
     while not multiprocessing.connection.wait([parent], timeout=1.0) and os.getppid() == parent_id:
         pass
     os._exit(1)

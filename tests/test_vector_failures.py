@@ -69,14 +69,25 @@ def interrupt():
     raise KeyboardInterrupt
 
 
+def raise_signal():
+    signal.raise_signal(signal.SIGINT)
+
+
 def interrupt_soon():
     """Let a signal of Ctrl-C come to the main thread after a while, as it waits for others by then."""
     main = threading.main_thread().ident
     threading.Timer(0.3, signal.pthread_kill, (main, signal.SIGINT)).start()
 
 
+def interrupt_twice():
+    """Do so again after a while: the first may have to wait for the end of a step."""
+    interrupt_soon()
+    main = threading.main_thread().ident
+    threading.Timer(0.6, signal.pthread_kill, (main, signal.SIGINT)).start()
+
+
 def fall_asleep():
-    time.sleep(1.0)
+    time.sleep(8.0)
 
 
 def two_arguments():
@@ -89,13 +100,14 @@ def text_error():
 
 @pytest.fixture
 def env():
+    others = set(multiprocessing.active_children())
     env = LidarVectorEnv(Failing, 3, num_workers=3, **QUICK)
     env.reset(seed=0)
     yield env
     began = time.monotonic()
     env.close()
     assert time.monotonic() - began < 5.0
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= others
 
 
 CALLS = {
@@ -108,14 +120,31 @@ CALLS = {
 
 
 @pytest.mark.parametrize("call", CALLS)
-@pytest.mark.parametrize("failures", [(interrupt, None, None), (interrupt_soon, fall_asleep, None)])
-def test_after_an_interrupt_every_call_says_that_the_environment_must_be_closed(env, call, failures):
-    env.set_attr("failure", failures)
+@pytest.mark.parametrize("how", [interrupt, interrupt_soon])
+def test_after_an_interrupt_every_call_says_that_the_environment_must_be_closed(env, call, how):
+    if call == "step" and how is interrupt_soon:
+        how = interrupt_twice
+    env.set_attr("failure", [how, None if how is interrupt else fall_asleep, None])
     with pytest.raises(KeyboardInterrupt):
         CALLS[call](env)
     for again in CALLS.values():
         with pytest.raises(RuntimeError, match=r"interrupted.*close it and make another"):
             again(env)
+
+
+def test_a_step_comes_to_its_end_before_an_interrupt(env):
+    times = [env.step(ACTIONS)[4]["time"][0] for _ in range(2)]
+    for place in range(3):
+        env.reset(seed=0)
+        env.set_attr("failure", [raise_signal if i == place else None for i in range(3)])
+        handler = signal.getsignal(signal.SIGINT)
+        if place == 0:  # a worker ignores the signal
+            with pytest.raises(KeyboardInterrupt):
+                env.step(ACTIONS)
+        else:
+            env.step(ACTIONS)
+        assert signal.getsignal(signal.SIGINT) is handler
+        assert env.step(ACTIONS)[4]["time"].tolist() == [times[1]] * 3
 
 
 @pytest.mark.parametrize(("failure", "text"), [(two_arguments, "nothing works in a step"), (text_error, "with a text")])

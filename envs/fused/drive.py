@@ -155,7 +155,5 @@ class FusedDrive:
         if self._next == BLOCK:
             self._next = 0
             env.simulator.sensors.draw_rows(env.simulator.rngs[0], self._noise)
-        steps = env.simulator.steps
-        # Time limits may be infinite.
-        left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, steps + BLOCK)) - steps
+        left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - env.simulator.steps  # may be inf
         return self._noise[self._next : min(BLOCK, self._next + max(left, 1))]

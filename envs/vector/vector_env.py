@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import clip_hint, is_whole, read_action, read_options
+from envs.processes import interrupts_delayed
 
 from .fused import make_shard
 from .memory import Memory
@@ -71,12 +72,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if arguments.get("render_mode") == "human":
             raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
         if num_workers is None:
-            cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-            num_workers = cores
+            num_workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self._take_spaces(functools.partial(make_env, **arguments))
+        make_one = functools.partial(make_env, **arguments)
+        self._take_spaces(make_one)
         multiprocessing_context = multiprocessing.get_context(context)
         observations = self.single_observation_space
         assert isinstance(observations, spaces.Dict)
@@ -88,15 +89,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         makers = [
-            functools.partial(
-                make_shard,
-                functools.partial(make_env, **arguments),
-                memory,
-                first,
-                last,
-                self.autoreset_mode,
-                max_episode_steps,
-            )
+            functools.partial(make_shard, make_one, memory, first, last, self.autoreset_mode, max_episode_steps)
             for first, last in itertools.pairwise(bounds)
         ]
         self._bounds = bounds
@@ -137,7 +130,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._has_begun = False  # unless all of them succeed
         shares = [
             (seeds[first:last], mask[first:last].tolist(), options or None)
-            for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True)
+            for first, last in itertools.pairwise(self._bounds)
         ]
         results = self._call("reset", shares)
         self._dtype, self._has_begun = results[0][0].dtype, True
@@ -167,9 +160,10 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             ended = np.flatnonzero(arrays.terminated | arrays.truncated).tolist()
             if ended:
                 raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
-        self._has_begun = False  # unless all succeed: others have gone on, and Numba may turn Ctrl-C into a TypeError
-        results = self._exchange(itertools.repeat(b"s"), self._shard.step)
-        self._has_begun = True
+        self._has_begun = False  # unless all succeed: where one fails, others have gone on
+        with interrupts_delayed():
+            results = self._exchange(itertools.repeat(b"s"), self._shard.step)
+            self._has_begun = True
         info = self._info(results)
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
@@ -180,9 +174,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of every sub-environment, or return an attribute that is none."""
         self._check_open()
-        return tuple(
-            value for share in self._call("call", [(name, args, kwargs)] * self._num_shares) for value in share
-        )
+        shares = self._call("call", [(name, args, kwargs)] * (len(self._workers) + 1))
+        return tuple(itertools.chain.from_iterable(shares))
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of every sub-environment."""
@@ -198,8 +191,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
         self._check_open()
-        pairs = zip(self._bounds[:-1], self._bounds[1:], strict=True)
-        self._call("set_attr", [(name, values[first:last]) for first, last in pairs])
+        self._call("set_attr", [(name, values[first:last]) for first, last in itertools.pairwise(self._bounds)])
 
     def __getstate__(self) -> dict[str, Any]:
         """Refuse to be copied or pickled; a copy of a connection to a worker would close the original's.
@@ -220,18 +212,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
                 worker.process.terminate()
             worker.close()
 
-    @property
-    def _num_shares(self) -> int:
-        return len(self._bounds) - 1
-
     def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("the vector environment is closed")
         if self._is_under_way:
-            raise RuntimeError(
-                "an earlier call of the vector environment was interrupted, in the midst of which its sub-environments "
-                "were left; close it and make another one"
-            )
+            raise RuntimeError("the vector environment was interrupted in a call; close it and make another one")
 
     def _take_spaces(self, make_env: Callable[[], Any]) -> None:
         """Take spaces and metadata of a sub-environment."""
