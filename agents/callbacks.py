@@ -7,7 +7,6 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import safe_mean
-from tqdm import tqdm
 
 from agents.checkpoint import Checkpoint, save_checkpoint
 from agents.config import TrainingConfig
@@ -16,6 +15,7 @@ from agents.evaluation import Episode, Evaluator, summarise
 from agents.ppo import capture
 from agents.run_folder import list_checkpoints, write_evaluations
 from agents.vec_env import EPISODE_MEASURES
+from envs.progress import Progress
 
 
 class RunCallback(BaseCallback):
@@ -117,7 +117,7 @@ class ProgressBar(BaseCallback):
         self._bar = tqdm(disable=True)
 
     def _on_training_start(self) -> None:
-        self._bar = tqdm(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
+        self._bar = Progress(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
 
     def _on_step(self) -> bool:
         self._bar.update(self.training_env.num_envs)

@@ -7,7 +7,6 @@ The ratio of two rules is what learning needs: it is compared from the same star
 import time
 
 import numpy as np
-from rich.progress import track
 from rich.table import Table
 
 from baselines.frontier.explorer import FrontierRule
@@ -16,6 +15,7 @@ from baselines.frontier.nearest import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.command_line import Count, make_console, run_command
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.progress import Progress
 
 WORLDS = {
     "rooms": {"world": "rooms", "world_size": (14.0, 14.0)},
@@ -54,7 +54,7 @@ def main(starts: Count = 12) -> None:
         starts: in each world.
     """
     table = Table("simulator", *(f"{world}: {rule}" for world in WORLDS for rule in RULES), "ratio", "decisions/s")
-    for name, (make, arguments) in track(SIMULATORS.items(), "simulators"):
+    for name, (make, arguments) in Progress(SIMULATORS.items(), "simulators"):
         cells, ratios, rates = [], [], []
         for world in WORLDS.values():
             env = make(target_coverage=0.95, **world, **arguments)  # type: ignore[operator]

@@ -4,7 +4,6 @@ Kinematic physics, TinySLAM, several settings of the environment, beside the `ne
 """
 
 import numpy as np
-from rich.progress import track
 from rich.table import Table
 
 from baselines import make_explorer
@@ -14,6 +13,7 @@ from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
 from envs.navigation.candidate_features import HALF_AREA, HALF_COST
+from envs.progress import Progress
 
 VISIBLE, COST, FAILURES = (FEATURES.index(name) for name in ("visible", "cost", "failures"))
 WORLDS = {
@@ -66,7 +66,7 @@ def main() -> None:
     """Print mean times to 95 %."""
     columns = [(rule, world) for rule in RULES for world in WORLDS]
     table = Table("mean time to 95 %, s", *(f"{rule}, {world}" for rule, world in columns))
-    for setting in track(SETTINGS, "settings"):
+    for setting in Progress(SETTINGS, "settings"):
         means = [
             np.mean([time_rule(rule, world, *setting, seed) for seed in range(WORLDS[world][1])])
             for rule, world in columns

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import Any
 
-from tqdm import tqdm
+from envs.progress import Progress
 
 
 def run_each(
@@ -26,7 +26,7 @@ def run_each(
     """
     if jobs == 1:
         results = []
-        for task in tqdm(tasks, **bar):
+        for task in Progress(tasks, **bar):
             results.append(work(*task))
             on_result(results[-1])
         return results
@@ -34,7 +34,7 @@ def run_each(
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
         try:
             futures = [pool.submit(work, *task) for task in tasks]
-            for future in tqdm(as_completed(futures), total=len(tasks), **bar):
+            for future in Progress(as_completed(futures), total=len(tasks), **bar):
                 on_result(future.result())
             return [future.result() for future in futures]
         finally:

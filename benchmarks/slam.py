@@ -13,7 +13,6 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from rich.table import Table
-from tqdm import tqdm
 
 from benchmarks.recorded_drives import RESOLUTION, make_setup
 from benchmarks.slam_drive import evaluate, record_drive
@@ -21,6 +20,7 @@ from envs.command_line import Count, make_console, run_command
 from envs.logs import load_log, load_relations
 from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
+from envs.progress import Progress
 from envs.robots import load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
 from envs.worlds import load_world
@@ -55,7 +55,7 @@ def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds
     mask = relations_path.parent / "unambiguous_relations.npy"
     if mask.exists():
         relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
-    for name in tqdm(slams, log_path.stem, leave=False):
+    for name in Progress(slams, log_path.stem, leave=False):
         params = SLAMS[name].load("intel")
         slam = make_slam(name, log.lidar, params.resolution, params)
         runs = [measure(log, slam, name, seed, replay(log, slam, seed), relations) for seed in range(seeds)]
@@ -73,7 +73,7 @@ def drive_rows(name: str, slams: tuple[str, ...], seeds: int, minutes: float) ->
     world, _, robot = name.partition(":")
     setup = make_setup(load_world(world), load_robot(robot), "kinematic")
     drives = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
-    for slam_name in tqdm(slams, name, leave=False):
+    for slam_name in Progress(slams, name, leave=False):
         slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
         errors = [evaluate(setup, each, slam, seed) for seed, each in enumerate(drives)]
         median = {field: float(np.median([getattr(e, field) for e in errors])) for field in errors[0]._fields}

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from cmaes import CMA
 from torch.utils.tensorboard import SummaryWriter
-from tqdm import tqdm
 
 from agents.config import EvolutionConfig
 from agents.learned import POLICY
 from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
 from envs.files import write_file
 from envs.processes import start_worker, stop_workers
+from envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances, validate
@@ -57,7 +57,7 @@ def evolve(
     """
     with open_run(config, run, resume) as run, _pool(config.num_workers) as pool:
         evolution = _Evolution(config, run, pool)
-        bar = tqdm(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
+        bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         try:
             with bar, evolution.log:
                 evolution.prepare()

@@ -7,7 +7,6 @@ from typing import Any
 
 import yaml
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.arena import leaderboard
 from benchmarks.arena.measures import BY_NAME
@@ -26,6 +25,7 @@ from benchmarks.arena.verdict import verdict_section
 from benchmarks.arena.workers import Result
 from envs.command_line import make_console
 from envs.files import write_file
+from envs.progress import Progress
 
 TITLE = "The arena"
 TEXT = (
@@ -42,21 +42,12 @@ def run_with_progress(
     evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None, record: bool = False
 ) -> list[Result]:
     """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[latest]}", style="dim", markup=False),
-    )
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("episodes", total=evaluation.total, completed=evaluation.done, latest="")
+    with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
         def on_result(result: Result) -> None:
             came = f"{100 * result.row['explored_fraction']:.0f} %" if result.row else "could not be run"
-            latest = f"{short(result.key.policy)} in {result.key.world}: {came}"
-            progress.update(task, advance=1, latest=latest)
+            bar.set_postfix_str(f"{short(result.key.policy)} in {result.key.world}: {came}", refresh=False)
+            bar.update()
 
         failures = evaluation.run(jobs, ray, on_result, bags, record)
     for (where, reason), (number, who) in group_failures(failures).items():

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import tyro
-from tqdm import tqdm
 
 from envs.command_line import run_command
+from envs.progress import Progress
 from envs.robots import ROBOT_NAMES
 from envs.worlds import WORLD_NAMES
 
@@ -98,7 +98,7 @@ def _steps(count: int, seed: int) -> int:
 
 def _walls(worlds: tuple[str, ...], physics: tuple[str, ...], steps: int, seed: int) -> int:
     pairs = [(world, one) for one in physics for world in worlds]
-    drives = [drive(*pair, steps, seed) for pair in tqdm(pairs, desc="walls", unit="drive")]
+    drives = [drive(*pair, steps, seed) for pair in Progress(pairs, desc="walls", unit="drive")]
     rows = []
     for one in physics:
         own = [d for d in drives if d.physics == one]
@@ -114,9 +114,9 @@ def _walls(worlds: tuple[str, ...], physics: tuple[str, ...], steps: int, seed: 
 
 def _repeats(seed: int, steps: int = 100) -> int:
     cases = list(CASES)
-    wanted = [digest(case, seed, steps) for case in tqdm(cases, desc="episodes", unit="episode")]
+    wanted = [digest(case, seed, steps) for case in Progress(cases, desc="episodes", unit="episode")]
     rows, failures = [], []
-    for way in tqdm(WAYS, desc="repeats", unit="process"):
+    for way in Progress(WAYS, desc="repeats", unit="process"):
         found = digest_elsewhere(cases, way, seed, steps)
         different = [case for case, a, b in zip(cases, wanted, found, strict=True) if a != b]
         rows.append((way, len(cases), len(different)))

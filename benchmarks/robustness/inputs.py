@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+
+from envs.progress import Progress
 
 TIME_LIMIT = 10.0
 """Processor time that an input may take [s]."""
@@ -48,7 +49,7 @@ def try_inputs(kinds: tuple[str, ...], count: int, seed: int, *, progress: bool 
     with tempfile.TemporaryDirectory() as folder, _Process(Path(folder)) as process:
         for kind in kinds:
             counts = Counts(kind)
-            for number in tqdm(range(count), desc=kind, unit="input", disable=not progress):
+            for number in Progress(range(count), desc=kind, unit="input", disable=not progress):
                 outcome, said = process.use(kind, number, seed)
                 if outcome == "refused":
                     counts.refused += 1

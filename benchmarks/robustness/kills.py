@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from tqdm import tqdm
 
 from agents.checkpoint import load_checkpoint
 from agents.run_folder import CheckpointError, list_checkpoints
+from envs.progress import Progress
 
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
@@ -60,7 +60,7 @@ def kill_evaluation(count: int, seed: int, folder: Path, *, progress: bool = Tru
     whole, out = folder / "whole", folder / "killed"
     duration = _run([*command, str(whole)], folder)
     result, seen, rng = Killed("evaluation"), set(), np.random.default_rng([seed, 0])
-    bar = tqdm(total=count, desc="kills of evaluate.py", unit="kill", disable=not progress)
+    bar = Progress(total=count, desc="kills of evaluate.py", unit="kill", disable=not progress)
     while result.kills < count or out.is_dir():
         ended = _run_or_kill([*command, str(out)], folder, duration, rng, result, count)
         bar.update(not ended)
@@ -94,7 +94,7 @@ def kill_training(count: int, seed: int, folder: Path, *, progress: bool = True)
     whole = whole.rename(folder / "whole")
     run, copied = folder / "killed", folder / "copied"
     result, reached, rng = Killed("training"), 0, np.random.default_rng([seed, 1])
-    bar = tqdm(total=count, desc="kills of train.py", unit="kill", disable=not progress)
+    bar = Progress(total=count, desc="kills of train.py", unit="kill", disable=not progress)
     while result.kills < count or run.is_dir():
         wanted = shutil.copytree(run, copied) if run.is_dir() else whole
         ended = _run_or_kill(_resume(run) if run.is_dir() else begin, folder, duration, rng, result, count)

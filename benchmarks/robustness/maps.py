@@ -15,10 +15,10 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-from tqdm import tqdm
 
 import envs  # noqa: F401  registers the environments
 from envs.geometry import OccupancyGrid
+from envs.progress import Progress
 from envs.robots import load_robot
 from envs.worlds import save_map
 
@@ -178,7 +178,7 @@ def measure(names: list[str], size: int) -> list[MapReset]:
         small = write_map("rooms, doors +1", 100, Path(folder))
         for case in CASES:
             reset_once(str(small), case)
-        for name in tqdm(names, desc="maps", unit="map"):
+        for name in Progress(names, desc="maps", unit="map"):
             path = write_map(name, size, Path(folder))
             results += [MapReset(name, case, *_reset_elsewhere(path, case)) for case in CASES]
     return results

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import gymnasium
 import numpy as np
-from tqdm import tqdm
+
+from envs.progress import Progress
 
 NUM_ENVS = 16
 """Sub-environments."""
@@ -42,7 +43,7 @@ def take_steps(slam: str, count: int, seed: int, *, progress: bool = True) -> Me
     rng = np.random.default_rng(seed)
     env.reset(seed=seed)
     rounds, samples, episodes = max(count // NUM_ENVS, SAMPLES), [], 0
-    for k in tqdm(range(rounds), desc=f"steps with {slam}", unit="round", disable=not progress):
+    for k in Progress(range(rounds), desc=f"steps with {slam}", unit="round", disable=not progress):
         actions = rng.uniform((-0.2, -1.0), 1.0, (NUM_ENVS, 2)).astype(np.float32)
         _, _, terminated, truncated, _ = env.step(actions)
         episodes += int(np.count_nonzero(terminated | truncated))

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from envs.estimation import Estimator
 from envs.estimation.belief import check_belief
 from envs.geometry import Pose2D
+from envs.progress import Progress
 from envs.worlds import save_map
 
 from .consistency import conflict_share
@@ -79,8 +79,8 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     online, seconds = np.empty((len(log.ranges), 3)), np.empty(len(log.ranges))
     is_lost = np.zeros(len(log.ranges), dtype=np.bool_)
     corrected = online[:0]
-    steps = zip(log.ranges, log.motions())
-    for k, (ranges, motion) in enumerate(tqdm(steps, f"seed {seed}", len(online), leave=False, disable=not progress)):
+    steps = Progress(zip(log.ranges, log.motions()), f"seed {seed}", len(online), leave=False, disable=not progress)
+    for k, (ranges, motion) in enumerate(steps):
         begin = time.perf_counter()
         belief = slam.update(ranges, motion)
         seconds[k] = time.perf_counter() - begin

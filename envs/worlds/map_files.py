@@ -11,11 +11,11 @@ import yaml
 from PIL import Image
 from pydantic import BaseModel, Field
 from scipy import ndimage
-from tqdm import tqdm
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.geometry.distance_transform import deepest_cell
+from envs.progress import Progress
 
 from .outline import outline
 from .raster import MAX_CELLS, check_world
@@ -182,7 +182,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
     Raises:
         ValueError: if the map has no free cell, or the spawn does not lie on one.
     """
-    with tqdm(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
+    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
         area = _free_area(grid, name, spawn)
         bar.update()
         if spawn is None:

@@ -5,9 +5,9 @@ from itertools import product
 
 import numpy as np
 from numba import njit
-from tqdm import tqdm
 
 from envs.geometry.lines import cell_along, longest_step
+from envs.progress import Progress
 
 NUM_DIRECTIONS = 180
 """Directions in which a goal is searched for from a cell."""
@@ -45,7 +45,7 @@ def visible_from(
     plain, ends = _pack(free & ~goals), _pack(goals)
     visible = goals.copy()
     label = f"explorable area of {name}"
-    with tqdm(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
+    with Progress(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
         for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
             # An octant: one step in `sign` along the axis each time, to `side` or not at all along the other one.
             chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
