@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from pydantic import ValidationError
 from rich.console import Console
 
 from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
-from envs.files import explain_errors, naming, read_record
+from envs.command_line import fail, read_options
+from envs.files import naming, read_record
 from lidarnaut.configurations import find_configuration
 
 
@@ -67,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
-        command = tyro.cli(Command, default=default, args=arguments, prog="evaluate.py", description=__doc__)
+        command = read_options(Command, arguments, default=default, description=__doc__)
         shard = Shard() if command.shard is None else Shard.parse(command.shard)
         evaluation = Evaluation(command.settings, command.out, shard)
         failures = []
@@ -86,11 +86,9 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        said = "\n".join(explain_errors(error, Settings)) if isinstance(error, ValidationError) else str(error)
-        if isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries do not say more
-            said += f" (while writing to {command.out})" if command else ""
-        messages.print(f"evaluate.py: {said}", style="red", markup=False, highlight=False)
-        return 2
+        if command and isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries say no more
+            return fail(f"{error} (while writing to {command.out})")
+        return fail(error)
     if command.json:
         print(json.dumps(to_json(summary), indent=1))
     else:

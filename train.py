@@ -16,6 +16,7 @@ import tyro
 
 from agents.config import EvolutionConfig, TrainingConfig
 from agents.run_folder import CheckpointError, find_config
+from envs.command_line import fail, read_options
 from envs.files import LockedError, read_mapping, read_record
 from lidarnaut.configurations import find_configuration
 
@@ -36,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
             start = read_record(path, kind)
         elif not {"--help", "-h"} & {*overrides}:
             raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
-        config = tyro.cli(kind, default=start, args=overrides, prog="train.py", description=__doc__)
+        config = read_options(kind, overrides, default=start, description=__doc__)
         # Torch takes seconds to load: mistakes above are reported at once.
         if isinstance(config, EvolutionConfig):
             from agents.frontiers.evolution import evolve
@@ -47,11 +48,10 @@ def main(arguments: list[str] | None = None) -> int:
 
             run = train(config, resume=given.resume)
     except KeyboardInterrupt as error:
-        print(f"train.py: stopped {error}".rstrip(), file=sys.stderr)
+        fail(f"stopped {error}".rstrip())
         return 130
     except (CheckpointError, LockedError, ValueError, OSError, ImportError, gymnasium.error.Error) as error:
-        print(f"train.py: {error}", file=sys.stderr)
-        return 2
+        return fail(error)
     print(f"results are in {run}")
     return 0
 

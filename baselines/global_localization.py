@@ -6,13 +6,11 @@ alone until the particle filter has converged, and then from goal to goal. A GIF
 path driven.
 """
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pygame
-import tyro
 from PIL import Image
 from rich.console import Console
 
@@ -20,6 +18,7 @@ from baselines import make_explorer
 from baselines.episode import Info, run, run_episode
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import decide_with_navigator, make_navigator
+from envs.command_line import run_command
 from envs.explore import ExploreEnv
 from envs.localization import load_preset
 from envs.navigate import NavigateEnv
@@ -166,12 +165,7 @@ def main(
         robot: Library robot; by default the world's usual one.
         physics: bullet or kinematic.
     """
-    messages = Console(stderr=True)
-    try:
-        result = map_and_navigate(world, out, seed=seed, goals=goals, robot=robot, physics=physics)
-    except (ValueError, OSError, ImportError) as error:
-        messages.print(f"global_localization: {error}", style="red", markup=False, highlight=False)
-        sys.exit(2)
+    result = map_and_navigate(world, out, seed=seed, goals=goals, robot=robot, physics=physics)
     console = Console(highlight=False, markup=False)
     console.print(f"explored    {100 * result.explored_fraction:.1f} % of {world}; map in {result.map_path}")
     error_cm = 100 * result.error_when_localized
@@ -184,4 +178,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_command(main)

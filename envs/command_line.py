@@ -1,12 +1,20 @@
 """Command lines of functions, whose mistakes end in a message, and the console that tables are printed on."""
 
+import contextlib
+import functools
+import io
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium
 import tyro
+from pydantic import ValidationError
 from rich.console import Console
+
+from envs.files import explain_errors
 
 
 def _read_count(texts: list[str]) -> int:
@@ -29,27 +37,74 @@ Count = Annotated[
 """A whole number from 1."""
 
 
-def run_command(main: Callable[..., Any], arguments: list[str] | None = None) -> Any:
-    """Call a function with the options of the command line, which are its arguments, and return what it returns.
+def program_name() -> str:
+    """Return how this program was called: `python -m MODULE`, or the name of its file or of the installed command."""
+    spec = sys.modules["__main__"].__spec__  # what is run by its path has none
+    return f"python -m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
+
+
+def fail(error: object) -> int:
+    """Say on the standard error what went wrong in this program; return the exit status of wrong arguments."""
+    sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {error}\n")
+    return 2
+
+
+def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
+    """Return what a command line makes of a class or function; see `tyro.cli`, which takes `how`.
+
+    Raises:
+        ValueError: an option is wrong, or a value of a pydantic model; names it and what is allowed, in plain lines.
+    """
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            options = tyro.cli(kind, args=arguments, prog=program_name(), **how)
+    except (SystemExit, ValidationError) as stop:
+        if isinstance(stop, SystemExit) and stop.code != 2:
+            raise
+        message, fault = _in_a_line(said.getvalue()), stop
+        while not (fault is None or isinstance(fault, ValidationError)):
+            fault = fault.__context__
+        if fault:
+            section = re.match(rf"Error parsing (?!{fault.title}:)(\S+):", message)
+            lines = explain_errors(fault, kind)
+            message = "\n".join(f"{section[1]}.{line}" if section else line for line in lines)
+        raise ValueError(message) from None
+    sys.stderr.write(said.getvalue())
+    return options
+
+
+def _in_a_line(box: str) -> str:
+    """Return what tyro writes into a box, but for the help and the explanations of options, which are indented."""
+    rows = [row[2:].rstrip(" │") for row in re.sub(r"\x1b\[[\d;]*m", "", box).splitlines()[1:]]
+    text = " ".join(row.strip() for row in rows if not row.startswith(" " * 8))
+    text = re.sub(r"\s*(─{3,}╯?|-{5,})\s*", "; ", text.replace("Argument helptext:", "it is"))
+    text = re.sub(r"\.?\s+Got errors:[^;]*|; For full helptext.*", "", text).strip("; ")
+    return re.sub(r"^Missing from .*?:", "missing:", text)
+
+
+def run_command(main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None) -> Any:
+    """Call a function with the options of the command line, and return what it returns.
 
     Args:
         main: the function; the documentation of its module is shown as help.
         arguments: options; None takes those of the process.
+        options: class of what the function takes; None for arguments of its own.
 
     Raises:
-        SystemExit: with status 2, if an option is wrong, or the function raises ValueError, RuntimeError or OSError,
-            such as for a missing file; says what.
+        SystemExit: with status 2, if an option is wrong, or the function raises an error that speaks for itself, such
+            as for a missing file; says what.
     """
-    spec = sys.modules["__main__"].__spec__
-    program = spec.name if spec else Path(sys.argv[0]).stem  # run by its path, a file has no specification
-    name = (main.__module__ if main.__module__ != "__main__" else program).removesuffix(".__main__")
+
+    @functools.wraps(main)
+    def later(*args: Any, **kwargs: Any) -> Any:
+        return functools.partial(main, *args, **kwargs)
+
     try:
-        return tyro.cli(
-            main, prog=f"python -m {name}", description=sys.modules[main.__module__].__doc__, args=arguments
-        )
-    except (ValueError, RuntimeError, OSError) as error:
-        sys.stderr.write(f"{name}: {error}\n")
-        sys.exit(2)
+        read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
+        return main(read) if options else read()
+    except (ValueError, RuntimeError, OSError, ImportError, gymnasium.error.Error) as error:
+        sys.exit(fail(error))
 
 
 def make_console() -> Console:

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import gymnasium
 import numpy as np
 import pygame
 import tyro
 
+from envs.command_line import run_command
 from envs.explore import ExploreEnv
 from envs.rendering.picture import GAP, Typesetter
 from envs.rendering.renderer import open_window
@@ -135,28 +135,21 @@ class Teleop:
 
 
 def main(options: Options) -> None:
-    """Drive until the user quits.
-
-    Raises:
-        SystemExit: with what was wrong with the options, or missing for a window.
-    """
-    try:
-        env = ExploreEnv(
-            world=options.world,
-            robot=options.robot,
-            physics=options.physics,
-            slam=options.slam,
-            control_hz=options.control_hz,
-            time_limit=float("inf"),
-            start="spawn",
-            render_mode="rgb_array",
-        )
-        map_paths(options.map)
-        if not options.map.resolve().parent.is_dir():
-            raise FileNotFoundError(f"there is no folder {options.map.resolve().parent} to save maps in")
-        teleop = Teleop(env, options.map, options.seed)
-    except (ValueError, OSError, ImportError, RuntimeError, gymnasium.error.Error) as error:
-        raise SystemExit(f"teleop: {error}") from error
+    """Drive until the user quits; raises what `ExploreEnv` and `Teleop` do where options are wrong."""
+    env = ExploreEnv(
+        world=options.world,
+        robot=options.robot,
+        physics=options.physics,
+        slam=options.slam,
+        control_hz=options.control_hz,
+        time_limit=float("inf"),
+        start="spawn",
+        render_mode="rgb_array",
+    )
+    map_paths(options.map)
+    if not options.map.resolve().parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {options.map.resolve().parent} to save maps in")
+    teleop = Teleop(env, options.map, options.seed)
     clock = pygame.Clock()
     while teleop.tick():
         clock.tick(options.control_hz)
@@ -165,7 +158,7 @@ def main(options: Options) -> None:
 
 def cli() -> None:
     """Drive with the options of the command line."""
-    main(tyro.cli(Options))
+    run_command(main, options=Options)
 
 
 if __name__ == "__main__":

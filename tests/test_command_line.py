@@ -1,10 +1,16 @@
+import io
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import pytest
+import tyro
 
+import evaluate
+import train
 from envs.command_line import Count, run_command
 
 ROOT = Path(__file__).parents[1]
@@ -32,14 +38,63 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         run_command(measure, ["--path", str(tmp_path)])
     assert stop.value.code == 2
-    assert capsys.readouterr().err == f"tests.test_command_line: [Errno 21] Is a directory: '{tmp_path}'\n"
+    assert capsys.readouterr().err.partition(": ")[2] == f"[Errno 21] Is a directory: '{tmp_path}'\n"
+
+
+@dataclass(frozen=True)
+class Options:
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Where."""
+    kind: Literal["slow", "fast"] = "fast"
+    """How."""
+    bounds: tuple[float, float] | None = None
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "missing: PATH"),
+        (["a", "--knid", "slow"], "Unrecognized options: --knid, slow; Perhaps you meant: --kind {slow,fast}"),
+        (["a", "--kind", "big"], "invalid choice 'big' for argument '--kind'. Expected one of ('slow', 'fast')"),
+        (["a", "--bounds", "1", "x"], "Error parsing --bounds: no type matching {None}|{FLOAT FLOAT} could be"),
+    ],
+)
+def test_wrong_options_are_one_plain_line(arguments, says, encoding, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding))
+    with pytest.raises(SystemExit) as stop:
+        run_command(print, arguments, options=Options)
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not set("│─╭╰\x1b") & set(said)
+    assert "----" not in said
+
+
+@pytest.mark.parametrize(
+    ("main", "wrong", "says"),
+    [
+        (train.main, ["--ppo.gamma", "3"], "ppo.gamma: Input should be less than or equal to 1, got 3.0"),
+        (train.main, ["--num-envs", "0"], "num_envs: Input should be greater than or equal to 1, got 0"),
+        (train.main, ["--ppo.batch-size", "7"], "ppo.batch_size 7 does not divide num_envs * ppo.num_steps = 2048"),
+        (train.main, ["--ppo.gama", "1"], "Unrecognized options: --ppo.gama, 1; Perhaps you meant: --ppo.gamma FLOAT"),
+        (evaluate.main, ["--episodes", "0"], "episodes: Input should be greater than or equal to 1, got 0"),
+    ],
+)
+def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, wrong, says, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/somewhere/bin/lidarnaut-command"])
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    options = {train.main: ["--config", "rooms_small"], evaluate.main: ["--config", "arena", "--out", "runs/none"]}
+    assert main([*options[main], *wrong]) == 2
+    assert capsys.readouterr().err == f"lidarnaut-command: {says}\n"
 
 
 def test_a_file_that_is_run_by_its_path_ends_with_a_message_too(tmp_path):
     program = ROOT / "benchmarks/time_ratios.py"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, program, tmp_path / "none"], capture_output=True, text=True, env=environment)
-    assert (done.returncode, "time_ratios: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
+    assert (done.returncode, "time_ratios.py: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
 
 
 @pytest.mark.parametrize(

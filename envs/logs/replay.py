@@ -14,7 +14,7 @@ from rich import box
 from rich.table import Table
 from tqdm import tqdm
 
-from envs.command_line import make_console
+from envs.command_line import make_console, run_command
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
@@ -224,10 +224,7 @@ def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
 
 def cli() -> None:
     """Run the command with the options of the command line; errors end it with a message."""
-    try:
-        main(tyro.cli(Options))
-    except (ValueError, OSError) as error:
-        sys.exit(f"error: {error}")
+    run_command(main, options=Options)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from envs.command_line import fail, read_options
 from envs.files import write_file
 
 from .page import MAX_EPISODES, build_page
@@ -29,8 +30,8 @@ class Options:
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line, write the page and open it; return the exit status."""
-    options = tyro.cli(Options, args=arguments, prog="python -m envs.player", description=__doc__)
     try:
+        options = read_options(Options, arguments, description=__doc__)
         if not 1 <= len(options.episodes) <= MAX_EPISODES:
             raise ValueError(f"one or two episodes can be shown, got {len(options.episodes)}")
         page = build_page([Recording.load(path) for path in options.episodes])
@@ -38,8 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_file(out, page)
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"envs.player: {error}\n")
-        return 2
+        return fail(error)
     sys.stdout.write(f"{out}: {len(page) / 1e6:.1f} MB\n")
     if options.open:
         webbrowser.open(out.resolve().as_uri())

@@ -96,8 +96,7 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
     assert (seen["config"].seed, seen["config"].ppo.learning_rate) == (7, 1e-3)
     assert seen["config"].environment.reward["time"] == -2.0
     assert seen["config"].ppo.num_steps == tiny_config.ppo.num_steps
-    with pytest.raises(SystemExit):
-        train.main(["--config", str(path), "--ppo.learnin-rate", "1"])
+    assert train.main(["--config", str(path), "--ppo.learnin-rate", "1"]) == 2
     assert "--ppo.learning-rate" in capsys.readouterr().err
     assert train.main(["--config", str(tmp_path / "no.yaml")]) == 2
     assert "no.yaml: no such file" in capsys.readouterr().err

@@ -267,12 +267,12 @@ def test_options_that_make_no_sense_are_named(log, options, complaint):
 def test_errors_are_one_line(tmp_path):
     command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / "none.bag")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (1, f"error: no log at {tmp_path / 'none.bag'}\n")
+    assert (done.returncode, done.stderr) == (2, f"envs.logs.replay: no log at {tmp_path / 'none.bag'}\n")
     (tmp_path / "cut.npz").write_bytes(b"PK")
     command[3] = str(tmp_path / "cut.npz")
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert done.stderr.startswith(f"error: {tmp_path / 'cut.npz'}: ")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"envs.logs.replay: {tmp_path / 'cut.npz'}: ")
     assert done.stderr.count("\n") == 1
 
 
