@@ -114,7 +114,7 @@ class ProgressBar(BaseCallback):
     def __init__(self, total_steps: int, evaluations: list[Row]) -> None:
         super().__init__()
         self._total_steps, self._evaluations = total_steps, evaluations
-        self._bar = tqdm(disable=True)
+        self._bar = Progress(disable=True)
 
     def _on_training_start(self) -> None:
         self._bar = Progress(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
