@@ -62,10 +62,9 @@ def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) 
     except (SystemExit, ValidationError) as stop:
         if isinstance(stop, SystemExit) and stop.code != 2:
             raise
-        message, fault = _in_a_line(said.getvalue()), stop
-        while not (fault is None or isinstance(fault, ValidationError)):
-            fault = fault.__context__
-        if fault:
+        message, cause = _in_a_line(said.getvalue()), stop.__context__
+        chain = stop, cause, cause and cause.__context__
+        if fault := next((one for one in chain if isinstance(one, ValidationError)), None):
             section = re.match(rf"Error parsing (?!{fault.title}:)(\S+):", message)
             lines = explain_errors(fault, kind)
             message = "\n".join(f"{section[1]}.{line}" if section else line for line in lines)
@@ -95,11 +94,7 @@ def run_command(main: Callable[..., Any], arguments: list[str] | None = None, op
         SystemExit: with status 2, if an option is wrong, or the function raises an error that speaks for itself, such
             as for a missing file; says what.
     """
-
-    @functools.wraps(main)
-    def later(*args: Any, **kwargs: Any) -> Any:
-        return functools.partial(main, *args, **kwargs)
-
+    later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
         return main(read) if options else read()

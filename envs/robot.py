@@ -35,8 +35,7 @@ class Robot:
         """
         self.params = params
         self.estimator = estimator
-        kind = type(estimator)
-        # Those of the project are not checked, which takes a twentieth of a kinematic step.
+        kind = type(estimator)  # checks of the project's own would take a twentieth of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("envs.") else kind.__name__
         self.odometry = odometry
         self.ground_truth = ground_truth
@@ -95,19 +94,9 @@ class Robot:
             ranges = self._peer_filter(ranges, self.predicted_pose, peers)
         belief = self.estimator.update(ranges, self.motion)
         if self._own_estimator:
-            self._check(belief)
+            check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
+            self._data = belief.grid.data, belief.grid.data.shape
         self.follow(belief)
-
-    def _check(self, belief: Belief) -> None:
-        name, (data, shape) = self._own_estimator, self._data
-        check_belief(belief, name)
-        grid = belief.grid
-        if grid is not self.pyramid.grid or (grid.data is data and data.shape != shape):
-            raise ValueError(
-                f"estimator {name}: grid must be one OccupancyGrid in an episode, for all robots of a team, "
-                "and its data another array where the shape changes"
-            )
-        self._data = grid.data, grid.data.shape
 
     def follow(self, belief: Belief) -> None:
         """Bring trail and pyramid up to date with the belief after a scan."""

@@ -4,11 +4,11 @@ import importlib.util
 from typing import Any
 
 import gymnasium
-from tqdm import tqdm
 
 from agents.learned import find_policy, load_policy
 from baselines import EXPLORERS, make_explorer
 from baselines.episode import run_episode
+from envs.progress import Progress
 from envs.slam import SLAM_NAMES
 
 
@@ -22,7 +22,7 @@ def warm() -> None:
     cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 1})]
     explorers = [make_explorer(name) for name in EXPLORERS]
     explorers += [load_policy(find_policy(f"pretrained/{name}")) for name in ("frontiers", "twist")]
-    with tqdm(total=len(cases) + len(explorers), desc="compiling all kernels", unit="episode") as bar:
+    with Progress(total=len(cases) + len(explorers), desc="compiling all kernels", unit="episode") as bar:
         for make, id, arguments in cases:
             env = make(id, **arguments)
             env.reset(seed=0)

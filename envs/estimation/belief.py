@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from envs.files import SHORT
 from envs.geometry import OccupancyGrid, Pose2D
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -94,21 +95,29 @@ class Belief:
     of estimators with an `anchor` [m, m, rad]; None otherwise."""
 
 
-def check_belief(belief: Any, name: str) -> None:
-    """Refuse a belief that no map can be made of, by the name of its estimator; kernels check no index.
+def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
+    """Refuse a belief that no map can be made of; kernels check no index.
+
+    Args:
+        belief: what an estimator returned.
+        name: of the estimator.
+        grid: that it must hold; None for any.
+        before: data of the grid before, and their shape then.
 
     Raises:
-        ValueError: it is no `Belief`, or a part has the wrong type or shape, is not finite or lies outside of the grid.
+        ValueError: a part has the wrong type or shape, is not finite or lies outside of the grid; names the estimator.
     """
-    if fault := _fault_of(belief):
+    if fault := _fault_of(belief, grid, *before):
         raise ValueError(f"estimator {name}: {fault}")
 
 
-def _fault_of(belief: Any) -> str:
+def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     if not isinstance(belief, Belief):
         return f"it must return a Belief, got {belief!r}"
     data, start, path = belief.grid.data, belief.grid.origin, () if belief.path is None else belief.path
     cells, window, _, origin, _ = belief.update
+    if (grid is not None and belief.grid is not grid) or (data is old_data and data.shape != old_shape):
+        return "grid must be one OccupancyGrid for all robots of an episode, with other data where their shape changes"
     if data.ndim != 2 or data.dtype != np.int8:
         return f"grid.data must be a 2D int8 array, got {data.ndim}D {data.dtype}"
     if not (np.isfinite([*belief.pose, *start, *origin]).all() and np.isfinite(path).all()):
@@ -118,8 +127,7 @@ def _fault_of(belief: Any) -> str:
     if sides.dtype.kind not in "iu" or not (0 <= left <= right < data.shape[1] and 0 <= low <= high < data.shape[0]):
         return f"{window} is no window of cells; {size}"
     if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
-        kind = getattr(cells, "dtype", type(cells).__name__)
-        return f"new_cells must be integers of shape (k, 2), got {kind} of shape {np.shape(cells)}"
+        return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
     for axis in (0, 1) if len(cells) else ():
         # By columns, as the minimum along axis 0 takes twenty times as long.
         first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
