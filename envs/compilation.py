@@ -36,7 +36,7 @@ class SourceLocator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator
 
     def get_cache_path(self) -> str:
         home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-        folder = numba.config.CACHE_DIR or os.path.join(home, "lidarnaut")
+        folder = numba.config.CACHE_DIR or os.path.join(home, "lidarnaut")  # type: ignore[attr-defined]
         return os.path.join(folder, f"{_name(self._py_file)}-{self.get_source_stamp()[:16]}")
 
     def get_source_stamp(self) -> str:

@@ -14,13 +14,14 @@ from envs.slam import SLAM_NAMES
 
 def warm() -> None:
     """Run the first seconds of an episode of everything, behind a progress bar."""
-    explore, kinematic = "lidarnaut/Explore-v0", {"physics": "kinematic"}
+    explore = "lidarnaut/Explore-v0"
+    kinematic: dict[str, Any] = {"physics": "kinematic"}
     ids = [explore, *(f"lidarnaut/{name}-v0" for name in ("ExploreFrontiers", "ExploreTeam", "Navigate", "Track"))]
     physics = ["kinematic", *(["bullet"] if importlib.util.find_spec("pybullet") else [])]
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]
     cases += [(gymnasium.make, explore, kinematic | {"slam": slam}) for slam in SLAM_NAMES]
     cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 1})]
-    explorers = [make_explorer(name) for name in EXPLORERS]
+    explorers: list[Any] = [make_explorer(name) for name in EXPLORERS]
     explorers += [load_policy(find_policy(f"pretrained/{name}")) for name in ("frontiers", "twist")]
     with Progress(total=len(cases) + len(explorers), desc="compiling all kernels", unit="episode") as bar:
         for make, id, arguments in cases:
