@@ -24,7 +24,11 @@ def flat(observation: dict[str, np.ndarray]) -> torch.Tensor:
 
 
 def main(
-    mode: AutoresetMode, total_timesteps: int = 300_000, num_envs: int = 32, num_steps: int = 128, seconds: float = 60.0
+    total_timesteps: int = 300_000,
+    num_envs: int = 32,
+    num_steps: int = 128,
+    seconds: float = 60.0,
+    mode: AutoresetMode = AutoresetMode.NEXT_STEP,
 ) -> list[float]:
     """Train; return the mean reward per step of each iteration."""
     torch.manual_seed(0)
@@ -37,26 +41,23 @@ def main(
     optimizer = torch.optim.Adam([*actor.parameters(), *critic.parameters(), log_std], lr=3e-4)
     is_reset = torch.zeros(num_envs, dtype=torch.bool)  # whether the coming step only resets
     for _ in range(total_timesteps // (num_envs * num_steps)):
-        rows, rewards = [], []
+        rows = []
         with torch.no_grad():
             for _ in range(num_steps):
                 policy = Normal(actor(obs), log_std.exp())
                 action = policy.sample()
                 after, reward, terminated, truncated, info = venv.step(action.clamp(-1.0, 1.0).numpy())
                 done, last = torch.as_tensor(terminated | truncated), flat(after)
-                if mode == AutoresetMode.SAME_STEP:
-                    for i in np.flatnonzero(done):
-                        last[i] = flat(info["final_obs"][i])
-                future = GAMMA * critic(last)[:, 0] * ~torch.as_tensor(terminated)
-                delta = torch.as_tensor(reward, dtype=torch.float32) + future - critic(obs)[:, 0]
-                rows.append((obs, action, policy.log_prob(action).sum(-1), delta, done, ~is_reset))
-                rewards.append(reward)
+                for i in np.flatnonzero(info.get("_final_obs", ())):  # in SAME_STEP alone
+                    last[i] = flat(info["final_obs"][i])
+                reward = torch.as_tensor(reward, dtype=torch.float32)
+                delta = reward + GAMMA * critic(last)[:, 0] * ~torch.as_tensor(terminated) - critic(obs)[:, 0]
+                rows.append((obs, action, policy.log_prob(action).sum(-1), delta, reward, done, ~is_reset))
                 obs, is_reset = flat(after), done & (mode == AutoresetMode.NEXT_STEP)
-            observations, actions, log_probs, deltas, dones, valid = (torch.stack(column) for column in zip(*rows))
+            observations, actions, log_probs, deltas, rewards, dones, valid = (torch.stack(each) for each in zip(*rows))
             advantages = torch.zeros(num_steps + 1, num_envs)  # generalized advantage estimation
             for t in reversed(range(num_steps)):
-                carried = GAMMA * LAMBDA * advantages[t + 1] * ~dones[t]
-                advantages[t] = torch.where(valid[t], deltas[t] + carried, 0.0)
+                advantages[t] = torch.where(valid[t], deltas[t] + GAMMA * LAMBDA * advantages[t + 1] * ~dones[t], 0.0)
             returns = advantages[:-1] + critic(observations)[..., 0]
         data = [column[valid] for column in (observations, actions, log_probs, advantages[:-1], returns)]
         for batch in [part for _ in range(4) for part in torch.randperm(len(data[0])).chunk(4)]:
@@ -65,12 +66,11 @@ def main(
             policy = Normal(actor(o), log_std.exp())
             ratio = (policy.log_prob(a).sum(-1) - old_log_prob).exp()
             surrogate = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            value_loss = (critic(o)[:, 0] - value).square().mean()
-            loss = -surrogate + 0.5 * value_loss - 0.001 * policy.entropy().sum(-1).mean()
+            loss = 0.5 * (critic(o)[:, 0] - value).square().mean() - surrogate - 0.001 * policy.entropy().sum(-1).mean()
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-        means.append(float(np.mean(rewards)))
+        means.append(float(rewards.mean()))
         print(f"mean reward per step: {means[-1]:.3f}")
     venv.close()
     return means

@@ -15,7 +15,7 @@ from sb3_contrib import MaskablePPO
 
 
 def main(
-    total_timesteps: int = 100_000,
+    total_timesteps: int = 60_000,
     num_envs: int = 16,
     num_steps: int = 64,
     seconds: float = 120.0,

@@ -13,7 +13,7 @@ from sb3_contrib import RecurrentPPO
 
 
 def main(
-    total_timesteps: int = 300_000,
+    total_timesteps: int = 60_000,
     num_envs: int = 16,
     num_steps: int = 128,
     seconds: float = 90.0,

@@ -1,5 +1,6 @@
 """Every example runs, on a small budget, and gives what its text says."""
 
+import ast
 import importlib.util
 import re
 from pathlib import Path
@@ -32,6 +33,13 @@ def test_every_example_has_a_test():
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_examples_are_short(path):
     assert 20 <= len(path.read_text().splitlines()) <= 80
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_examples_need_no_arguments(path):
+    functions = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+    (main,) = (function for function in functions if function.name == "main")
+    assert len(main.args.defaults) == len(main.args.args)
 
 
 def test_the_quick_start_films_the_pretrained_explorer(tmp_path):
