@@ -35,6 +35,7 @@ nb_execution_mode = "force"
 nb_execution_timeout = 900
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
+nb_merge_streams = True
 
 # Docstrings write code in single backticks.
 default_role = "code"
