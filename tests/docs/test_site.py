@@ -79,6 +79,13 @@ def test_tutorials_show_their_figures(notebook):
     assert read_page(SITE / "tutorials" / f"{notebook.stem}.html").images >= num_plots
 
 
+@needs_site
+def test_the_tutorial_trains_what_explores_faster_than_nearest():
+    page = (SITE / "tutorials" / "train_an_explorer.html").read_text(encoding="utf-8")
+    trained, nearest = map(int, re.search(r"^trained: +99 % explored, (\d+) s; nearest: (\d+) s", page, re.M).groups())
+    assert trained < 0.8 * nearest
+
+
 @functools.cache
 def measure(width):
     """Return what is wider than its place, by page."""
