@@ -1,6 +1,6 @@
 """How many decisions per second `lidarnaut/ExploreFrontiers-v0` takes: `python -m benchmarks.decisions_throughput`.
 
-Rooms of 20 m x 20 m, TurtleBot3 Burger (360 beams of 3.5 m), TinySLAM, kinematic physics, always the nearest frontier.
+Rooms of 20 m x 20 m, TurtleBot3 Burger (360 beams of 3.5 m), Hector, kinematic physics, always the nearest frontier.
 Each design explores for as many decisions in each of its environments, so that maps small and large are in all figures;
 they take turns in short slices, all in one process pinned to one core. What counts is processor time: the wall clock of
 a shared machine also measures other processes. Worlds that are drawn ahead in the background count as well.
