@@ -42,7 +42,7 @@ class RunCallback(BaseCallback):
             self._saved_steps = self._latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
-        return f"at step {self._saved_steps}, which is saved; python train.py --resume {self._run} goes on"
+        return f"at step {self._saved_steps}, which is saved; --resume {self._run} goes on"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
         """Return the error that says what is not finite, the remedy, and from where the training can go on."""

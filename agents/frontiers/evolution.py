@@ -69,7 +69,7 @@ def evolve(
         except KeyboardInterrupt:
             stop_workers(pool)
             done = f"after generation {len(evolution.values)}"
-            raise KeyboardInterrupt(f"{done}; python train.py --resume {run} goes on") from None
+            raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
         evolution.save()
     return run
 

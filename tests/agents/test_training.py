@@ -158,7 +158,7 @@ def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_
     (run,) = Path("runs").iterdir()
     steps = 0 if step == 1 else 384
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said == f"train.py: stopped at step {steps}, which is saved; python train.py --resume {run} goes on"
+    assert said == f"train.py: stopped at step {steps}, which is saved; --resume {run} goes on"
     saved = load_checkpoint(find_checkpoint(run))
     assert saved.record.steps == steps
     often = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
