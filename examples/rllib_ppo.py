@@ -26,7 +26,7 @@ def make_env(config: dict[str, Any]) -> gymnasium.Env:
     return gymnasium.wrappers.FlattenObservation(env)
 
 
-def main(total_timesteps: int = 50_000, batch_size: int = 4000, num_runners: int = 0) -> float:
+def main(total_timesteps: int = 20_000, batch_size: int = 4000, num_runners: int = 0) -> float:
     """Train; return the mean loss of the value function in the last iteration.
 
     Args:

@@ -27,7 +27,7 @@ def make_env() -> TransformedEnv:
     return TransformedEnv(env, Compose(CatTensors(["scan", "motion"], "inputs", del_keys=False), StepCounter()))
 
 
-def main(total_timesteps: int = 50_000, batch_size: int = 2048, epochs: int = 4) -> float:
+def main(total_timesteps: int = 40_000, batch_size: int = 2048, epochs: int = 4) -> float:
     """Train; return the mean reward per step of the last batch.
 
     Args:
