@@ -168,7 +168,7 @@ def _label(
         }
         axes.annotate(text, **place, color=theme.ink, fontsize=9.5, fontweight=weight)
     lines = [(1.0, f"{short(reference)} = 1")]
-    lines += [(value.iqm, f"{policy}: {TIME.texts(value)[0]}") for policy, value in bounds.items()]
+    lines += [(value.iqm, f"ground truth: {TIME.texts(value)[0]}") for value in bounds.values()]
     for (x, text), side in zip(sorted(lines, reverse=True), ("left", "right")):
         shift = 3 if side == "left" else -3
         # Side by side above the axes, away from each other; a bound near the left edge gets its name at its right.

@@ -209,7 +209,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._shard.close()
         for worker in self._workers:
             if self._is_under_way:  # it may be at work for long, or wait for the rest of a message
-                worker.process.terminate()
+                worker.process.kill()  # whatever handler it has inherited
             worker.close()
 
     def _check_open(self) -> None:

@@ -62,7 +62,7 @@ def _stop(pipe: Any, process: Any) -> None:
     pipe.close()
     process.join(timeout=10.0)
     if process.is_alive():
-        process.terminate()
+        process.kill()
 
 
 def receive(pipe: Connection) -> bytes:
