@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 
 
 def main(
-    total_timesteps: int = 300_000,
+    total_timesteps: int = 200_000,
     num_envs: int = 32,
     num_steps: int = 128,
     seconds: float = 90.0,
