@@ -83,7 +83,9 @@ def ranking_section(rows: Sequence[Row]) -> Section:
     tables = [ranking_table(rows)]
     if unseen := held_out(rows):
         number, total = (len(set(map(start_of, part))) for part in (unseen, rows))
-        text += f" The first table is of the {number} starts in worlds or with robots that no training saw."
+        text += (
+            f" The first table is of the {number} starts in worlds or with robots that no training of the package saw."
+        )
         tables = [ranking_table(unseen), replace(tables[0], title=f"All {total} starts, those of training worlds too")]
     return Section("Leaderboard", (text, *tables))
 

@@ -139,7 +139,10 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
         print_case(console, summary, case)
     if len(cases) > 1:
         rows = relate(common_starts(evaluation.rows()))
-        for title, part in {"Worlds or robots that no training saw": held_out(rows), "All worlds": rows}.items():
+        for title, part in {
+            "Worlds or robots that no training of the package saw": held_out(rows),
+            "All worlds": rows,
+        }.items():
             if part:
                 console.print(to_terminal(leaderboard.ranking_table(part, PRINTED), title))
     if missing := evaluation.missing():

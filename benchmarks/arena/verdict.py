@@ -36,8 +36,8 @@ def verdict_section(rows: Sequence[Row]) -> Section | None:
         return None
     text, where = verdict(rows), ""
     if unseen := held_out(rows):
-        where = ", in worlds or with robots that no training saw"
-        text = f"In worlds or with robots that no training saw: {verdict(unseen)} With those of the training: {text}"
+        where = ", in worlds or with robots that no training of the package saw"
+        text = f"{where[2:].capitalize()}: {verdict(unseen)} With those of the training: {text}"
         rows = unseen
     times = by_relative_time(rows)
     first = next(iter(times.values()))

@@ -84,12 +84,12 @@ def test_what_no_training_saw_comes_first():
     text, figure = verdict_section(relate(rows)).parts
     first, pooled = text.split(" With those of the training: ")
     assert first.startswith(
-        "In worlds or with robots that no training saw: gain_over_cost explores fastest: 95 % in 0.85"
+        "In worlds or with robots that no training of the package saw: gain_over_cost explores fastest: 95 % in 0.85"
     )
     assert f"over {STARTS} starts" in first
     assert pooled.startswith("mine explores fastest: 95 % in 0.70")
     assert f"over {2 * STARTS} starts" in pooled
-    assert "that no training saw" in figure.caption
+    assert "that no training of the package saw" in figure.caption
     _, unseen_table, all_table = ranking_section(relate(rows)).parts
     assert [line[1].text for line in unseen_table.lines] == [line[1].text for line in all_table.lines]
     assert unseen_table.lines != all_table.lines
