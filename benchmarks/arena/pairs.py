@@ -58,7 +58,7 @@ def policies_of(rows: Iterable[Row]) -> list[str]:
 
 
 def held_out(rows: Sequence[Row]) -> list[Row]:
-    """Return the episodes in worlds or with robots that are held out; none if all are, or nothing learned takes part."""
+    """Return the episodes in worlds or with robots that are held out; none if all are, or nothing was learned."""
     found = [row for row in rows if is_held_out(row["world"], row["robot"])]
     return found if len(found) < len(rows) and any(row["model"] for row in rows) else []
 
