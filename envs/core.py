@@ -358,6 +358,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.time_limit = usual
 
 
+def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
+    """Return the environment in which robots drive, whatever wraps it, and be they driven by twists or decisions.
+
+    Raises:
+        TypeError: there is none in it.
+    """
+    inner = getattr(env.unwrapped, "explore", env.unwrapped)
+    if not isinstance(inner, LidarEnv):
+        raise TypeError(f"{type(inner).__name__} is no LidarEnv")
+    return inner
+
+
 def make_robots(
     params: RobotParams,
     physics: str,

@@ -72,7 +72,7 @@ class ExploreEnv(LidarEnv):
     ## Information
     Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m],
     heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the
-    end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
+    end also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
     `returned` and `time_home` (since the robot was called back) [s]; `end_reason` is `"returned"` in place of `"covered"`,
     and `is_success` asks for both. With `randomize` each step also `randomized`: what the episode has drawn, by name.
 

@@ -55,7 +55,7 @@ class ExploreTeamEnv(ExploreEnv):
     ## Information
     Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `time` [s], `rewards` (terms),
     `is_success`, and per robot `pose_error` (shape (num_robots, 2): position [m], heading [rad]), `path_length` [m] and
-    `collisions` (both shape (num_robots,)); at the end also `map_iou` and `end_reason` (`"covered"` or `"time_limit"`).
+    `collisions` (both shape (num_robots,)); at the end also `map_iou`, `area_left` [m2] and `end_reason` (`"covered"` or `"time_limit"`).
 
     ## Arguments
     Those of `ExploreEnv` but for `return_home`, and

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.geometry import Pose2D
+from envs.measures import Measure
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Reading, RobotState
@@ -45,6 +46,10 @@ class Task(ABC):
     start.
     """
 
+    measures: Sequence[Measure]
+    """Measures of an episode, one of them the headline; `envs.measures.COMMON` and `SUCCESS` come on top."""
+    progress: str
+    """Entry of `info` that says how much of the task is done, from 0 to 1; curves show it over time."""
     weights: RewardTerms
     """Weights of the reward terms."""
     reset_options: tuple[str, ...] = ()

@@ -191,5 +191,5 @@ class TrackEnv(KnownMapEnv):
     def scene(self) -> NavigationScene:
         """Return this moment for drawing: the robot on its map, and the route ahead."""
         scene = super().scene()
-        scene.plan = self.route.points[self.task.progress.index :]
+        scene.plan = self.route.points[self.task.route_progress.index :]
         return scene

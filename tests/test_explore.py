@@ -131,7 +131,7 @@ def test_info_has_every_key_and_rewards_sum_up():
     out = rollout(env, 2, 100)
     assert set(out[0][1]) == INFO_KEYS
     for _, reward, _, _, info in out[1:]:
-        assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
+        assert set(info) - {"map_iou", "area_left", "end_reason"} == INFO_KEYS
         assert reward == pytest.approx(sum(info["rewards"].values()))
         assert set(info["rewards"]) == {"explored", "time", "collision", "completed"}
     assert out[-1][3] is True

@@ -22,6 +22,7 @@ QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
 INFO_KEYS = {
     "distance_to_goal",
     "way_to_goal",
+    "progress",
     "pose_error",
     "is_lost",
     "path_length",

@@ -9,6 +9,7 @@ import numpy as np
 from envs.arguments import is_number
 from envs.estimation.map_pyramid import MapPyramid
 from envs.geometry import Pose2D
+from envs.measures import Measure, final, mean_over_limit, when
 from envs.observations.peers import Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
@@ -26,6 +27,42 @@ class Explore(WorldTask):
     Ends with "covered" once the explored fraction reaches the target.
     """
 
+    measures = (
+        Measure("explored_fraction", "explored", "%", True, partial(final, name="explored_fraction"), 1, 100.0),
+        *(
+            Measure(
+                f"time_to_{share}",
+                f"time to {share} %",
+                "s",
+                False,
+                partial(when, name="explored_fraction", mark=share / 100),
+                0,
+                limit="time_limit",
+            )
+            for share in (90, 95, 99)
+        ),
+        Measure(
+            "distance_to_95",
+            "distance to 95 %",
+            "m",
+            False,
+            partial(when, name="explored_fraction", mark=0.95, quantity="path_length"),
+            limit="distance_limit",
+        ),
+        Measure(
+            "area_under_curve",
+            "area under curve",
+            "%",
+            True,
+            partial(mean_over_limit, name="explored_fraction"),
+            1,
+            100.0,
+            is_headline=True,
+        ),
+        Measure("map_iou", "map IoU", "%", True, partial(final, name="map_iou"), 1, 100.0),
+        Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
+    )
+    progress = "explored_fraction"
     weights_kind: type[Weights] = RewardWeights
     """Which reward terms there are."""
     is_returning = False
@@ -104,8 +141,10 @@ class Explore(WorldTask):
         }
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return the agreement of the map with the visible walls."""
-        return {"map_iou": map_iou(self._robots[0].belief.grid, self.coverage.area, self.map_pose)}
+        """Return the agreement of the map with the visible walls, and the area that is not explored [m2]."""
+        area = self.coverage.area
+        left = area.area - self.coverage.explored_area
+        return {"map_iou": map_iou(self._robots[0].belief.grid, area, self.map_pose), "area_left": left}
 
     def _cover(self, robot: Robot, true_pose: Pose2D) -> float:
         belief = robot.belief

@@ -13,6 +13,7 @@ from envs.estimation.motion import MotionSource
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization.fusion import FusedPose, start_covariance
+from envs.measures import Measure, final, root_mean_square, when_successful
 from envs.observations import RouteAhead
 from envs.robot import Robot
 from envs.robots import RobotParams
@@ -53,6 +54,22 @@ class FusedRobot(Robot):
 class FollowRoute(Task):
     """Follow a route to its end. Ends with "completed", or with "strayed" too far from the route."""
 
+    measures = (
+        Measure("progress", "route driven", "%", True, partial(final, name="progress"), 1, 100.0),
+        Measure(
+            "deviation_rmse",
+            "deviation from the route",
+            "cm",
+            False,
+            partial(root_mean_square, name="deviation"),
+            1,
+            100.0,
+            is_headline=True,
+        ),
+        Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
+    )
+    progress = "progress"
+
     def __init__(
         self,
         robot: RobotParams,
@@ -89,7 +106,7 @@ class FollowRoute(Task):
 
     def points_ahead(self, distances: np.ndarray) -> np.ndarray:
         """Return the points of the route at distances ahead of the estimated pose [m]: shape (n, 2), map frame [m]."""
-        return self.progress.ahead(distances)
+        return self.route_progress.ahead(distances)
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the route.
@@ -129,7 +146,7 @@ class FollowRoute(Task):
         robot.start_on(route_map.grid, route_map.north, readings[0], rngs[0], self._start_spread)
         self._one = robot
         self.end_reason = None
-        self.progress, self._true_progress = Progress(self.route), Progress(self.route_world)
+        self.route_progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._follow(self._start, robot)
         # Twice the time that the route takes at full speed, and half a minute.
         return 30.0 + 2.0 * self.route.length / self._robot.max_v
@@ -166,4 +183,4 @@ class FollowRoute(Task):
 
     def _follow(self, true_pose: Pose2D, robot: Robot) -> None:
         self._driven, self._deviation = self._true_progress.update(true_pose)
-        self.progress.update(robot.belief.pose)
+        self.route_progress.update(robot.belief.pose)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from envs.arguments import check_positive, is_pose
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization.localizer import KnownMapEstimator
+from envs.measures import Course, Measure, final, when_successful
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Robot
 from envs.robots import RobotParams
@@ -24,8 +26,24 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
 
 
+def path_efficiency(course: Course) -> float:
+    """Return success weighted by path length: 0 without success, else shortest length over the length driven.
+
+    Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
+    """
+    shortest = float(course.samples["way_to_goal"][0])
+    return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
+
+
 class Navigate(WorldTask):
     """Drive to a goal on a known map. Ends with "reached" when the true pose is at the goal."""
+
+    measures = (
+        Measure("spl", "success by path length", "%", True, path_efficiency, 1, 100.0, is_headline=True),
+        Measure("time_to_goal", "time to the goal", "s", False, when_successful, limit="time_limit"),
+        Measure("way_left", "distance left", "m", False, partial(final, name="way_to_goal"), 2),
+    )
+    progress = "progress"
 
     reset_options = ("goal",)
 
@@ -106,7 +124,7 @@ class Navigate(WorldTask):
         """Where to go, map frame."""
         self._true_goal = self.map_pose.compose(self.goal)
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
-        self._path_left = self._geodesic.length(self._true_pose)
+        self._path_left = self._path_length = self._geodesic.length(self._true_pose)
         self.end_reason = None
         # Four times what the path takes at full speed, and as long again to find out where the robot is.
         usual = 30.0 + 4.0 * self._path_left / self._robot.max_v + 60.0 * (self._initial_pose == "unknown")
@@ -135,6 +153,7 @@ class Navigate(WorldTask):
         return {
             "distance_to_goal": distance(pose.x - goal.x, pose.y - goal.y),
             "way_to_goal": self._path_left,
+            "progress": 1.0 if self._is_at_goal() else max(0.0, 1.0 - self._path_left / max(self._path_length, 1e-9)),
             "is_lost": self._one.belief.is_lost,
             "is_success": self._is_at_goal(),
         }

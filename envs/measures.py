@@ -1,0 +1,152 @@
+"""Measures of an episode: what a task declares, and how numbers are computed from the course of an episode."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """The course of an episode, as `info` told it: n samples, one at the reset and one after every step."""
+
+    samples: Mapping[str, np.ndarray]
+    """Shape (n, ...), float64, by the name of an entry of `info`; with an axis for the robots of a team."""
+    final: Mapping[str, Any]
+    """The last `info`, with `end_reason`."""
+    time_limit: float
+    """Time limit [s]."""
+    max_speed: float
+    """Greatest forward speed of the robot [m/s]."""
+
+    def of(self, name: str) -> np.ndarray:
+        """Return the samples of a number, summed over the robots of a team; shape (n,), float64."""
+        samples = self.samples[name]
+        return samples.reshape(len(samples), -1).sum(axis=1)
+
+
+class CourseRecorder:
+    """Collects the numbers of `info`, moment by moment."""
+
+    def __init__(self) -> None:
+        self._rows: list[list[Any]] = []
+        self._names: list[str] = []
+
+    def watch(self, info: Mapping[str, Any]) -> None:
+        """Take a sample: of the reset, or of a step."""
+        if not self._rows:
+            self._names = [name for name, value in info.items() if np.asarray(value).dtype.kind in "biuf"]
+        self._rows.append([info[name] for name in self._names])
+
+    def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
+        """Return the course of an episode that has ended with an `info`; see `Course` for the other arguments."""
+        columns = zip(*self._rows, strict=True)
+        samples = {name: np.array(column, dtype=np.float64) for name, column in zip(self._names, columns, strict=True)}
+        return Course(samples, final, time_limit, max_speed)
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A number of an episode: how it is computed, named and printed."""
+
+    name: str
+    """Column of `episodes.csv`, and key in `summary.json`."""
+    label: str
+    unit: str
+    higher_is_better: bool | None
+    """None where neither is better by itself."""
+    compute: Callable[[Course], float]
+    """Returns the number of an episode; infinite for a mark that was never reached."""
+    digits: int = 1
+    """Decimals in tables."""
+    scale: float = 1.0
+    """Factor from the SI unit of the data to `unit`."""
+    is_share: bool = False
+    """Whether it is 0 or 1, so that its mean is a share."""
+    limit: str = ""
+    """Column that counts where the mark was never reached; empty where there is no mark."""
+    is_headline: bool = False
+    """Whether policies are ranked by it; a task has one such measure, which every episode has."""
+
+    @property
+    def title(self) -> str:
+        """Label and unit, the heading of a column."""
+        return f"{self.label} {self.unit}".strip()
+
+    def text(self, value: float, sign: str = "") -> str:
+        """Return the value in `unit`, rounded for a table; `sign="+"` marks it as a difference."""
+        rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
+        return f"{rounded:{sign}.{self.digits}f}"
+
+
+def final(course: Course, name: str) -> float:
+    """Return a number of the last `info`, summed over the robots of a team."""
+    return float(np.sum(course.final[name]))
+
+
+def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
+    """Return `quantity` (shape (n,)) where `fraction` (shape (n,)) first reaches `mark`; infinite if it never does."""
+    reached = fraction >= mark
+    return float(quantity[reached.argmax()]) if reached.any() else math.inf
+
+
+def when(course: Course, name: str, mark: float, quantity: str = "time") -> float:
+    """Return the time [s], or another quantity, at which a number of `info` first reached a mark; see `first_at`."""
+    return first_at(course.of(quantity), course.of(name), mark)
+
+
+def when_successful(course: Course, quantity: str = "time") -> float:
+    """Return the time at the end of an episode that succeeded [s], or another quantity; infinite for others."""
+    return final(course, quantity) if course.final["is_success"] else math.inf
+
+
+def mean_over_limit(course: Course, name: str) -> float:
+    """Return the mean of a number of `info` over the whole time limit; after an early end the last value holds."""
+    values, time, limit = course.of(name), course.of("time"), course.time_limit
+    known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
+    return float(known / max(limit, time[-1]))
+
+
+def root_mean_square(course: Course, name: str, column: int | None = None) -> float:
+    """Return the root mean square of a number of `info`, or of a column of it; of all robots of a team."""
+    samples = course.samples[name]
+    return float(np.sqrt(np.mean(np.square(samples if column is None else samples[..., column]))))
+
+
+SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
+"""Of every task: `is_success` of the last `info`."""
+COMMON = (
+    Measure("path_length", "path", "m", None, partial(final, name="path_length")),
+    Measure("collisions", "collisions", "", False, partial(final, name="collisions")),
+    Measure(
+        "position_rmse",
+        "position error",
+        "cm",
+        False,
+        partial(root_mean_square, name="pose_error", column=0),
+        scale=100.0,
+    ),
+    Measure(
+        "heading_rmse",
+        "heading error",
+        "deg",
+        False,
+        partial(root_mean_square, name="pose_error", column=1),
+        2,
+        math.degrees(1.0),
+    ),
+)
+"""Of every task, after its own."""
+
+
+def measures_of(measures: Sequence[Measure]) -> tuple[Measure, ...]:
+    """Return all measures of the episodes of a task: its own, those of `COMMON`, and `SUCCESS`."""
+    return (*measures, *COMMON, SUCCESS)
+
+
+def headline_of(measures: Sequence[Measure]) -> Measure:
+    """Return the measure by which policies are ranked."""
+    return next(measure for measure in measures if measure.is_headline)
