@@ -21,6 +21,7 @@ from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors, rms
 from envs.robots import load_robot
+from envs.simulation import Reading
 from envs.slam import DEFAULT_SLAM, make_slam
 from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
@@ -69,7 +70,7 @@ def evaluate(setup: Setup, recorded: Drive, slam: Estimator, seed: int) -> Drive
         odometry = odometry.compose(Pose2D(*motion))
         dead_reckoning.append(odometry)
         began = time.perf_counter()
-        estimates.append(slam.update(ranges, Pose2D(*motion)).pose)
+        estimates.append(slam.update(Reading.of_scan(ranges), Pose2D(*motion)).pose)
         seconds[k] = time.perf_counter() - began
     slam_position, slam_heading = _errors(estimates, start, truth)
     odometry_position, odometry_heading = _errors(dead_reckoning, start, truth)

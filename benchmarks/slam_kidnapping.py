@@ -16,6 +16,7 @@ from envs.command_line import Count, make_console, run_command
 from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors
 from envs.robots import load_robot
+from envs.simulation import Reading
 from envs.slam import make_slam
 from envs.worlds import load_world
 
@@ -45,7 +46,7 @@ def kidnap(slam_name: str, world: str, robot: str, seed: int, minutes: float, se
     slam.reset(rngs[5])
     poses, lost = [], []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
-        belief = slam.update(ranges, Pose2D(*motion))
+        belief = slam.update(Reading.of_scan(ranges), Pose2D(*motion))
         poses.append(belief.pose)
         lost.append(belief.is_lost)
     after = slice(len(first.ranges), None)

@@ -229,7 +229,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         robot.reading = reading
         truth.update(simulator.states[0])
         robot.follow(self._mapping.process_key_scan(reading.ranges, pose))
-        explore.task.update(simulator.states, explore.robots, explore.control_period)
+        explore.task.update(simulator, explore.robots, explore.control_period)
         self._note(count, 0)
         return is_free
 

@@ -17,8 +17,9 @@ from envs.geometry import Pose2D
 from envs.ground_truth import GroundTruth, pose_error
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
-from envs.robot import Robot
+from envs.robot import Robot, reset_robots
 from envs.robots import RobotParams
+from envs.sensor import Measured, make_sensors
 from envs.simulation import Reading, Simulator, Twist, make_simulator
 from envs.task import Task
 from envs.worlds import World
@@ -46,6 +47,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         clip_actions: bool = False,
         is_team: bool = False,
         randomize: Ranges | None = None,
+        sensors: Sequence[Any] = (),
     ) -> None:
         """Assemble an environment.
 
@@ -60,6 +62,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             clip_actions: whether actions outside [-1, 1] are clipped, or refused.
             is_team: whether actions and observations have an axis for the robots.
             randomize: ranges of the true robot's parameters, which each episode draws; see `envs.randomization`.
+            sensors: sensors of the user's own, see `envs.sensor.make_sensors`.
 
         Raises:
             ValueError: if one is not allowed; the message names it and what is.
@@ -92,7 +95,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = is_team
-        self.parts = make_parts(observations, task.observation_parts())
+        self.sensors = make_sensors(sensors)
+        measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
+        self.parts = make_parts(observations, {**measured, **task.observation_parts()})
         self.observation_space: spaces.Space[Any] = self._make_observation_space()
         self._action_shape = (len(self.robots), 2) if is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
@@ -133,12 +138,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             # After all others and from a generator of its own: the same seed without randomization has the same
             # world, starts and task.
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
-            task.true_robot = self._randomization.robot(self.randomized)
-            self.simulator.set_robot(task.true_robot)
+            self.simulator.set_robot(self._randomization.robot(self.randomized))
         readings = self.simulator.reset(self.world, starts, rngs[::2])
         self.truths = [GroundTruth(state) for state in self.simulator.states]
         own = {key: options[key] for key in task.reset_options if key in options}
-        usual = task.reset(self.robots, readings, rngs[1::2], self.np_random, own)
+        readings = self._with_extra(readings, is_first=True)
+        priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
+        reset_robots(self.robots, readings, priors, rngs[1::2])
+        usual = task.reset(self.simulator, self.robots, self.np_random, own)
+        for part in self.parts.values():
+            if hasattr(part, "reset"):
+                for robot in self.robots:
+                    part.reset(robot)
         self._set_time_limit(usual)
         self.plans = [None] * num_robots
         self._has_begun = True
@@ -195,16 +206,28 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
         robots, simulator = self.robots, self.simulator
-        readings = simulator.step(commands)  # world -> physics -> sensors
+        readings = self._with_extra(simulator.step(commands))  # world -> physics -> sensors
         states = simulator.states
         for robot, reading, truth, state in zip(robots, readings, self.truths, states, strict=True):
             robot.sense(reading)  # odometry
             truth.update(state)
         for robot in robots:
             robot.locate()  # scan matching -> map
-        self.task.update(states, robots, self.control_period)
+        self.task.update(simulator, robots, self.control_period)
         if self.on_period is not None:
             self.on_period(commands)
+
+    def _with_extra(self, readings: list[Reading], is_first: bool = False) -> list[Reading]:
+        """Return the readings with what the user's own sensors measure."""
+        if not self.sensors:
+            return readings
+        if is_first:  # a generator after all others: the same seed without sensors has the same episode
+            for sensor, rng in zip(self.sensors, self.np_random.spawn(len(self.sensors)), strict=True):
+                sensor.reset(self.world, rng)
+        return [
+            reading._replace(extra={sensor.name: sensor.measure(self.simulator, k) for sensor in self.sensors})
+            for k, reading in enumerate(readings)
+        ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last control period.

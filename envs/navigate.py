@@ -180,6 +180,7 @@ class NavigateEnv(KnownMapEnv):
             goal_tolerance=goal_tolerance,
             heading_tolerance=heading_tolerance,
             initial_pose=initial_pose,
+            is_exact=localizer != "amcl",
             map=load_map(map) if isinstance(map, str | Path) else map,
             map_pose=map_pose,
             reward=reward,

@@ -1,13 +1,30 @@
 """One robot: its readings, its estimates of pose and map, and the path that it took."""
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
 from envs.estimation import ORIGIN, Belief, Estimator
 from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import MotionSource
 from envs.estimation.peers import PeerFilter
 from envs.estimation.trail import Trail, interpolate
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
+
+
+class Prior(NamedTuple):
+    """What a robot is told at the start of an episode."""
+
+    pose: Pose2D | None = ORIGIN
+    """Of the base, map frame; None for global localization on a known map."""
+    map: OccupancyGrid | None = None
+    """The known map; None for an unknown one."""
+    covariance: np.ndarray | None = None
+    """Shape (3, 3), float64: of the pose [m, m, rad]; None for the estimator's own."""
 
 
 class Robot:
@@ -29,7 +46,7 @@ class Robot:
         Args:
             params: the robot.
             control_period: time between two readings [s].
-            estimator: turns scans and motions into a belief.
+            estimator: turns readings and motions into a belief.
             odometry: motion by the robot's own sensors.
             ground_truth: motion that the estimator gets instead; None for odometry.
         """
@@ -50,11 +67,20 @@ class Robot:
         """Pose estimate and map."""
         return self.estimator.belief
 
-    def start(self, reading: Reading) -> None:
-        """Begin an episode at rest, once the estimator has been reset; `locate` processes the reading's scan."""
+    def reset(self, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None) -> None:
+        """Begin an episode at rest; `locate` processes the reading's scan.
+
+        Args:
+            reading: the first.
+            prior: what the robot is told.
+            rng: source of the estimator's noise.
+            shared_map: map that another robot of the team integrates its scans into; None without one.
+        """
+        told = {} if prior.covariance is None else {"covariance": prior.covariance}
+        self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self.reading = reading
         self.twist = Twist(0.0, 0.0)
-        """Velocity by odometry."""
+        """Velocity by odometry, or by the estimator where it gives one."""
         self.action = (0.0, 0.0)
         """The last action: forward speed and yaw rate over their limits."""
         self.collisions = 0
@@ -88,11 +114,11 @@ class Robot:
         Raises:
             ValueError: no map can be made of the belief; see `check_belief`.
         """
-        ranges = self.reading.ranges
+        reading = self.reading
         if self.peers:
             peers = [peer.predicted_pose for peer in self.peers]
-            ranges = self._peer_filter(ranges, self.predicted_pose, peers)
-        belief = self.estimator.update(ranges, self.motion)
+            reading = reading._replace(ranges=self._peer_filter(reading.ranges, self.predicted_pose, peers))
+        belief = self.estimator.update(reading, self.motion)
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
@@ -101,8 +127,39 @@ class Robot:
     def follow(self, belief: Belief) -> None:
         """Bring trail and pyramid up to date with the belief after a scan."""
         self.predicted_pose = belief.pose
+        if belief.twist is not None:
+            self.twist = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
         self.pyramid.update(belief.update)
         if self.trail.append(belief.pose):
             self.pyramid.mark(belief.pose.x, belief.pose.y)
+
+
+def reset_robots(
+    robots: Sequence[Robot],
+    readings: Sequence[Reading],
+    priors: Sequence[Prior],
+    rngs: Sequence[np.random.Generator],
+) -> None:
+    """Begin an episode of one robot, or of several that share a map, and process the first scans.
+
+    Args:
+        robots: all robots.
+        readings: their first ones.
+        priors: what they are told.
+        rngs: sources of their estimators' noise.
+    """
+    shared_map = None
+    for robot, reading, prior, rng in zip(robots, readings, priors, rngs, strict=True):
+        robot.reset(reading, prior, rng, shared_map)
+        shared_map = getattr(robot.estimator, "map", None)
+    if len(robots) > 1:
+        pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
+        for robot in robots:
+            robot.pyramid = pyramid
+    for robot in robots:
+        if getattr(robot.estimator, "uses_first_scan", True):
+            robot.locate()
+        else:
+            robot.trail.append(robot.belief.pose)

@@ -9,14 +9,18 @@ from gymnasium import spaces
 
 from envs.geometry import Pose2D
 from envs.measures import Measure
-from envs.robot import Robot
+from envs.robot import Prior, Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState
+from envs.simulation import Simulator
 from envs.worlds import World
 
 
 class ObservationPart(Protocol):
-    """One entry of an observation, for one robot."""
+    """One entry of an observation, for each robot.
+
+    A part that keeps something for an episode also has `reset(robot)`, which is called for each robot once it has
+    processed its first reading.
+    """
 
     def space(self, robot: RobotParams) -> spaces.Space:
         """Return the space of what `write` writes."""
@@ -54,10 +58,10 @@ class Task(ABC):
     """Weights of the reward terms."""
     reset_options: tuple[str, ...] = ()
     """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
-    true_robot: RobotParams | None = None
-    """The robot as it is in this episode, where its parameters are drawn; None where it is the nominal one."""
+    starts: Sequence[Pose2D]
+    """Where the robots started, world frame; set by `choose_starts`."""
     map_pose: Pose2D
-    """Pose of the map frame in the world, once `reset` has been called."""
+    """Pose of the map frame in the world; set by `choose_starts` where it depends on them."""
     end_reason: str | None = None
     """Why the task has ended the episode; None while it has not."""
 
@@ -76,7 +80,7 @@ class Task(ABC):
 
     @abstractmethod
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
-        """Return where the robots start, world frame.
+        """Return where the robots start, world frame, and set `starts` and `map_pose`.
 
         Args:
             world: of the episode.
@@ -84,31 +88,34 @@ class Task(ABC):
             rng: draws what is random.
         """
 
-    @abstractmethod
-    def reset(
-        self,
-        robots: Sequence[Robot],
-        readings: Sequence[Reading],
-        rngs: Sequence[np.random.Generator],
-        rng: np.random.Generator,
-        options: Mapping[str, Any],
-    ) -> float:
-        """Start an episode: reset the robots' estimators and process the first readings.
+    def prior(self, index: int, rng: np.random.Generator) -> Prior:
+        """Return what a robot is told at the start: its own pose, and no map; called after `choose_starts`.
 
         Args:
-            robots: all robots of the episode.
-            readings: the first.
-            rngs: a generator for each robot's estimator.
+            index: which of the robots.
+            rng: of the robot's estimator.
+        """
+        return Prior(self.map_pose.between(self.starts[index]))
+
+    @abstractmethod
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        """Start an episode, once the robots have been reset and have processed their first readings.
+
+        Args:
+            simulator: ground truth: the world, states of the robots, contacts, what moves.
+            robots: all robots of the episode, with their estimates.
             rng: draws what is random about the task.
-            options: of `reset`, those in `reset_options`.
+            options: of the environment's `reset`, those in `reset_options`.
 
         Returns:
             The usual time limit of the episode [s].
         """
 
     @abstractmethod
-    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
-        """Process a control period of so many seconds: the true states, and the robots' estimates."""
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
+        """Process a control period of so many seconds; `simulator` and `robots` as for `reset`."""
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:

@@ -14,9 +14,10 @@ from envs.navigate import KnownMapEnv
 from envs.observations import Observations
 from envs.randomization import Ranges
 from envs.rendering.scene import NavigationScene
+from envs.robot import Robot
 from envs.robots import RobotParams, load_robot
 from envs.simulation import make_simulator
-from envs.tasks.follow_route import FollowRoute, FusedRobot
+from envs.tasks.follow_route import FollowRoute
 from envs.tasks.rewards import TrackRewards
 from envs.tasks.route import Route
 from envs.worlds import World
@@ -139,8 +140,11 @@ class TrackEnv(KnownMapEnv):
             raise ValueError(f"map_latency must be finite and not negative, got {map_latency!r}")
         params = load_robot(robot)
         period = 1.0 / control_hz
+        self.localizer = Amcl(params.lidar, AMCL_PARAMS)
+        self.fused = fused = FusedPose(params, self.localizer, fusion, map_latency)
         task = FollowRoute(
             params,
+            fused,
             world=world,
             path=path,
             max_deviation=max_deviation,
@@ -152,12 +156,10 @@ class TrackEnv(KnownMapEnv):
             control_period=period,
             seed=map_seed,
         )
-        self.localizer = Amcl(params.lidar, AMCL_PARAMS)
-        fused = FusedPose(params, self.localizer, fusion, map_latency)
         super().__init__(
             task,
             make_simulator(physics, params, period),
-            [FusedRobot(params, period, fused, make_motion_source(params, period))],
+            [Robot(params, period, fused, make_motion_source(params, period))],
             observations,
             control_hz=control_hz,
             time_limit=time_limit,
@@ -166,12 +168,11 @@ class TrackEnv(KnownMapEnv):
             randomize=randomize,
         )
         self.task: FollowRoute = task
-        self.fused = fused
 
     @property
     def estimate(self) -> Estimate:
         """The fused pose and velocity."""
-        return self.robots[0].estimate  # type: ignore[attr-defined]
+        return self.fused.estimate
 
     @property
     def start(self) -> Pose2D:

@@ -16,15 +16,16 @@ from baselines.episode import run_episode
 from envs.estimation import Belief
 from envs.geometry import Pose2D
 from envs.robots import LidarParams
+from envs.simulation import Reading
 from envs.slam import KnownPoses, load_params
 
 
 class Forgetful(KnownPoses):
     """Maps at the pose by odometry, of whose turns it takes 98 %."""
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
-        """Process a scan, shape (num_beams,), float32 [m], and the motion since the one before."""
-        return super().update(ranges, motion._replace(theta=0.98 * motion.theta))
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Process a reading, and the motion since the one before."""
+        return super().update(reading, motion._replace(theta=0.98 * motion.theta))
 
 
 def make_forgetful(lidar: LidarParams, resolution: float) -> Forgetful:

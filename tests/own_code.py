@@ -89,7 +89,7 @@ class Failing(KnownPoses):
     def __init__(self, lidar, resolution):
         super().__init__(lidar, replace(load_params("default"), resolution=resolution))
 
-    def update(self, ranges, motion):
+    def update(self, reading, motion):
         raise TypeError("no numbers")
 
 

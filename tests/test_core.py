@@ -51,8 +51,8 @@ class Nailed(KnownPoses):
     def __init__(self, lidar, resolution):
         super().__init__(lidar, replace(load_params("default"), resolution=resolution))
 
-    def update(self, ranges, motion):
-        return super().update(ranges, type(motion)(0.0, 0.0, 0.0))
+    def update(self, reading, motion):
+        return super().update(reading, type(motion)(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +193,8 @@ class Redrawing(KnownPoses):
         self._count = 0
         return super().reset(rng, pose, map)
 
-    def update(self, ranges, motion) -> Belief:
-        belief = super().update(ranges, motion)
+    def update(self, reading, motion) -> Belief:
+        belief = super().update(reading, motion)
         self._count += 1
         if self._count == 10:
             cells = round(1.0 / belief.grid.resolution)

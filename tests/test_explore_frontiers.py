@@ -73,22 +73,22 @@ class OwnTinySlam(TinySlam):
 class OwnKnownPoses(KnownPoses):
     """The same of mapping with known poses."""
 
-    def update(self, ranges, motion):
-        return super().update(ranges, motion)
+    def update(self, reading, motion):
+        return super().update(reading, motion)
 
 
 class OwnHector(Hector):
     """The same of Hector."""
 
-    def update(self, ranges, motion):
-        return super().update(ranges, motion)
+    def update(self, reading, motion):
+        return super().update(reading, motion)
 
 
 class OwnGraphSlam(GraphSlam):
     """The same of graph SLAM."""
 
-    def update(self, ranges, motion):
-        return super().update(ranges, motion)
+    def update(self, reading, motion):
+        return super().update(reading, motion)
 
 
 class Jumping(KnownPoses):
@@ -118,15 +118,15 @@ class Jumping(KnownPoses):
 class OwnJumping(Jumping):
     """The same, which no kernel drives."""
 
-    def update(self, ranges, motion):
-        return super().update(ranges, motion)
+    def update(self, reading, motion):
+        return super().update(reading, motion)
 
 
 class OwnGMapping(GMapping):
     """The same of GMapping."""
 
-    def update(self, ranges, motion):
-        return super().update(ranges, motion)
+    def update(self, reading, motion):
+        return super().update(reading, motion)
 
 
 LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}

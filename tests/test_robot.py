@@ -74,8 +74,8 @@ class Faulty(KnownPoses):
         self._count = 0
         return super().reset(*args, **kwargs)
 
-    def update(self, ranges, motion):
-        belief = super().update(ranges, motion)
+    def update(self, reading, motion):
+        belief = super().update(reading, motion)
         self._count += 1
         if self._count == 2:
             self.spoil(belief)

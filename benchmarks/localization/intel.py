@@ -11,6 +11,7 @@ from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.logs import Log, load_log, pose_errors, rms
 from envs.robots import LidarParams
+from envs.simulation import Reading
 from envs.slam import KnownPoses, TinySlamParams
 
 from .runs import localize
@@ -53,7 +54,7 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
     before = Pose2D(0.0, 0.0, 0.0)
     for ranges, row in zip(log.ranges, reference.tolist()):
         pose = Pose2D(*row)
-        mapper.update(ranges, before.between(pose))
+        mapper.update(Reading.of_scan(ranges), before.between(pose))
         before = pose
     grid = mapper.belief.grid
     data = np.where(grid.data >= SHARE_OF_HITS, OCCUPIED, np.minimum(grid.data, 0)).astype(np.int8)

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from envs.files import SHORT
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.simulation import Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 """Pose of a frame in itself."""
@@ -90,6 +91,8 @@ class Belief:
     """Shape (3, 3), float64: covariance of x, y, heading [m, m, rad]; zeros where the estimator gives none."""
     is_lost: bool = False
     """Whether the pose must not be trusted."""
+    twist: Twist | None = None
+    """Estimated velocity of the base; None where the estimator gives none."""
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
     of estimators with an `anchor` [m, m, rad]; None otherwise."""

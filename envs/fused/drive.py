@@ -146,7 +146,7 @@ class FusedDrive:
         flags = int(rows.flags[0])
         if flags & KEY_SCAN:
             robots.process_key_scan(0)
-        env.task.update(env.simulator.states, env.robots, env.control_period)
+        env.task.update(env.simulator, env.robots, env.control_period)
         return count, num_contacts, progress, bool(flags & KEY_SCAN)
 
     def _next_noise(self) -> np.ndarray:

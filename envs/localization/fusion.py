@@ -1,14 +1,14 @@
 """Sensor fusion: one pose estimate from a localizer, wheel encoders and a compass."""
 
+import math
 from collections import deque
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.estimation.motion import WheelMotion
+from envs.estimation import ORIGIN, Belief
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
-from envs.simulation import Reading
+from envs.simulation import Reading, Twist
 
 from .ekf import Ekf, EkfParams, Estimate
 from .ekf_kernels import STATE_SIZE
@@ -63,42 +63,57 @@ class FusedPose:
         """Measurements that arrived with the last reading, of all kinds, be they used by the fusion or not."""
         self.localized: Estimate
         """The localizer's own estimate at the last reading, with speeds from the encoders."""
+        self.estimate: Estimate
+        """The fused pose and velocity."""
         self.belief: Belief
         """The fused pose on the map."""
         self._kinds = FUSIONS[fusion]
         self._latency = latency
         self._has_compass = robot.imu.has_compass
-        self._odometry, self._wheels, self._compass = WheelMotion(robot), WheelMeter(robot), CompassMeter(robot)
+        self.north = math.nan
+        """What the compass reads in the direction of the map's x axis [rad]; set it before a reset."""
+        self._wheels, self._compass = WheelMeter(robot), CompassMeter(robot)
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
     def reset(
         self,
-        occupancy: OccupancyGrid,
-        north: float,
-        pose: Pose2D,
-        reading: Reading,
         rng: np.random.Generator,
-        covariance: np.ndarray,
-    ) -> Estimate:
-        """Start at rest on a map, at a pose of the base, map frame, with a covariance as from `start_covariance`.
+        pose: Pose2D = ORIGIN,
+        map: OccupancyGrid | None = None,
+        covariance: np.ndarray | None = None,
+    ) -> Belief:
+        """Start at rest on a map; see `Estimator`. The first reading that follows is that of the start.
 
-        The compass reads `north` [rad] in the direction of the map's x axis; the localizer's noise comes from `rng`.
+        Raises:
+            ValueError: there is no map.
         """
-        self._odometry.reset(reading)
-        self._wheels.reset(reading.time, reading.ticks)
-        self._compass.reset(reading.time, north)
+        if map is None:
+            raise ValueError("localization needs a map")
+        self._start = np.diag(start_covariance()).copy()
+        if covariance is not None:
+            self._start[:3] = np.diag(covariance)
+        self._has_begun = False
         self._delayed.clear()
-        self.localizer.reset(occupancy, pose, rng, covariance=covariance[:3, :3])
-        self.localizer.update(reading.ranges, Pose2D(0.0, 0.0, 0.0))
-        self.ekf.reset(pose, covariance, time=reading.time)
-        self.measurements = []
-        self.localized = Estimate(reading.time, pose, 0.0, 0.0, covariance)
-        self.belief = Belief(pose, occupancy)
-        return self.localized
+        self.localizer.reset(map, pose, rng, covariance=np.diag(self._start[:3]))
+        self.belief = Belief(pose, map)
+        return self.belief
 
-    def update(self, reading: Reading) -> Estimate:
-        """Update by a reading."""
-        motion = self._odometry.update(reading)
+    def _begin(self, reading: Reading) -> Belief:
+        """Process the reading of the start."""
+        self._has_begun = True
+        covariance = np.diag(self._start)
+        self._wheels.reset(reading.time, reading.ticks)
+        self._compass.reset(reading.time, self.north)
+        self.localizer.update(reading.ranges, ORIGIN)
+        self.ekf.reset(self.belief.pose, covariance, time=reading.time)
+        self.measurements = []
+        self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, covariance)
+        return self.belief
+
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Update by a reading; see `Estimator`."""
+        if not self._has_begun:
+            return self._begin(reading)
         localized = self.localizer.update(reading.ranges, motion)
         wheels = self._wheels.update(reading.time, reading.ticks)
         self.measurements = [wheels]
@@ -118,6 +133,7 @@ class FusedPose:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)
         estimate = self.ekf.estimate(reading.time) if self._kinds else self.localized
-        self.belief.pose, self.belief.covariance = estimate.pose, estimate.covariance[:3, :3]
-        self.belief.is_lost = localized.is_lost
-        return estimate
+        self.estimate, belief = estimate, self.belief
+        belief.pose, belief.covariance = estimate.pose, estimate.covariance[:3, :3]
+        belief.twist, belief.is_lost = Twist(estimate.v, estimate.w), localized.is_lost
+        return belief

@@ -7,6 +7,7 @@ import numpy as np
 
 from envs.estimation import ORIGIN, Belief
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.simulation import Reading
 
 
 @dataclass(slots=True)
@@ -83,6 +84,8 @@ class Localizer(Protocol):
 class KnownMapEstimator:
     """An `Estimator` around a `Localizer`: the map stays as it is, pose and covariance are the localizer's."""
 
+    uses_first_scan = False
+
     def __init__(self, localizer: Localizer) -> None:
         """Take a localizer."""
         self.localizer = localizer
@@ -106,9 +109,9 @@ class KnownMapEstimator:
         self.belief = Belief(estimate.pose, map)
         return self._follow(estimate)
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
-        """Process one scan; see `Estimator`."""
-        return self._follow(self.localizer.update(ranges, motion))
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Process the scan of a reading; see `Estimator`."""
+        return self._follow(self.localizer.update(reading.ranges, motion))
 
     def _follow(self, estimate: PoseEstimate) -> Belief:
         belief = self.belief

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from envs.command_line import make_console, run_command
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
+from envs.simulation import Reading
 from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
 from .consistency import MAX_CONFLICTS
@@ -131,7 +132,7 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
     slam = _make_slam(name, options, log)
     slam.reset(np.random.default_rng(options.first_seed))
     for ranges in log.ranges[:8]:  # compile the kernels, which must not be timed, with motions that make key scans
-        slam.update(ranges, Pose2D(1.0, 0.0, 0.5))
+        slam.update(Reading.of_scan(ranges), Pose2D(1.0, 0.0, 0.5))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     runs = []

@@ -11,6 +11,7 @@ from envs.estimation import Estimator
 from envs.estimation.belief import check_belief
 from envs.geometry import Pose2D
 from envs.progress import Progress
+from envs.simulation import Reading
 from envs.worlds import save_map
 
 from .consistency import conflict_share
@@ -82,7 +83,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     steps = Progress(zip(log.ranges, log.motions()), f"seed {seed}", len(online), leave=False, disable=not progress)
     for k, (ranges, motion) in enumerate(steps):
         begin = time.perf_counter()
-        belief = slam.update(ranges, motion)
+        belief = slam.update(Reading.of_scan(ranges), motion)
         seconds[k] = time.perf_counter() - begin
         check_belief(belief, type(slam).__name__)
         online[k], is_lost[k] = belief.pose, belief.is_lost

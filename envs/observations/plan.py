@@ -85,14 +85,16 @@ class Plan:
         """Return `Box(-1, 1, (9 * num_candidates,), float32)`."""
         return spaces.Box(-1.0, 1.0, (WIDTH * self._num,), np.float32)
 
+    def reset(self, robot: Robot) -> None:
+        """Find the first frontiers of an episode."""
+        navigator = FrontierNavigator(
+            robot.params, robot.control_period, max_candidates=self._max, max_time=self._survey_time
+        )
+        self._surveys[robot] = _Survey(robot, navigator, self._num)
+
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the plan to `out`."""
-        survey = self._surveys.get(robot)
-        if survey is None or survey.trail is not robot.trail:  # of another episode
-            navigator = FrontierNavigator(
-                robot.params, robot.control_period, max_candidates=self._max, max_time=self._survey_time
-            )
-            survey = self._surveys[robot] = _Survey(robot, navigator, self._num)
+        survey = self._surveys[robot]
         survey.update(robot)
         survey.write(robot, out.reshape(-1, WIDTH))
 
@@ -102,7 +104,6 @@ class _Survey:
 
     def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:
         """Find the first frontiers, of which `num` are kept."""
-        self.trail = robot.trail
         self._navigator, self._num, self._reading = navigator, num, robot.reading
         self._paths: list[np.ndarray] = []
         navigator.begin(robot.reading, robot.belief)

@@ -33,12 +33,15 @@ class BaseSimulator:
         self.circles = np.empty((0, 3))
         """What `World.circles_at` returns for the present time."""
         self.steps = 0
+        self.robot = robot
+        """The true robot."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
         self._states: list[RobotState] | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robots' parameters from the next reset on; see `Simulator`."""
+        self.robot = robot
         self.sensors.set_robot(robot, self._period)
 
     @property

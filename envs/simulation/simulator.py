@@ -1,6 +1,7 @@
 """What simulated robots report, and what every physics must offer."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -35,6 +36,13 @@ class Reading(NamedTuple):
     """Compass, in the world frame [rad]; NaN for robots without one."""
     bumper: bool
     """Whether the body touched anything during the period."""
+    extra: Mapping[str, np.ndarray] = {}
+    """What sensors of the user's own measured, by their names; see `envs.sensor.Sensor`."""
+
+    @classmethod
+    def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
+        """Return a reading that holds a scan alone, shape (num_beams,), float32 [m]; for estimators without a robot."""
+        return cls(time, ranges, (0, 0), 0.0, math.nan, False)
 
 
 class RobotState(NamedTuple):
@@ -52,6 +60,11 @@ class Simulator(Protocol):
     @property
     def ignored(self) -> tuple[str, ...]:
         """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
+        ...
+
+    @property
+    def robot(self) -> RobotParams:
+        """The robots as they are: where parameters are drawn, those of this episode."""
         ...
 
     @property

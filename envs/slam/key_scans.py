@@ -10,6 +10,7 @@ from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
+from envs.simulation import Reading
 
 from .scans import check_scan
 
@@ -65,17 +66,17 @@ class KeyScanSlam(ABC):
         self.belief = Belief(pose, grid)
         return self.belief
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> Belief:
-        """Process one scan.
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Process the scan of a reading.
 
         Args:
-            ranges: shape (num_beams,), float32 [m]: +inf for no return, NaN for a beam to ignore.
+            reading: of its `ranges`, +inf is no return, NaN a beam to ignore.
             motion: pose of the base now, as the motion source sees it from the base at the previous scan.
 
         Raises:
             ValueError: if the scan has another number of beams, or the motion is not finite.
         """
-        ranges = check_scan(ranges, motion, self._lidar)
+        ranges = check_scan(reading.ranges, motion, self._lidar)
         predicted = self._predict(motion)
         if self.params.match_every_scan or self.is_key_pose(predicted):
             return self.process_key_scan(ranges, predicted)

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from envs.arguments import is_number
-from envs.estimation.map_pyramid import MapPyramid
 from envs.geometry import Pose2D
 from envs.measures import Measure, final, mean_over_limit, when
 from envs.observations.peers import Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState
+from envs.simulation import Simulator
 from envs.task import ObservationPart
+from envs.worlds import World
 
 from .coverage import Coverage, map_iou
 from .rewards import RewardWeights, Weights
@@ -86,37 +86,27 @@ class Explore(WorldTask):
         """Return the peers of a team as "mates"; see `Task`."""
         return {} if self._num_robots == 1 else {"mates": partial(Peers, self._num_robots - 1)}
 
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robots start; the map frame is the first one's start. See `Task`."""
+        starts = super().choose_starts(world, start, rng)
+        self.map_pose = starts[0]
+        return starts
+
     def reset(
-        self,
-        robots: Sequence[Robot],
-        readings: Sequence[Reading],
-        rngs: Sequence[np.random.Generator],
-        rng: np.random.Generator,
-        options: Mapping[str, Any],
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; the map frame is the first robot's start. See `Task`."""
-        self.map_pose = first = self._starts[0]
-        shared_map = None
-        for robot, reading, pose, robot_rng in zip(robots, readings, self._starts, rngs, strict=True):
-            robot.estimator.reset(robot_rng, first.between(pose), shared_map)
-            shared_map = getattr(robot.estimator, "map", None)
-            robot.start(reading)
-        if len(robots) > 1:
-            pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
-            for robot in robots:
-                robot.pyramid = pyramid
-        self.coverage = Coverage(self.area, first, (self.true_robot or self._robot).lidar)
-        for robot, pose in zip(robots, self._starts, strict=True):
-            robot.locate()
+        """Start an episode; see `Task`."""
+        self.coverage = Coverage(self.area, self.map_pose, simulator.robot.lidar)
+        for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
         self.end_reason = None
         self._robots = robots
         return self.area.usual_time_limit(self._robot.max_v)
 
-    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Count what was explored; see `Task`."""
         self._gained, self._period = 0.0, period
-        for robot, state in zip(robots, states, strict=True):
+        for robot, state in zip(robots, simulator.states, strict=True):
             self._gained += self._cover(robot, state.pose)
         self._touching = sum(robot.reading.bumper for robot in robots)
         if self.coverage.explored_fraction >= self.target_coverage:

@@ -9,46 +9,20 @@ import numpy as np
 
 from envs.arguments import check_positive
 from envs.estimation import ORIGIN
-from envs.estimation.motion import MotionSource
-from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.localization.fusion import FusedPose, start_covariance
 from envs.measures import Measure, final, root_mean_square, when_successful
 from envs.observations import RouteAhead
-from envs.robot import Robot
+from envs.robot import Prior, Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState, Twist
+from envs.simulation import Simulator
 from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
 from .rewards import TrackRewards
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
-
-
-class FusedRobot(Robot):
-    """A robot whose estimate is a `FusedPose`: localizer, encoders and compass in a Kalman filter."""
-
-    def __init__(self, params: RobotParams, control_period: float, fused: FusedPose, odometry: MotionSource) -> None:
-        """Take the filter in place of an estimator; see `Robot`."""
-        super().__init__(params, control_period, fused, odometry)  # type: ignore[arg-type]
-        self._fused = fused
-
-    def start_on(self, grid: OccupancyGrid, north: float, reading: Reading, rng: np.random.Generator, std: Any) -> None:
-        """Begin an episode at the origin of a map; see `FusedPose.reset`.
-
-        `std` are the standard deviations of the start's position [m] and heading [rad].
-        """
-        self.estimate = self._fused.reset(grid, north, ORIGIN, reading, rng, start_covariance(*std))
-        self.start(reading)
-
-    def locate(self) -> None:
-        """Process the last reading: its scan, encoders and compass."""
-        self.estimate = self._fused.update(self.reading)
-        self.twist = Twist(self.estimate.v, self.estimate.w)
-        pose = self.estimate.pose
-        if self.trail.append(pose):
-            self.pyramid.mark(pose.x, pose.y)
 
 
 class FollowRoute(Task):
@@ -73,6 +47,7 @@ class FollowRoute(Task):
     def __init__(
         self,
         robot: RobotParams,
+        fused: FusedPose,
         *,
         world: str | World,
         path: Any,
@@ -95,7 +70,7 @@ class FollowRoute(Task):
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
         """The route in the map frame."""
-        self._robot = robot
+        self._robot, self._fused = robot, fused
         self._max_deviation = max_deviation
         self._start_spread = start_spread
         self._make_map = partial(make_route_map, robot=robot, path=self.route_world.points.tobytes(), **mapping)
@@ -128,32 +103,29 @@ class FollowRoute(Task):
             raise ValueError("a route has its own start; make another environment")
         spread, turn = self._start_spread
         offset = Pose2D(*(rng.standard_normal(3) * (spread, spread, turn)).tolist())
-        self._start = self.map_pose.compose(offset)
-        return [self._start]
+        self.starts = [self.map_pose.compose(offset)]
+        return self.starts
+
+    def prior(self, index: int, rng: np.random.Generator) -> Prior:
+        """Return the map, which the first episode makes, and its origin as the start; see `Task`."""
+        route_map = self._make_map(self.world)
+        self._fused.north = route_map.north
+        return Prior(ORIGIN, route_map.grid, start_covariance(*self._start_spread)[:3, :3])
 
     def reset(
-        self,
-        robots: Sequence[Robot],
-        readings: Sequence[Reading],
-        rngs: Sequence[np.random.Generator],
-        rng: np.random.Generator,
-        options: Mapping[str, Any],
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; the first one makes the map. See `Task`."""
-        (robot,) = robots
-        assert isinstance(robot, FusedRobot)
-        route_map = self._make_map(self.world)
-        robot.start_on(route_map.grid, route_map.north, readings[0], rngs[0], self._start_spread)
-        self._one = robot
+        """Start an episode; see `Task`."""
+        (self._one,) = robots
         self.end_reason = None
         self.route_progress, self._true_progress = Progress(self.route), Progress(self.route_world)
-        self._follow(self._start, robot)
+        self._follow(self.starts[0], self._one)
         # Twice the time that the route takes at full speed, and half a minute.
         return 30.0 + 2.0 * self.route.length / self._robot.max_v
 
-    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
-        pose, before = states[0].pose, self._driven
+        pose, before = simulator.states[0].pose, self._driven
         self._follow(pose, robots[0])
         away = distance(*(self._true_progress.route.points[self._true_progress.index] - pose[:2]))
         self._gained, self._period, self._touching = self._driven - before, period, robots[0].reading.bumper

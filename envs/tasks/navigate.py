@@ -10,15 +10,14 @@ import numpy as np
 from envs.arguments import check_positive, is_pose
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
-from envs.localization.localizer import KnownMapEstimator
 from envs.measures import Course, Measure, final, when_successful
 from envs.observations import Goal, PoseUncertainty
-from envs.robot import Robot
+from envs.robot import Prior, Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState
+from envs.simulation import Simulator
 from envs.task import ObservationPart
 
-from .goals import DeadReckoning, GeodesicDistance, draw_goal, known_map
+from .goals import GeodesicDistance, draw_goal, known_map
 from .rewards import NavigateRewards
 from .starts import WorldTask
 
@@ -55,6 +54,7 @@ class Navigate(WorldTask):
         goal_tolerance: float,
         heading_tolerance: float,
         initial_pose: Literal["known", "unknown"],
+        is_exact: bool,
         map: OccupancyGrid | None,
         map_pose: tuple[float, float, float],
         reward: NavigateRewards | Mapping[str, float],
@@ -80,6 +80,7 @@ class Navigate(WorldTask):
         self._goal = goal
         self._tolerances = goal_tolerance, heading_tolerance
         self._initial_pose = initial_pose
+        self._is_exact = is_exact  # dead reckoning could not make up for a wrong start
         super().__init__(robot, **worlds)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
@@ -90,26 +91,30 @@ class Navigate(WorldTask):
         """Return where to go, map frame."""
         return self.goal
 
+    def prior(self, index: int, rng: np.random.Generator) -> Prior:
+        """Return what the localizer may know of the start, and the map; see `Task`."""
+        grid = known_map(self.area) if self._map is None else self._map
+        if self._initial_pose == "unknown":
+            return Prior(None, grid)
+        pose = self.map_pose.between(self.starts[0])
+        std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
+        offset = std * rng.standard_normal(3)
+        given = Pose2D(pose.x + offset[0], pose.y + offset[1], pose.theta + offset[2])
+        cell = grid.cells(np.array(given[:2]))
+        if self._is_exact or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
+            given = pose
+        return Prior(given, grid, np.diag(std**2))
+
     def reset(
-        self,
-        robots: Sequence[Robot],
-        readings: Sequence[Reading],
-        rngs: Sequence[np.random.Generator],
-        rng: np.random.Generator,
-        options: Mapping[str, Any],
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         """Start an episode; see `Task`."""
-        (robot,), (reading,), (start,) = robots, readings, self._starts
-        grid = known_map(self.area) if self._map is None else self._map
-        self._reset_localizer(robot.estimator, grid, start, rngs[0])  # type: ignore[arg-type]
-        robot.start(reading)
-        robot.trail.append(robot.belief.pose)
-        self._one = robot
-        self._true_pose = start
+        (self._one,) = robots
+        self._true_pose = self.starts[0]
         self.end_reason = None
         goal = options.get("goal", self._goal)
         if isinstance(goal, str) and goal == "random":
-            goal = self.map_pose.between(draw_goal(self.area, start, rng))
+            goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng))
         return self.set_goal(goal)
 
     def set_goal(self, goal: tuple[float, float, float]) -> float:
@@ -130,9 +135,9 @@ class Navigate(WorldTask):
         usual = 30.0 + 4.0 * self._path_left / self._robot.max_v + 60.0 * (self._initial_pose == "unknown")
         return 10.0 * round(0.1 * usual)
 
-    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
-        self._true_pose = states[0].pose
+        self._true_pose = simulator.states[0].pose
         before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
         self._gained, self._period = before - self._path_left, period
         self._touching = robots[0].reading.bumper
@@ -162,20 +167,3 @@ class Navigate(WorldTask):
         to_goal = self._true_pose.between(self._true_goal)
         near, aligned = self._tolerances
         return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned
-
-    def _reset_localizer(
-        self, estimator: KnownMapEstimator, grid: OccupancyGrid, start: Pose2D, rng: np.random.Generator
-    ) -> None:
-        """Reset the localizer with what it may know of the start (world frame)."""
-        if self._initial_pose == "unknown":
-            estimator.reset(rng, None, grid)
-            return
-        pose = self.map_pose.between(start)
-        std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
-        offset = std * rng.standard_normal(3)
-        given = Pose2D(pose.x + offset[0], pose.y + offset[1], pose.theta + offset[2])
-        cell = grid.cells(np.array(given[:2]))
-        is_exact = isinstance(estimator.localizer, DeadReckoning)
-        if is_exact or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
-            given = pose
-        estimator.reset(rng, given, grid, np.diag(std**2))

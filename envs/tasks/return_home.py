@@ -11,7 +11,7 @@ import numpy as np
 from envs.observations.home import Home
 from envs.robot import Robot
 from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState
+from envs.simulation import Simulator
 from envs.task import ObservationPart
 
 from .explore import Explore
@@ -41,17 +41,12 @@ class ExploreAndReturn(Explore):
         return {**super().observation_parts(), "home": partial(Home, self._calls_back)}
 
     def reset(
-        self,
-        robots: Sequence[Robot],
-        readings: Sequence[Reading],
-        rngs: Sequence[np.random.Generator],
-        rng: np.random.Generator,
-        options: Mapping[str, Any],
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         """Start an episode; see `Explore`."""
         self.is_returning = self._is_covered = self._has_completed = False
         self._time_home = 0.0
-        return super().reset(robots, readings, rngs, rng, options)
+        return super().reset(simulator, robots, rng, options)
 
     def call_back(self) -> None:
         """Tell that exploration is over though the target is not reached: the explorer knows of no frontier."""
@@ -60,16 +55,16 @@ class ExploreAndReturn(Explore):
     def _calls_back(self) -> bool:
         return self.is_returning
 
-    def update(self, states: Sequence[RobotState], robots: Sequence[Robot], period: float) -> None:
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Count what was explored, and see whether the robot has returned; see `Task`."""
         if self.is_returning:
             self._time_home += period
-        super().update(states, robots, period)
+        super().update(simulator, robots, period)
         is_covered, self.end_reason = self.end_reason is not None, None
         self._has_completed = is_covered and not self._is_covered
         self._is_covered |= is_covered
         self.is_returning |= is_covered
-        (x, y, _), (home_x, home_y, _) = states[0].pose, self.map_pose
+        (x, y, _), (home_x, home_y, _) = simulator.states[0].pose, self.map_pose
         if self.is_returning and math.hypot(x - home_x, y - home_y) <= HOME_RADIUS:
             self.end_reason = "returned"
 

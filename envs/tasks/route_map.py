@@ -150,7 +150,7 @@ class _Mapper:
         self._use(reading)
 
     def _use(self, reading: Reading) -> None:
-        belief = self.slam.update(reading.ranges, self._motion)
+        belief = self.slam.update(reading, self._motion)
         self._motion = ORIGIN
         self.poses.append(belief.pose)
         offset = reading.heading - belief.pose.theta

@@ -65,8 +65,8 @@ class WorldTask(Task):
         self.area = explorable_area(world, self._robot, self._resolution)
         """The true part of the world that can be reached."""
         chosen = self._start if start is None else read_start(start, self._num_robots)
-        self._starts = choose_starts(chosen, world, self.area, self._robot, self._num_robots, rng)
-        return self._starts
+        self.starts = choose_starts(chosen, world, self.area, self._robot, self._num_robots, rng)
+        return self.starts
 
 
 def read_start(start: Any, num_robots: int = 1) -> Start:

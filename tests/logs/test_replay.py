@@ -43,7 +43,7 @@ class TurningSlam:
     def reset(self, rng):
         self.theta = 0.0
 
-    def update(self, ranges, motion):
+    def update(self, reading, motion):
         self.theta += math.pi / 2
         self.belief = Belief(Pose2D(5.0, 0.0, self.theta), self.grid)
         return self.belief
@@ -63,8 +63,8 @@ class ClosingSlam(TurningSlam):
         edge = (0, 1, np.array([1.0, 0.0, 0.5]), np.diag([1.0, 2.0, 3.0]))
         return types.SimpleNamespace(nodes=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]]), edges=[edge])
 
-    def update(self, ranges, motion):
-        belief = super().update(ranges, motion)
+    def update(self, reading, motion):
+        belief = super().update(reading, motion)
         if round(self.theta / (math.pi / 2)) == 2:
             self.loop_closures = 1
             belief.update = MapUpdate(np.empty((0, 2), dtype=np.int32), None, redrawn=True)
@@ -193,8 +193,8 @@ def test_the_former_name_of_the_command_still_works(log):
 class LostSlam(TurningSlam):
     """Is lost after the second of two scans."""
 
-    def update(self, ranges, motion):
-        belief = super().update(ranges, motion)
+    def update(self, reading, motion):
+        belief = super().update(reading, motion)
         belief.is_lost = round(self.theta / (math.pi / 2)) == 2
         return belief
 

@@ -5,6 +5,7 @@ import numpy as np
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.robots import LidarParams, Mount
+from envs.simulation import Reading
 
 LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
 STAY = Pose2D(0.0, 0.0, 0.0)
@@ -27,8 +28,8 @@ def drive(slam, motions, odometry, seed=0, walls=ROOM + BOX):
     rng = np.random.default_rng(seed)
     slam.reset(np.random.default_rng(seed + 1))
     pose = STAY
-    slam.update(scan(pose, rng, walls=walls), STAY)
+    slam.update(Reading.of_scan(scan(pose, rng, walls=walls)), STAY)
     for motion, measured in zip(motions, odometry):
         pose = pose.compose(motion)
-        slam.update(scan(pose, rng, walls=walls), measured)
+        slam.update(Reading.of_scan(scan(pose, rng, walls=walls)), measured)
     return pose, slam.belief.pose

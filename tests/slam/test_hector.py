@@ -7,6 +7,7 @@ import pytest
 from envs.estimation import NO_UPDATE
 from envs.geometry import Pose2D
 from envs.robots import OdometryNoise
+from envs.simulation import Reading
 from envs.slam import HECTOR_PRESETS, Hector, HectorParams, load_hector_params, make_slam
 
 from .rooms import BOX, CORRIDOR, LIDAR, ROOM, STAY, drive, scan
@@ -52,7 +53,7 @@ def test_nothing_is_random():
         pose = STAY
         for motion in [STAY, *CIRCLE[:60]]:
             pose = pose.compose(motion)
-            slam.update(scan(pose, rng), motion)
+            slam.update(Reading.of_scan(scan(pose, rng)), motion)
         return np.array(slam.belief.pose).tobytes() + slam.belief.grid.data.tobytes()
 
     assert run(1) == run(2)
@@ -60,9 +61,9 @@ def test_nothing_is_random():
 
 def test_between_key_scans_the_pose_follows_odometry():
     slam = hector(min_travel_distance=0.1, min_travel_angle=1.0)
-    slam.update(scan(STAY), STAY)
+    slam.update(Reading.of_scan(scan(STAY)), STAY)
     for k in range(1, 4):
-        belief = slam.update(scan(Pose2D(0.03 * k, 0.0, 0.0)), Pose2D(0.035, 0.0, 0.0))
+        belief = slam.update(Reading.of_scan(scan(Pose2D(0.03 * k, 0.0, 0.0))), Pose2D(0.035, 0.0, 0.0))
         is_key = k == 3  # 0.105 m by odometry
         assert (belief.update is NO_UPDATE) != is_key
         assert (belief.pose.x == pytest.approx(0.035 * k, abs=1e-12)) != is_key
@@ -79,7 +80,7 @@ def test_a_key_scan_follows_from_the_last_key_pose_and_the_predicted_one():
     for motion in [STAY, *CIRCLE[:100]]:
         pose, composed = pose.compose(motion), composed.compose(motion)
         ranges = scan(pose, rng)
-        whole.update(ranges, motion)
+        whole.update(Reading.of_scan(ranges), motion)
         if parts.is_key_pose(composed):
             composed = parts.process_key_scan(ranges, composed).pose
         assert whole.belief.pose == composed
@@ -102,9 +103,9 @@ def test_covariance_is_long_along_a_corridor_and_small_in_a_room():
 
 def test_without_returns_the_prediction_remains_until_the_robot_is_lost():
     slam = hector(max_position_std=0.1)
-    slam.update(scan(STAY), STAY)
+    slam.update(Reading.of_scan(scan(STAY)), STAY)
     for k in range(1, 60):
-        belief = slam.update(np.full(180, np.nan, dtype=np.float32), Pose2D(0.2, 0.0, 0.0))
+        belief = slam.update(Reading.of_scan(np.full(180, np.nan, dtype=np.float32)), Pose2D(0.2, 0.0, 0.0))
         np.testing.assert_allclose(belief.pose, (0.2 * k, 0.0, 0.0), atol=1e-9)
         std = math.sqrt(np.linalg.eigvalsh(belief.covariance[:2, :2])[-1])
         assert belief.is_lost == (std > 0.1)
@@ -117,11 +118,12 @@ def test_a_kidnapped_robot_is_lost_leaves_the_map_alone_and_comes_back():
     pose, before = slam.belief.pose, slam.belief.grid.data.copy()
     elsewhere = [(-0.5, -0.4, 0.5, -0.4), (0.5, -0.4, 0.5, 0.4), (0.5, 0.4, -0.5, 0.4), (-0.5, 0.4, -0.5, -0.4)]
     lost = [
-        slam.update(scan(STAY, walls=elsewhere), Pose2D(0.0, 0.0, 0.4 if k % 2 else -0.4)).is_lost for k in range(6)
+        slam.update(Reading.of_scan(scan(STAY, walls=elsewhere)), Pose2D(0.0, 0.0, 0.4 if k % 2 else -0.4)).is_lost
+        for k in range(6)
     ]
     assert lost == [False, False, True, True, True, True]
     np.testing.assert_array_equal(slam.belief.grid.data, before)
-    belief = slam.update(scan(pose.compose(Pose2D(0.2, 0.0, 0.1))), Pose2D(0.2, 0.0, 0.0))
+    belief = slam.update(Reading.of_scan(scan(pose.compose(Pose2D(0.2, 0.0, 0.1)))), Pose2D(0.2, 0.0, 0.0))
     assert not belief.is_lost
     assert distance(belief.pose, pose.compose(Pose2D(0.2, 0.0, 0.0))) < 0.03
     assert belief.update is not NO_UPDATE
@@ -131,7 +133,7 @@ def test_a_bad_prediction_is_searched_farther_around():
     slam = hector(noise=OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001))
     drive(slam, CIRCLE, CIRCLE)
     pose, slip = slam.belief.pose, Pose2D(0.4, -0.3, 0.2)
-    belief = slam.update(scan(pose.compose(slip)), Pose2D(0.0, 0.0, 0.3))
+    belief = slam.update(Reading.of_scan(scan(pose.compose(slip))), Pose2D(0.0, 0.0, 0.3))
     assert distance(belief.pose, pose.compose(slip)) < 0.03
     assert abs(belief.pose.theta - pose.theta - slip.theta) < 0.02
     assert not belief.is_lost
@@ -142,14 +144,14 @@ def test_robots_share_a_map():
     first.reset(np.random.default_rng(0))
     aside = Pose2D(1.0, -0.5, 2.0)
     second.reset(np.random.default_rng(1), aside, first.map)
-    first.update(scan(STAY), STAY)
-    second.update(scan(aside), STAY)
+    first.update(Reading.of_scan(scan(STAY)), STAY)
+    second.update(Reading.of_scan(scan(aside)), STAY)
     assert second.belief.grid is first.belief.grid
     far = scan(aside, walls=[(-40, -1, -40, 1)], lidar=LIDAR)
     far[:] = 5.9
-    first.update(far, Pose2D(8.0, 0.0, 0.0))  # the map grows
+    first.update(Reading.of_scan(far), Pose2D(8.0, 0.0, 0.0))  # the map grows
     moved = aside.compose(Pose2D(0.0, 0.0, 0.4))
-    belief = second.update(scan(moved), Pose2D(0.0, 0.0, 0.38))
+    belief = second.update(Reading.of_scan(scan(moved)), Pose2D(0.0, 0.0, 0.38))
     assert distance(belief.pose, moved) < 0.02
     assert belief.pose.theta == pytest.approx(moved.theta, abs=0.015)
 
@@ -158,7 +160,7 @@ def test_robots_share_a_map():
 def test_presets(name):
     slam = Hector(LIDAR, dataclasses.replace(load_hector_params(name), map_width=10.0, map_height=10.0))
     for _ in range(3):
-        slam.update(scan(STAY), STAY)
+        slam.update(Reading.of_scan(scan(STAY)), STAY)
     assert distance(slam.belief.pose, STAY) < 0.05
     assert (slam.belief.grid.data >= 0).mean() > 0.1
 

@@ -6,6 +6,7 @@ import pytest
 
 from envs.geometry import Pose2D
 from envs.robots import OdometryNoise
+from envs.simulation import Reading
 from envs.slam import PRESET_NAMES, SLAM_NAMES, TinySlam, load_params, make_slam
 
 from .rooms import LIDAR, STAY, drive, scan
@@ -34,15 +35,15 @@ def test_weighted_odometry_is_corrected_at_key_scans_alone():
     assert distance(truth, estimated) < 0.06
     assert abs(estimated.theta - truth.theta) < 0.03
     before = slam.belief.pose
-    slam.update(scan(truth), Pose2D(0.01, 0.0, 0.0))
+    slam.update(Reading.of_scan(scan(truth)), Pose2D(0.01, 0.0, 0.0))
     assert slam.belief.pose == before.compose(Pose2D(0.01, 0.0, 0.0))
 
 
 def test_firm_odometry_is_not_corrected():
     firm = OdometryNoise(1e-5, 0.0, 1e-5, 0.0, 0.0)
     slam = make_slam("tinyslam", LIDAR, odometry_noise=firm)
-    slam.update(scan(STAY), STAY)
-    slam.update(scan(Pose2D(0.25, 0.02, 0.0)), Pose2D(0.22, 0.0, 0.0))
+    slam.update(Reading.of_scan(scan(STAY)), STAY)
+    slam.update(Reading.of_scan(scan(Pose2D(0.25, 0.02, 0.0))), Pose2D(0.22, 0.0, 0.0))
     np.testing.assert_allclose(slam.belief.pose, (0.22, 0.0, 0.0), atol=1e-3)
 
 
@@ -74,7 +75,10 @@ def test_belief_is_updated_in_place_and_names_new_cells():
     assert len(belief.update.new_cells) == 0
     known = np.zeros(belief.grid.data.shape, dtype=bool)
     for k in range(5):
-        assert slam.update(scan(Pose2D(0.3 * k, 0.0, 0.0)), Pose2D(0.3, 0.0, 0.0) if k else STAY) is belief
+        assert (
+            slam.update(Reading.of_scan(scan(Pose2D(0.3 * k, 0.0, 0.0))), Pose2D(0.3, 0.0, 0.0) if k else STAY)
+            is belief
+        )
         rows, cols = belief.update.new_cells.T
         assert len(rows) > 0
         assert not known[rows, cols].any()
@@ -90,7 +94,7 @@ def test_scans_are_integrated_when_the_robot_has_moved():
     integrated = []
     for k, motion in enumerate([STAY, *[Pose2D(0.1, 0.0, 0.0)] * 4, *[Pose2D(0.0, 0.0, 0.06)] * 3]):
         before = slam.belief.grid.data.copy()
-        slam.update(scan(Pose2D(0.1 * min(k, 4), 0.0, 0.06 * max(k - 4, 0))), motion)
+        slam.update(Reading.of_scan(scan(Pose2D(0.1 * min(k, 4), 0.0, 0.06 * max(k - 4, 0)))), motion)
         integrated.append(not np.array_equal(before, slam.belief.grid.data))
         assert integrated[-1] or len(slam.belief.update.new_cells) == 0
     assert integrated == [True, False, False, True, False, False, True, False]
@@ -98,10 +102,10 @@ def test_scans_are_integrated_when_the_robot_has_moved():
 
 def test_without_returns_the_prediction_remains():
     slam = make_slam("tinyslam", LIDAR)
-    slam.update(scan(STAY), STAY)
+    slam.update(Reading.of_scan(scan(STAY)), STAY)
     for ranges in (np.inf, np.nan):
         before = slam.belief.pose
-        slam.update(np.full(180, ranges, dtype=np.float32), Pose2D(0.1, 0.0, 0.2))
+        slam.update(Reading.of_scan(np.full(180, ranges, dtype=np.float32)), Pose2D(0.1, 0.0, 0.2))
         assert slam.belief.pose == before.compose(Pose2D(0.1, 0.0, 0.2))
 
 
@@ -111,7 +115,7 @@ def test_frames_of_odometry():
     for frame, expected in (("robot_frame", (0.0, 1.0)), ("odometry_frame", (1.0, 0.0))):
         slam = TinySlam(LIDAR, load_params("default", {"odometry": frame}))
         slam.belief.pose = Pose2D(0.0, 0.0, math.pi / 2)
-        slam.update(nothing, Pose2D(1.0, 0.0, 0.0))
+        slam.update(Reading.of_scan(nothing), Pose2D(1.0, 0.0, 0.0))
         np.testing.assert_allclose(slam.belief.pose, (*expected, math.pi / 2), atol=1e-12)
 
 
@@ -139,8 +143,8 @@ def test_observers_see_the_search_and_change_nothing():
     moved = Pose2D(0.15, 0.06, 0.05)
     for slam in (watched, unwatched):
         slam.reset(np.random.default_rng(1))
-        slam.update(scan(STAY), STAY)
-        slam.update(scan(moved), STAY)
+        slam.update(Reading.of_scan(scan(STAY)), STAY)
+        slam.update(Reading.of_scan(scan(moved)), STAY)
     assert watched.belief.pose == unwatched.belief.pose
     kinds = [what for what, *_ in witness.heard]
     assert kinds[:2] == ["start", "test"]
@@ -160,7 +164,7 @@ def test_observers_see_the_search_and_change_nothing():
 def test_presets(name):
     slam = TinySlam(LIDAR, dataclasses.replace(load_params(name), map_width=10.0, map_height=10.0))
     for _ in range(3):
-        slam.update(scan(STAY), STAY)
+        slam.update(Reading.of_scan(scan(STAY)), STAY)
     assert distance(slam.belief.pose, STAY) < 0.3
     assert (slam.belief.grid.data >= 0).mean() > 0.1
 
@@ -180,9 +184,9 @@ def test_presets_hold_the_documented_numbers():
 def test_bad_input(name):
     slam = make_slam(name, LIDAR)
     with pytest.raises(ValueError, match=r"shape \(180,\).*\(3,\)"):
-        slam.update(np.ones(3, dtype=np.float32), STAY)
+        slam.update(Reading.of_scan(np.ones(3, dtype=np.float32)), STAY)
     with pytest.raises(ValueError, match="motion must be finite"):
-        slam.update(scan(STAY), Pose2D(0.0, math.nan, 0.0))
+        slam.update(Reading.of_scan(scan(STAY)), Pose2D(0.0, math.nan, 0.0))
 
 
 def test_bad_params(tmp_path):

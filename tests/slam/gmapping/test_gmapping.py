@@ -7,6 +7,7 @@ from envs.estimation import NO_UPDATE
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import OdometryNoise
+from envs.simulation import Reading
 from envs.slam import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params, make_slam
 from tests.slam.rooms import CORRIDOR, LIDAR, STAY, drive, scan
 
@@ -43,7 +44,7 @@ def test_same_seed_same_bytes():
         pose = STAY
         for motion in [STAY, *CIRCLE[:150]]:
             pose = pose.compose(motion)
-            belief = slam.update(scan(pose, rng), motion)
+            belief = slam.update(Reading.of_scan(scan(pose, rng)), motion)
             out += np.array(belief.pose).tobytes()
         return out + belief.grid.data.tobytes() + belief.covariance.tobytes() + slam.poses.tobytes()
 
@@ -61,7 +62,7 @@ def test_when_another_particle_becomes_the_best_one_the_grid_becomes_its_map():
     grid, poses, redrawn, known = belief.grid, [], 0, np.empty(0)
     for motion in [STAY, *CIRCLE[:200]]:
         pose = pose.compose(motion)
-        belief = slam.update(scan(pose, rng), motion)
+        belief = slam.update(Reading.of_scan(scan(pose, rng)), motion)
         poses.append(belief.pose)
         assert belief.grid is grid
         np.testing.assert_array_equal(grid.data, slam.map.occupancy(slam.best))
@@ -86,7 +87,7 @@ def test_without_a_switch_the_path_is_the_poses_as_they_were_estimated():
     anchors = []
     for motion in [STAY, *CIRCLE[:200]]:
         pose = pose.compose(motion)
-        poses.append(slam.update(scan(pose, rng), motion).pose)
+        poses.append(slam.update(Reading.of_scan(scan(pose, rng)), motion).pose)
         anchors.append(slam.anchor)
     slam.finish()
     assert slam.num_switches == slam.num_resamplings == 0
@@ -96,13 +97,13 @@ def test_without_a_switch_the_path_is_the_poses_as_they_were_estimated():
 
 def test_particles_share_what_has_not_changed():
     slam, rng, pose = gmapping(), np.random.default_rng(0), STAY
-    slam.update(scan(pose, rng), STAY)
+    slam.update(Reading.of_scan(scan(pose, rng)), STAY)
     alone = slam.map.num_tiles
     assert alone < 40
     motion = Pose2D(0.5, 0.0, 0.0)
     for _ in range(3):
         pose = pose.compose(motion)
-        slam.update(scan(pose, rng), motion)
+        slam.update(Reading.of_scan(scan(pose, rng)), motion)
     slam.map.resample(np.zeros(10, dtype=np.int64))
     assert slam.map.num_tiles < 60
 
@@ -122,9 +123,9 @@ def test_covariance_is_long_along_a_corridor_and_small_in_a_room():
 
 def test_without_returns_the_best_particle_follows_odometry_until_the_robot_is_lost():
     slam = gmapping(max_position_std=0.2)
-    slam.update(scan(STAY), STAY)
+    slam.update(Reading.of_scan(scan(STAY)), STAY)
     for k in range(1, 60):
-        belief = slam.update(NO_RETURN, Pose2D(0.5, 0.0, 0.0))
+        belief = slam.update(Reading.of_scan(NO_RETURN), Pose2D(0.5, 0.0, 0.0))
         np.testing.assert_allclose(belief.pose, (0.5 * k, 0.0, 0.0), atol=1e-9)
         std = math.sqrt(np.linalg.eigvalsh(belief.covariance[:2, :2])[-1])
         assert belief.is_lost == (std > 0.2)
@@ -138,12 +139,12 @@ def test_a_scan_that_fits_does_not_end_a_loss_but_several_that_are_searched_do()
     # Key scans by their turns, in a box of 1 m x 0.8 m.
     elsewhere = [(-0.5, -0.4, 0.5, -0.4), (0.5, -0.4, 0.5, 0.4), (0.5, 0.4, -0.5, 0.4), (-0.5, 0.4, -0.5, -0.4)]
     turns = [Pose2D(0.0, 0.0, 0.7 if k % 2 else -0.7) for k in range(6)]
-    lost = [slam.update(scan(STAY, walls=elsewhere), turn).is_lost for turn in turns]
+    lost = [slam.update(Reading.of_scan(scan(STAY, walls=elsewhere)), turn).is_lost for turn in turns]
     assert lost == [False, False, True, True, True, True]
     step = Pose2D(0.2, 0.0, 0.4)
     for k in range(60):
         pose = pose.compose(step)
-        belief = slam.update(scan(pose), step)
+        belief = slam.update(Reading.of_scan(scan(pose)), step)
         assert belief.is_lost or k > 0
         if not belief.is_lost:
             break
@@ -151,7 +152,7 @@ def test_a_scan_that_fits_does_not_end_a_loss_but_several_that_are_searched_do()
     assert math.dist(belief.pose[:2], pose[:2]) < 0.05
     assert slam.num_resamplings == resampled
     assert 0.0 < belief.covariance[0, 0] < 0.2**2
-    slam.update(scan(pose.compose(step)), step)
+    slam.update(Reading.of_scan(scan(pose.compose(step))), step)
     assert slam.belief.update is not NO_UPDATE
 
 
@@ -161,8 +162,8 @@ def test_a_wheel_that_slips_is_searched_for():
     errors = []
     for retry_below in (0.0, 0.6):
         slam = gmapping(noise=noise, retry_below=retry_below, num_levels=2)
-        slam.update(scan(STAY, rng), STAY)
-        pose = slam.update(scan(far, rng), Pose2D(0.9, 0.0, 0.0)).pose
+        slam.update(Reading.of_scan(scan(STAY, rng)), STAY)
+        pose = slam.update(Reading.of_scan(scan(far, rng)), Pose2D(0.9, 0.0, 0.0)).pose
         errors.append(math.hypot(pose.x - far.x, pose.y - far.y))
     assert errors[0] > 0.1
     assert errors[1] < 0.03

@@ -8,6 +8,7 @@ import pytest
 from envs.explore_team import ExploreTeamEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, OdometryNoise
+from envs.simulation import Reading
 from envs.slam import GRAPH_PRESETS, GraphSlam, GraphSlamParams, load_graph_params, make_slam
 from envs.slam.graph.local_slam import LocalSlam
 from envs.slam.graph.nodes import NodeStore
@@ -71,7 +72,7 @@ def run(drive, params=BLIND, watch=lambda slam: None):
     slam = GraphSlam(LIDAR, params)
     online = []
     for scan, motion in zip(*drive[1:]):
-        online.append(slam.update(scan, motion).pose)
+        online.append(slam.update(Reading.of_scan(scan), motion).pose)
         watch(slam)
     return slam, np.array(online)
 
@@ -141,7 +142,7 @@ def test_a_match_with_the_map_corrects_odometry_before_any_loop(drive):
 
 def test_an_anchor_hangs_a_pose_on_its_node(drive):
     slam, _ = run(drive)
-    slam.update(NOTHING, Pose2D(0.05, 0.01, 0.1))
+    slam.update(Reading.of_scan(NOTHING), Pose2D(0.05, 0.01, 0.1))
     node, relative = slam.anchor
     assert node == len(slam.nodes) - 1
     np.testing.assert_allclose(relative, (0.05, 0.01, 0.1), atol=1e-9)
@@ -195,7 +196,7 @@ def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
 def test_scans_without_hits_follow_odometry():
     slam = GraphSlam(LIDAR, GraphSlamParams())
     for _ in range(90):
-        slam.update(NOTHING, Pose2D(0.25, 0.0, 0.0))
+        slam.update(Reading.of_scan(NOTHING), Pose2D(0.25, 0.0, 0.0))
     assert slam.belief.pose.x == pytest.approx(22.5)
     assert slam.graph.num_nodes == 90
     assert slam.loop_closures == 0
@@ -207,7 +208,10 @@ def test_the_start_pose_is_that_of_the_first_node(drive):
     slam, at_origin = GraphSlam(LIDAR, BLIND), GraphSlam(LIDAR, BLIND)
     slam.reset(np.random.default_rng(0), start)
     for scan, motion in zip(ranges[:30], motions[:30]):
-        pose, other = slam.update(scan, motion).pose, at_origin.update(scan, motion).pose
+        pose, other = (
+            slam.update(Reading.of_scan(scan), motion).pose,
+            at_origin.update(Reading.of_scan(scan), motion).pose,
+        )
     np.testing.assert_allclose(pose, start.compose(other), atol=1e-6)
     np.testing.assert_allclose(slam.graph.arrays.nodes[0], start)
 
