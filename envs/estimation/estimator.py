@@ -24,12 +24,12 @@ class Estimator(Protocol):
         """The current belief."""
         ...
 
-    def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
+    def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
         """Start an episode.
 
         Args:
             rng: later noise is drawn from it.
-            pose: of the robot, map frame.
+            pose: `Pose2D` of the robot, map frame; None for anywhere on a known map.
             map: to go on with; None for an unknown one.
         """
         ...
