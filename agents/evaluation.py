@@ -86,12 +86,12 @@ class Evaluator:
             explorer = self._make(name, env)
             episode = run_episode(env, explorer, seed)
             exploration = exploration_of(env)
-            area = exploration.coverage.area.area
+            area = exploration.task.coverage.area.area
             gained = (episode.explored_fraction - float(episode.curve.explored_fraction[0])) * area
             names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
             measures = {name: float(getattr(episode, name)) for name in names}
             measures |= {"explored_area": episode.explored_fraction * area, "gained_area": gained}
-            curve, target = episode.curve, exploration.target_coverage
+            curve, target = episode.curve, exploration.task.target_coverage
             time = min(first_at(curve.time, curve.explored_fraction, target), episode.time_limit)
             episodes.append(Episode(time_to_target=time, **measures))
         env.close()

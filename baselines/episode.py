@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 import gymnasium
 import numpy as np
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.navigation.home import HomeNavigator
 from envs.tasks.coverage import map_iou
 
@@ -135,9 +135,9 @@ class Episode:
     """The explored fraction over time and distance."""
 
 
-def exploration_of(env: gymnasium.Env[Any, Any]) -> ExploreEnv:
+def exploration_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     """Return the exploration in an environment, whatever wraps it, and be it driven by twists or by decisions."""
-    return cast(ExploreEnv, getattr(env.unwrapped, "explore", env.unwrapped))
+    return cast(LidarEnv, getattr(env.unwrapped, "explore", env.unwrapped))
 
 
 def begin_episode(
@@ -151,19 +151,19 @@ def begin_episode(
     observation, info = env.reset(seed=seed)
     explorer.reset(inner.robot, inner.control_period, rng)
     if isinstance(explorer, Omniscient):
-        explorer.reveal(inner.coverage, inner.target_coverage)
+        explorer.reveal(inner.task.coverage, inner.task.target_coverage)
     return observation, info
 
 
-def decide_with(explorer: Explorer | ObservationPolicy, env: ExploreEnv) -> Decide:
+def decide_with(explorer: Explorer | ObservationPolicy, env: LidarEnv) -> Decide:
     """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw.
 
     With `return_home=True` a navigator drives once the explorer has stopped, or the environment calls the robot back.
     """
-    home = HomeNavigator(env.robot, env.control_period) if getattr(env, "return_home", False) else None
+    home = HomeNavigator(env.robot, env.control_period) if getattr(env.task, "return_home", False) else None
 
     def decide(observation: Observation) -> np.ndarray | np.integer | str:
-        if home is not None and env.is_returning:
+        if home is not None and env.task.is_returning:
             twist = home.act(env.reading, env.belief)
             env.plan = home.plan
             return home.end_reason or to_action(twist, env.robot)
@@ -174,7 +174,7 @@ def decide_with(explorer: Explorer | ObservationPolicy, env: ExploreEnv) -> Deci
             action = explorer(observation)
         env.plan = explorer.plan
         if home is not None and explorer.end_reason is not None:
-            env.call_back()
+            env.task.call_back()
             return decide(observation)
         return explorer.end_reason or action
 
@@ -209,7 +209,9 @@ def run_episode(
     position_rmse, heading_rmse = np.sqrt(np.mean(columns[:, 3:] ** 2, axis=0))
     known = np.trapezoid(curve.explored_fraction, curve.time)
     known += curve.explored_fraction[-1] * max(0.0, limit - curve.time[-1])
-    overlap = info["map_iou"] if "map_iou" in info else map_iou(inner.belief.grid, inner.coverage.area, inner.start)
+    overlap = (
+        info["map_iou"] if "map_iou" in info else map_iou(inner.belief.grid, inner.task.coverage.area, inner.map_pose)
+    )
     return Episode(
         explored_fraction=info["explored_fraction"],
         time_to_90=first_at(curve.time, curve.explored_fraction, 0.90),
@@ -228,6 +230,6 @@ def run_episode(
         duration=info["time"],
         time_limit=limit,
         distance_limit=inner.robot.max_v * limit,
-        area_left=inner.coverage.area.area - info["explored_area"],
+        area_left=inner.task.coverage.area.area - info["explored_area"],
         curve=curve,
     )

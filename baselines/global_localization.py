@@ -19,17 +19,18 @@ from baselines.episode import Info, run, run_episode
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import decide_with_navigator, make_navigator
 from envs.command_line import run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.localization import load_preset
-from envs.navigate import NavigateEnv
 from envs.navigation import crop_to_known
-from envs.rendering.navigation import NavigationPicture
+from envs.rendering.picture import Picture
+from envs.tasks.explore import Explore
 from envs.tasks.goals import draw_goal
+from envs.tasks.navigate import Navigate
 from envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL for a map that a SLAM made: such maps are off by centimetres, and explain a little less of a scan."""
-PICTURE_SIZE = (900, 620)
+PICTURE_SIZE = (1100, 640)
 """Width and height of the GIF [px]."""
 FRAME_TIMES = {True: 0.1, False: 1.0}
 """Simulated time between two frames while the robot is lost, and while it is localized [s]."""
@@ -65,20 +66,20 @@ class Animation:
     """Collects pictures of a drive."""
 
     def __init__(self) -> None:
-        self._picture = NavigationPicture(PICTURE_SIZE)
+        self._picture = Picture(PICTURE_SIZE)
         self._frames: list[Image.Image] = []
         self._durations: list[int] = []
         self._next = 0.0
 
-    def take(self, env: NavigateEnv) -> None:
+    def take(self, env: LidarEnv) -> None:
         """Take a picture if it is time for one."""
         scene = env.scene()
         if scene.time < self._next:
             return
-        self._next = scene.time + FRAME_TIMES[scene.is_lost] - 1e-6
+        self._next = scene.time + FRAME_TIMES[scene.belief.is_lost] - 1e-6
         pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
         self._frames.append(Image.frombytes("RGB", PICTURE_SIZE, pixels))
-        self._durations.append(FRAME_MS[scene.is_lost])
+        self._durations.append(FRAME_MS[scene.belief.is_lost])
 
     def save(self, path: Path) -> Path:
         """Write the GIF, with its last picture shown for two seconds, and three of its pictures side by side as PNG.
@@ -103,16 +104,17 @@ def map_and_navigate(
 ) -> Outcome:
     """Explore, start at an unknown pose on the map, localize, and drive to goals; takes the arguments of `main`."""
     out.mkdir(parents=True, exist_ok=True)
-    exploration = ExploreEnv(world=world, robot=robot, physics=physics, start="spawn")
+    exploration = LidarEnv(Explore, world=world, robot=robot, physics=physics, start="spawn")
     episode = run_episode(exploration, make_explorer("nearest"), seed)
     map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
     exploration.close()
-    env = NavigateEnv(
+    env = LidarEnv(
+        Navigate,
         world=world,
         robot=robot,
         physics=physics,
         map=map_path,
-        map_pose=exploration.start,
+        map_pose=exploration.map_pose,
         initial_pose="unknown",
         amcl=AMCL,
         time_limit=TIME_PER_GOAL * max(goals, 1),
@@ -132,9 +134,9 @@ def map_and_navigate(
     for k in range(goals):
         if k:
             here = env.map_pose.compose(env.belief.pose)
-            env.set_goal(env.map_pose.between(draw_goal(env.area, here, rng)))
+            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
         try:
-            navigator.set_goal(env.goal[:2])
+            navigator.set_goal(env.task.goal[:2])
         except ValueError as error:
             outcomes.append(f"refused: {error}")
             continue

@@ -9,11 +9,12 @@ from rich.table import Table
 from baselines import make_explorer
 from baselines.episode import run, run_episode
 from envs.command_line import make_console, run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import FEATURES
 from envs.navigation.candidate_features import HALF_AREA, HALF_COST
 from envs.progress import Progress
+from envs.tasks.explore import Explore
 
 VISIBLE, COST, FAILURES = (FEATURES.index(name) for name in ("visible", "cost", "failures"))
 WORLDS = {
@@ -57,7 +58,7 @@ def time_rule(rule: str, world: str, control_hz: float, max_decision_time: float
 
 def time_explorer(world: str, seed: int) -> float:
     """Return the same for the `nearest` explorer."""
-    env = ExploreEnv(physics="kinematic", target_coverage=MARK, **WORLDS[world][0])
+    env = LidarEnv(Explore, physics="kinematic", target_coverage=MARK, **WORLDS[world][0])
     episode = run_episode(env, make_explorer("nearest"), seed)
     return min(episode.time_to_95, episode.time_limit)
 

@@ -17,8 +17,8 @@ from baselines.episode import decide_with, run
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import decide_with_team
 from envs.command_line import Count, make_console, run_command
-from envs.explore import ExploreEnv
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore, ExploreTeam
 
 TEAM = "rrt_team"
 """What explores with several robots."""
@@ -42,7 +42,7 @@ class Decisions(NamedTuple):
 def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf, num_robots: int = 1) -> Decisions:
     """Let an explorer, or `TEAM`, explore with the world's usual robot for at most so long [s]; time its decisions."""
     is_team, settings = name == TEAM, {"world": world, "physics": "kinematic", "split": "test"}
-    env = ExploreTeamEnv(num_robots=num_robots, **settings) if is_team else ExploreEnv(**settings)
+    env = LidarEnv(ExploreTeam, num_robots=num_robots, **settings) if is_team else LidarEnv(Explore, **settings)
     observation, info = env.reset(seed=seed)
     explorer = RrtTeam() if is_team else make_explorer(name)
     size = (num_robots,) if is_team else ()

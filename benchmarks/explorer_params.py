@@ -18,7 +18,8 @@ from baselines.explorer import Explorer
 from benchmarks.navigator_params import change_explorer, print_changes
 from benchmarks.parallel import run_each
 from envs.command_line import Count, run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
 
 FAMILIES = ("rooms", "maze", "warehouse", "caves")
 """Procedural families of the tasks."""
@@ -50,7 +51,9 @@ def make_changed(name: str, changes: str) -> Explorer:
 
 def time_explorer(name: str, changes: str, slam: str, task: Task) -> float:
     """Return the time to 95 % [s]; the time limit where it was not reached."""
-    env = ExploreEnv(world=make_world(task), robot=task.robot, slam=slam, physics="kinematic", target_coverage=0.95)
+    env = LidarEnv(
+        Explore, world=make_world(task), robot=task.robot, slam=slam, physics="kinematic", target_coverage=0.95
+    )
     episode = run_episode(env, make_changed(name, changes), task.seed)
     env.close()
     return max(min(episode.time_to_95, episode.time_limit), env.control_period)

@@ -87,7 +87,7 @@ def _navigate(env: Any, seed: int, watch: Watch) -> None:
 def _follow(env: Any, seed: int, watch: Watch) -> None:
     observation, info = env.reset(seed=seed)
     inner, follower = env.unwrapped, RouteFollower()
-    follower.reset(inner.robot, inner.control_period, inner.route)
+    follower.reset(inner.robot, inner.control_period, inner.task.route)
     run(env, lambda _: to_action(follower.act(inner.reading, inner.estimate.pose), inner.robot), observation, info)
 
 

@@ -15,7 +15,8 @@ from rich.table import Table
 from baselines import make_explorer
 from baselines.episode import decide_with, run
 from envs.command_line import make_console, run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
 
 DECISION = 4
 """A control period counts as a choice if it took this many times as long as the median one."""
@@ -40,8 +41,14 @@ def main(
         areas: Borders between the rows of the table, explored area [m2].
     """
     began = time.process_time()
-    env = ExploreEnv(
-        world="rooms", world_size=world_size, robot="turtlebot3_burger", slam=slam, physics="kinematic", time_limit=1e6
+    env = LidarEnv(
+        Explore,
+        world="rooms",
+        world_size=world_size,
+        robot="turtlebot3_burger",
+        slam=slam,
+        physics="kinematic",
+        time_limit=1e6,
     )
     observation, info = env.reset(seed=seed)
     reset_time = time.process_time() - began

@@ -21,8 +21,8 @@ from baselines.navigation.episode import Drive, drive
 from benchmarks.parallel import run_each
 from benchmarks.simulation import measure
 from envs.command_line import Count, make_console, run_command
+from envs.core import LidarEnv
 from envs.geometry.polyline import lengths_along
-from envs.navigate import NavigateEnv
 from envs.navigation import (
     CostmapParams,
     LayeredCostmap,
@@ -33,6 +33,7 @@ from envs.navigation import (
     travel_field,
 )
 from envs.tasks.goals import known_map
+from envs.tasks.navigate import Navigate
 from envs.worlds import explorable_area
 
 WORLDS = ("turtlebot3_house", "tugbot_warehouse")
@@ -41,9 +42,9 @@ REPEATS = 15
 
 
 @lru_cache(maxsize=4)
-def _environment(world: str, physics: str, localizer: str) -> NavigateEnv:
+def _environment(world: str, physics: str, localizer: str) -> LidarEnv:
     """Return the environment of a process, made once."""
-    return NavigateEnv(world=world, physics=physics, localizer=localizer)
+    return LidarEnv(Navigate, world=world, physics=physics, localizer=localizer)
 
 
 def _drive(world: str, physics: str, localizer: str, local_planner: str, seed: int) -> Drive:
@@ -79,9 +80,9 @@ def _best(work: Callable[[], object], repeats: int = REPEATS) -> float:
 
 def planning_costs(world: str) -> dict[str, Any]:
     """Measure what planning costs on the whole map of a world, on one core."""
-    env = NavigateEnv(world=world, physics="kinematic")
+    env = LidarEnv(Navigate, world=world, physics="kinematic")
     drawn, robot = env.task.draw_world(None, np.random.default_rng(0)), env.robot
-    area = explorable_area(drawn, robot, env.resolution)
+    area = explorable_area(drawn, robot, env.task.map_resolution)
     grid = known_map(area)
     params = CostmapParams(robot.radius + 0.03, robot.radius + 0.48, 4.0)
     costmap = make_costmap(grid, params)

@@ -17,7 +17,8 @@ from baselines.episode import run_episode
 from baselines.frontier.explorer import RuleExplorer
 from benchmarks.parallel import run_each
 from envs.command_line import Count, make_console, run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
 
 WORLDS = (
     *("turtlebot3_house", "aws_small_house", "rrt_house", "explorebench_loop", "create3_maze"),
@@ -57,7 +58,7 @@ def time_explorer(name: str, change: str, slam: str, world: str, seed: int) -> f
     if change:
         parameter, _, value = change.partition("=")
         change_explorer(explorer, parameter, float(value))
-    env = ExploreEnv(world=world, slam=slam, physics="kinematic", target_coverage=0.95)
+    env = LidarEnv(Explore, world=world, slam=slam, physics="kinematic", target_coverage=0.95)
     episode = run_episode(env, explorer, seed)
     env.close()
     return min(episode.time_to_95, episode.time_limit)

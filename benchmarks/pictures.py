@@ -17,10 +17,11 @@ from baselines import make_explorer
 from baselines.episode import run_episode
 from benchmarks.slam_maps import draw_drive, draw_log
 from envs.command_line import run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.geometry.polyline import lengths_along
 from envs.rendering import style
 from envs.slam import DEFAULT_SLAM
+from envs.tasks.explore import Explore
 
 HOLD = 3.0
 """Time for which a film shows its last picture [s]."""
@@ -33,7 +34,7 @@ DRIVE_ROBOT = "turtlebot3_waffle_pi"
 class Film:
     """Takes a picture every now and then; pass `shoot` to `run_episode`."""
 
-    env: ExploreEnv
+    env: LidarEnv
     """With `render_mode="rgb_array"`."""
     every: float
     """Simulated time between two pictures [s]."""
@@ -148,7 +149,9 @@ def main(
     if maps is not None:
         draw_maps(maps, world, robot or DRIVE_ROBOT, seed)
         return
-    env = ExploreEnv(world=world, start="spawn", slam=slam, robot=robot, physics=physics, render_mode="rgb_array")
+    env = LidarEnv(
+        Explore, world=world, start="spawn", slam=slam, robot=robot, physics=physics, render_mode="rgb_array"
+    )
     taken = Film(env, every)
     episode = run_episode(env, make_explorer(explorer), seed, taken.shoot)
     taken.finish()

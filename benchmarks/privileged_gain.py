@@ -30,7 +30,7 @@ KNOWN = ("what the robot knows", "true gains", "which gain nothing")
 
 def true_gains(env: ExploreFrontiersAbstractEnv) -> np.ndarray:
     """Return the explorable area in view of each candidate that is not explored yet, shape (k,), float64 [m2]."""
-    coverage, view_range = env.explore.coverage, min(PlanningParams().view_range, env.robot.lidar.range_max)
+    coverage, view_range = env.explore.task.coverage, min(PlanningParams().view_range, env.robot.lidar.range_max)
     area, walls = coverage.area, coverage.area.walls
     truth = np.where(walls.data > 0, 100, np.where(area.explorable & ~coverage.explored, -1, 0)).astype(np.int8)
     free, unknown = np.empty((2, NUM_RAYS))

@@ -13,7 +13,7 @@ import envs  # noqa: F401  (registers the environments)
 from baselines.episode import Info, begin_episode, decide_with, exploration_of, run
 from envs.command_line import Count, run_command
 from envs.slam import DEFAULT_SLAM
-from envs.tasks.return_home import HOME_RADIUS
+from envs.tasks.explore import HOME_RADIUS
 
 
 def drive(explorer: str, world: str, physics: str, slam: str, seed: int) -> Info:

@@ -22,9 +22,10 @@ from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
 from benchmarks.parallel import run_each
 from envs.command_line import Count, make_console, run_command
+from envs.core import LidarEnv
 from envs.estimation.map_pyramid import OCCUPIED_FROM
-from envs.explore_team import MAX_ROBOTS, ExploreTeamEnv
 from envs.slam import DEFAULT_SLAM
+from envs.tasks.explore import MAX_ROBOTS, ExploreTeam
 from envs.worlds import FAMILIES
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
@@ -45,9 +46,10 @@ READERS = dict.fromkeys(COLUMNS, str) | {"num_robots": int, "seed": int}
 """Columns of the CSV file, and how they are read."""
 
 
-def make_env(world: str, num_robots: int, physics: str, slam: str) -> ExploreTeamEnv:
+def make_env(world: str, num_robots: int, physics: str, slam: str) -> LidarEnv:
     """Make the environment of an episode."""
-    return ExploreTeamEnv(
+    return LidarEnv(
+        ExploreTeam,
         world=world,
         num_robots=num_robots,
         physics=physics,
@@ -130,9 +132,9 @@ def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> 
     return shown
 
 
-def draw(env: ExploreTeamEnv, time: float) -> Figure:
+def draw(env: LidarEnv, time: float) -> Figure:
     """Draw the shared map over the true walls at a time [s], and the trail of each robot in its own colour."""
-    grid, theme, start = env.beliefs[0].grid, LIGHT, env.start
+    grid, theme, start = env.robots[0].belief.grid, LIGHT, env.map_pose
     x_min, y_min, x_max, y_max = env.world.bounds
     width, height = x_max - x_min, y_max - y_min
     figure = Figure(figsize=(7.0, 7.0 * height / width + 0.5), dpi=110, layout="constrained", facecolor=theme.paper)
@@ -149,7 +151,7 @@ def draw(env: ExploreTeamEnv, time: float) -> Figure:
         axes.plot(*trail[0], marker="o", markersize=5, color=theme.paper, markeredgecolor=color, markeredgewidth=1.5)
         axes.plot(*trail[-1], marker="o", markersize=7, color=color, markeredgecolor=theme.paper)
     show_only(axes, (x_min - 0.3, x_max + 0.3, y_min - 0.3, y_max + 0.3), theme.unknown)
-    fraction = 100.0 * env.coverage.explored_fraction
+    fraction = 100.0 * env.task.coverage.explored_fraction
     axes.set_title(f"{env.world.name}: {fraction:.0f} % after {time:.0f} s", color=theme.ink, fontsize=10)
     figure.legend(loc="outside lower center", ncols=len(env.robots), frameon=False, labelcolor=theme.ink, fontsize=9)
     return figure

@@ -3,26 +3,49 @@
 Importing this package registers the environments under the namespace `lidarnaut`.
 """
 
+from typing import Any
+
 import gymnasium
 
-ENVIRONMENTS: dict[str, tuple[str, dict[str, object]]] = {
-    "lidarnaut/Explore-v0": ("envs.explore:ExploreEnv", {}),
-    "lidarnaut/ExploreTurtleBot3World-v0": ("envs.explore:ExploreEnv", {"world": "turtlebot3_world"}),
-    "lidarnaut/ExploreHouse-v0": ("envs.explore:ExploreEnv", {"world": "turtlebot3_house"}),
-    "lidarnaut/ExploreWarehouse-v0": ("envs.explore:ExploreEnv", {"world": "tugbot_warehouse"}),
-    "lidarnaut/ExploreRooms-v0": ("envs.explore:ExploreEnv", {"world": "rooms"}),
-    "lidarnaut/ExploreMaze-v0": ("envs.explore:ExploreEnv", {"world": "maze"}),
-    "lidarnaut/ExploreAisles-v0": ("envs.explore:ExploreEnv", {"world": "warehouse"}),
-    "lidarnaut/ExploreCaves-v0": ("envs.explore:ExploreEnv", {"world": "caves"}),
+LIDAR_ENV = "envs.core:LidarEnv"
+_EXPLORE = "envs.tasks.explore:Explore"
+ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "lidarnaut/Explore-v0": (LIDAR_ENV, {"task": _EXPLORE}),
+    "lidarnaut/ExploreTurtleBot3World-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "turtlebot3_world"}),
+    "lidarnaut/ExploreHouse-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "turtlebot3_house"}),
+    "lidarnaut/ExploreWarehouse-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "tugbot_warehouse"}),
+    "lidarnaut/ExploreRooms-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "rooms"}),
+    "lidarnaut/ExploreMaze-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "maze"}),
+    "lidarnaut/ExploreAisles-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "warehouse"}),
+    "lidarnaut/ExploreCaves-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "caves"}),
+    "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "envs.tasks.explore:ExploreTeam"}),
     "lidarnaut/ExploreFrontiers-v0": ("envs.explore_frontiers:ExploreFrontiersEnv", {}),
     "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
-    "lidarnaut/ExploreTeam-v0": ("envs.explore_team:ExploreTeamEnv", {}),
-    "lidarnaut/Navigate-v0": ("envs.navigate:NavigateEnv", {}),
-    "lidarnaut/Track-v0": ("envs.track:TrackEnv", {}),
+    "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "envs.tasks.navigate:Navigate"}),
+    "lidarnaut/Track-v0": (
+        LIDAR_ENV,
+        {"task": "envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},
+    ),
 }
-"""Environments: id -> class and arguments. Each also has a vector environment, `envs.vector`."""
+"""Environments: id -> class and arguments, of which one is the task. Vector environments: `envs.vector`."""
 
-for _id, (_entry_point, _kwargs) in ENVIRONMENTS.items():
+
+def register(id: str, task: Any, **defaults: Any) -> None:
+    """Register environments of a task, so that `gymnasium.make` and `gymnasium.make_vec` make them.
+
+    Args:
+        id: such as "my_lab/Escape-v0".
+        task: subclass of `envs.task.Task`, or `module:attribute` of it.
+        **defaults: arguments of the environment, of the task's own and of those that all tasks share.
+    """
+    _register(id, LIDAR_ENV, {"task": task, **defaults})
+
+
+def _register(id: str, entry_point: str, arguments: dict[str, Any]) -> None:
+    vector = f"envs.vector:{entry_point.partition(':')[2]}s"
+    gymnasium.register(id=id, entry_point=entry_point, vector_entry_point=vector, kwargs=arguments)
+
+
+for _id, (_entry_point, _arguments) in ENVIRONMENTS.items():
     if _id not in gymnasium.registry:
-        _vector = "envs.vector:" + _entry_point.partition(":")[2].replace("Env", "VectorEnv")
-        gymnasium.register(id=_id, entry_point=_entry_point, vector_entry_point=_vector, kwargs=_kwargs)
+        _register(_id, _entry_point, _arguments)

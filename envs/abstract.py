@@ -120,7 +120,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
-        self._mapping = cast(KnownPoses, self.explore.slam)
+        self._mapping = cast(KnownPoses, self.explore.robots[0].estimator)
         self._drift = float(drift[0]), float(drift[0]), float(drift[1])
         self._speed, self._turn_rate = SPEED_SHARE * robot.max_v, TURN_SHARE * robot.max_w
         self._sees_around = bool(self.navigator.navigator.numbers["sees_around"])
@@ -235,7 +235,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
 
     def _is_free(self, pose: Pose2D) -> bool:
         """Tell whether the robot can be at a true pose, or in a cell of the raster beside it."""
-        area = self.explore.coverage.area
+        area = self._task.coverage.area
         (left, bottom), side = area.walls.origin, area.walls.resolution
         row, col = math.floor((pose.y - bottom) / side), math.floor((pose.x - left) / side)
         return bool(area.traversable[max(row - 1, 0) : max(row + 2, 0), max(col - 1, 0) : max(col + 2, 0)].any())

@@ -1,5 +1,6 @@
 """The environment: simulation + estimation + task + observations, for one robot or several."""
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -10,17 +11,20 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, clip_hint, is_number, read_action, read_options
-from envs.estimation import Belief, Estimator
+from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
+from envs.estimation import Belief
 from envs.estimation.motion import TrueMotion, make_motion_source
+from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.ground_truth import GroundTruth, pose_error
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
+from envs.rendering.scene import Scene
 from envs.robot import Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
 from envs.simulation import Reading, Simulator, Twist, make_simulator
+from envs.slam import PoseGraphView
 from envs.task import Task
 from envs.worlds import World
 
@@ -28,86 +32,95 @@ from envs.worlds import World
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Lidar robots in a world, driven by twists, one control period in a step.
 
-    Subclasses give it a task; see `envs.tasks`. Actions are forward speed and yaw rate (counter-clockwise) as fractions
-    of the robot's limits; `clip_actions` says what happens to those outside [-1, 1].
+    What the robots are to do is a task; see `envs.task.Task`. Actions are forward speed and yaw rate (counter-clockwise)
+    as fractions of the robot's limits.
+
+    ## Arguments
+    The parameters of the task, and these, which all tasks share:
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
+    | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"`; vector environments are kinematic unless told otherwise |
+    | `control_hz` | `10.0` | steps per second |
+    | `time_limit` | `None` | length of an episode [s]; `None` gives the task's usual one |
+    | `observations` | `None` | parts of the observation, see `envs.observations.make_parts`; `None` gives the task's usual ones |
+    | `sensors` | `()` | sensors of your own, see `envs.sensor.Sensor` |
+    | `randomize` | `None` | (low, high) by the name of a parameter of the robot, from which each episode draws the true robot's; see docs/training.md |
+    | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped, or refused |
+    | `render_mode` | `None` | `"human"` or `"rgb_array"` |
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
-        task: Task,
-        simulator: Simulator,
-        robots: Sequence[Robot],
-        observations: Observations,
+        task: Any,
         *,
-        control_hz: float,
-        time_limit: float | None,
-        render_mode: str | None,
-        clip_actions: bool = False,
-        is_team: bool = False,
-        randomize: Ranges | None = None,
+        robot: str | RobotParams | None = None,
+        physics: str = "bullet",
+        control_hz: float = 10.0,
+        time_limit: float | None = None,
+        observations: Observations | None = None,
         sensors: Sequence[Any] = (),
+        randomize: Ranges | None = None,
+        clip_actions: bool = False,
+        render_mode: str | None = None,
+        **settings: Any,
     ) -> None:
-        """Assemble an environment.
+        """Assemble an environment for a task; see the class for the arguments, of which `settings` are the task's.
 
-        Args:
-            task: what it is about.
-            simulator: holds the robots' bodies.
-            robots: what each of them senses and estimates.
-            observations: parts of the observation.
-            control_hz: steps per second.
-            time_limit: length of an episode [s]; None for the task's usual one.
-            render_mode: None, "human" or "rgb_array".
-            clip_actions: whether actions outside [-1, 1] are clipped, or refused.
-            is_team: whether actions and observations have an axis for the robots.
-            randomize: ranges of the true robot's parameters, which each episode draws; see `envs.randomization`.
-            sensors: sensors of the user's own, see `envs.sensor.make_sensors`.
+        `task` is a subclass of `envs.task.Task`, or `module:attribute` of one.
 
         Raises:
-            ValueError: if one is not allowed; the message names it and what is.
+            ValueError: if an argument is not among the allowed values; the message names it and them.
+            TypeError: if the task has no such argument; the message names the nearest one.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         check_positive(control_hz=control_hz)
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        self.task = task
-        self.simulator = simulator
-        self.robots = list(robots)
-        self.robot = robots[0].params
+        self.task: Any = make_task(task, settings)
+        """The `Task`, with attributes of its own."""
+        self.robot = choose_robot(robot, getattr(self.task, "world", ""))
         """The nominal robot, as everything but the simulator takes it to be."""
+        self.control_period = period = 1.0 / control_hz
+        self.task.attach(self.robot, period, physics)
+        num_robots = self.task.num_robots
+        self.simulator = make_simulator(physics, self.robot, period, num_robots)
+        self.robots = [self._make_robot(k) for k in range(num_robots)]
         self._randomization: Randomization | None = None
         if randomize:
-            self._randomization = Randomization(randomize, self.robot, simulator.ignored)
+            self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
             # Room for what any episode may draw.
-            simulator.set_robot(self._randomization.robot(self._randomization.highest))
-        self.control_period = 1.0 / control_hz
+            self.simulator.set_robot(self._randomization.robot(self._randomization.highest))
         self.time_limit = time_limit or math.inf
         """Length of the episode [s]."""
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
-        self.plans: list[np.ndarray | None] = [None] * len(self.robots)
+        self.plans: list[np.ndarray | None] = [None] * num_robots
         """Planned path of each robot for drawing, shape (n, 2), map frame [m]; set them from outside, `reset` clears
         them."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Called after a reset with None, and after each control period with the commands, to record the episode."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
-        self._is_team = is_team
+        self._is_team = self.task.is_team
         self.sensors = make_sensors(sensors)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
-        self.parts = make_parts(observations, {**measured, **task.observation_parts()})
+        chosen = self.task.default_observations() if observations is None else observations
+        self.parts = make_parts(chosen, {**measured, **self.task.observation_parts()})
         self.observation_space: spaces.Space[Any] = self._make_observation_space()
-        self._action_shape = (len(self.robots), 2) if is_team else (2,)
+        self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         space: Any = self.observation_space
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._has_begun = False
         self._renderer: Any = None
-        for k, robot in enumerate(self.robots):
-            robot.peers = [*self.robots[:k], *self.robots[k + 1 :]]
+        for k, one in enumerate(self.robots):
+            one.peers = [*self.robots[:k], *self.robots[k + 1 :]]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -143,8 +156,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.truths = [GroundTruth(state) for state in self.simulator.states]
         own = {key: options[key] for key in task.reset_options if key in options}
         readings = self._with_extra(readings, is_first=True)
-        priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        reset_robots(self.robots, readings, priors, rngs[1::2])
+        self._priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
+        reset_robots(self.robots, readings, self._priors, rngs[1::2])
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -264,7 +277,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
-        info, map_pose = self.task.metrics(), self.task.map_pose
+        info: dict[str, Any] = self.task.metrics()
+        map_pose: Pose2D = self.task.map_pose
         errors = np.array(
             [
                 pose_error(*map_pose, *robot.belief.pose, *truth.state.pose)
@@ -332,16 +346,39 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self._renderer is None:
             from envs.rendering import Renderer
 
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], make_picture=self._painter())
+            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
         return self._renderer.draw(self.scene())
 
-    def scene(self) -> Any:
-        """Return this moment for drawing; environments that can be rendered define it."""
-        raise NotImplementedError(f"{type(self).__name__} cannot be rendered: it does not define scene()")
+    def scene(self) -> Scene:
+        """Return this moment for drawing: ground truth beside the robots' estimates."""
+        first, *peers = (self._scene_of(k) for k in range(len(self.robots)))
+        first.peers = tuple(peers)
+        return first
 
-    def _painter(self) -> Any:
-        """Return what makes the picture that scenes are painted in, see `envs.rendering.Renderer`; None for its own."""
-        return None
+    def _scene_of(self, k: int) -> Scene:
+        robot, truth, task = self.robots[k], self.truths[k], self.task
+        estimator = robot.estimator
+        pose_graph = getattr(estimator, "pose_graph", None)
+        plan = self.plans[k]
+        return Scene(
+            world=self.world,
+            robot=robot.params,
+            pose=truth.state.pose,
+            start=self.map_pose,
+            belief=robot.belief,
+            ranges=robot.reading.ranges,
+            trail=truth.trail.positions,
+            estimated_trail=robot.trail.positions,
+            plan=getattr(task, "route_ahead", None) if plan is None else plan,
+            progress=float(task.metrics()[task.progress]),
+            progress_label=task.progress.removesuffix("_fraction").replace("_", " "),
+            time=self.time,
+            collisions=sum(other.collisions for other in self.robots),
+            goal=getattr(task, "goal", None),
+            particles=getattr(getattr(estimator, "localizer", None), "particles", None),
+            has_known_map=self._priors[k].map is not None,
+            pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
+        )
 
     def close(self) -> None:
         """Release the physics engine and the window; the episode ends."""
@@ -354,6 +391,21 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def __getstate__(self) -> dict[str, Any]:
         """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
+
+    def _make_robot(self, index: int) -> Robot:
+        task, params, period = self.task, self.robot, self.control_period
+        truth = TrueMotion(partial(_true_pose, self.simulator, index)) if task.uses_true_motion else None
+        return Robot(params, period, task.make_estimator(), make_motion_source(params, period), truth)
+
+    def set_goal(self, goal: tuple[float, float, float]) -> None:
+        """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
+
+        Raises:
+            ValueError: if the goal is not finite, or no pose that the robot can reach.
+            AttributeError: if the task has no goals.
+        """
+        self._set_time_limit(self.time + self.task.set_goal(goal))
+        self.plan = None
 
     def _make_observation_space(self) -> spaces.Dict:
         space = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
@@ -393,36 +445,29 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     return inner
 
 
-def make_robots(
-    params: RobotParams,
-    physics: str,
-    control_hz: float,
-    make_estimator: Callable[[], Estimator],
-    *,
-    uses_truth: bool = False,
-    num_robots: int = 1,
-) -> tuple[Simulator, list[Robot]]:
-    """Return a simulator of equal robots, and the robots.
+def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
+    """Return a new task.
 
     Args:
-        params: the robots.
-        physics: "bullet" or "kinematic".
-        control_hz: control periods per second.
-        make_estimator: makes the estimator of a robot.
-        uses_truth: whether estimators get the true motion in place of odometry's.
-        num_robots: how many there are.
+        task: class of the task, or `module:attribute` of it.
+        settings: arguments of its constructor.
 
     Raises:
-        ValueError: if one is not allowed; the message names it and what is.
+        ValueError: if it is no task.
+        TypeError: if it has no such argument.
     """
-    check_positive(control_hz=control_hz)
-    period = 1.0 / control_hz
-    simulator = make_simulator(physics, params, period, num_robots)
-    robots = []
-    for k in range(num_robots):
-        truth = TrueMotion(partial(_true_pose, simulator, k)) if uses_truth else None
-        robots.append(Robot(params, period, make_estimator(), make_motion_source(params, period), truth))
-    return simulator, robots
+    kind: Any = resolve(task, {}, "task")
+    if not (isinstance(kind, type) and issubclass(kind, Task)):
+        raise ValueError(f"task must be a subclass of envs.task.Task, or module:attribute of one, got {task!r}")
+    allowed = [*inspect.signature(kind).parameters, *SHARED]
+    if unknown := [name for name in settings if name not in allowed]:
+        raise TypeError(f"task {kind.__name__} has no argument {explain_unknown(unknown[0], allowed)}")
+    made: Task = kind(**settings)
+    return made
+
+
+SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])
+"""Names of the arguments that environments of all tasks share."""
 
 
 def _true_pose(simulator: Simulator, index: int) -> Pose2D:

@@ -8,14 +8,15 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.arguments import check_positive, is_whole
+from envs.core import LidarEnv
 from envs.estimation import Belief
-from envs.explore import ExploreEnv
 from envs.fused import UNCHECKED, FusedDrive, is_fusible
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
 from envs.navigation.home import HomeNavigator
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
 from envs.simulation import Twist
+from envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
 """Most candidates of a decision: the observation has a number for each pair of them."""
@@ -27,7 +28,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     """Explore an unknown world by choosing, again and again, the frontier to drive to.
 
     ## Description
-    The world, the robot, its sensors and its SLAM are those of `ExploreEnv`. The policy does not steer: each step it
+    The world, the robot, its sensors and its SLAM are those of `Explore-v0`. The policy does not steer: each step it
     picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A navigator plans
     the path with each decision (and every four seconds of a longer one), follows it, keeps clear of what the lidar
     sees, and backs up when the robot gets nowhere.
@@ -47,7 +48,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
     | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between the candidates; h = 5 m |
     | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
-    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `ExploreEnv` |
+    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `Explore-v0` |
     | `robot` | `Box(0, 1, (3,), float32)` | range of the lidar, h = 10 m; radius, h = 0.5 m; speed, h = 1 m/s |
 
     Nothing tells the time or the size of the world. Lengths, areas and times without an end are given as x / (x + h).
@@ -73,10 +74,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     Frontiers that the robot has looked at from as near as it gets, and which are there still, are not offered again.
 
     ## Rewards
-    The sum of `ExploreEnv`'s reward over the control steps of the decision, term by term in `info["rewards"]`.
+    The sum of `Explore-v0`'s reward over the control steps of the decision, term by term in `info["rewards"]`.
 
     ## Starting State
-    As `ExploreEnv`'s.
+    As `Explore-v0`'s.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
@@ -85,7 +86,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     3. Truncation: `time_limit` seconds have passed; decisions are cut short.
 
     With `return_home=True` the navigator drives the robot back to its start in cases 1 and 2, within the same step, and
-    the episode ends there: see `ExploreEnv`.
+    the episode ends there: see `Explore-v0`.
 
     A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
     has not come half a metre far for ten seconds or there is no path any more, or when the drive has taken
@@ -93,7 +94,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     on top: `decision_time` counts both. To go on to the same frontier, choose it again: `chosen` marks it.
 
     ## Information
-    What `ExploreEnv` gives, and each step: `action_mask` (int8), `action` (the candidate that was taken; -1 where there
+    What `Explore-v0` gives, and each step: `action_mask` (int8), `action` (the candidate that was taken; -1 where there
     was none and the robot looked around), `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`,
     `"looked_around"`, `"episode_end"`; `"reset"` after one), `decision_time` [s], `decision_length` [m],
     `decision_steps` (control steps), `area_left` (explorable and unknown) [m2]. `end_reason` may also be
@@ -101,7 +102,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     its pose estimate, and in truth farther off than 0.3 m, or `"no_path_home"`.
 
     ## Arguments
-    Those of `ExploreEnv` but for `observations`, and
+    Those of `Explore-v0` but for `observations`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -113,7 +114,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     * v0: first version
     """
 
-    metadata = ExploreEnv.metadata
+    metadata = LidarEnv.metadata
 
     def __init__(
         self,
@@ -133,8 +134,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if "observations" in arguments:
             raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
-        self.explore = env = ExploreEnv(control_hz=control_hz, **arguments)
+        self.explore = env = LidarEnv(Explore, control_hz=control_hz, **arguments)
         """The environment that is driven. Control steps within a decision make no observations and no `info`."""
+        self._task: Explore = env.task
         self.navigator = FrontierNavigator(
             env.robot, env.control_period, max_candidates=max_candidates, max_time=max_decision_time
         )
@@ -193,8 +195,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         else:
             self.navigator.look_around()
         self._result = self._drive()
-        is_explored = self.explore.is_returning or len(self.candidates) == 0
-        if self.explore.return_home and is_explored and not any(self.explore.is_over):
+        is_explored = self._task.is_returning or len(self.candidates) == 0
+        if self._task.return_home and is_explored and not any(self.explore.is_over):
             self._home_reason = self._drive_home()
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
@@ -282,7 +284,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         explore.plan = navigator.plan
         self._control(navigator.command(robot.belief))
-        if any(explore.is_over) or explore.is_returning:
+        if any(explore.is_over) or self._task.is_returning:
             navigator.look(robot.reading, robot.belief)
             return EPISODE_END
         return navigator.update(robot.reading, robot.belief)
@@ -299,7 +301,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def _drive_home(self) -> str | None:
         """Drive back to the start; return why the drive ended before the episode did, if so."""
         explore, robot = self.explore, self.explore.robots[0]
-        explore.call_back()
+        self._task.call_back()
         home = HomeNavigator(explore.robot, explore.control_period)
         while not any(explore.is_over):
             twist = home.act(robot.reading, robot.belief)
@@ -357,5 +359,5 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             "decision_time": self._steps * explore.control_period,
             "decision_length": info["path_length"] - self._path_length,
             "decision_steps": self._steps,
-            "area_left": explore.coverage.area.area - info["explored_area"],
+            "area_left": self._task.coverage.area.area - info["explored_area"],
         }

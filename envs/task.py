@@ -2,11 +2,12 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from gymnasium import spaces
 
+from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.measures import Measure
 from envs.robot import Prior, Robot
@@ -46,18 +47,31 @@ class RewardTerms(Protocol):
 class Task(ABC):
     """In which world an episode runs, what is rewarded, and when it ends.
 
-    A task sees ground truth. Policies see of it only its observation parts and what it passes to estimators at the
-    start.
+    The parameters of a task's constructor are arguments of its environments, beside those that all of them share
+    (`envs.core.LidarEnv`); dataclasses need no constructor of their own. A task sees ground truth. Policies see of it
+    only its observation parts and what it tells robots at the start (`prior`).
     """
 
-    measures: Sequence[Measure]
+    measures: ClassVar[Sequence[Measure]]
     """Measures of an episode, one of them the headline; `envs.measures.COMMON` and `SUCCESS` come on top."""
-    progress: str
+    progress: ClassVar[str]
     """Entry of `info` that says how much of the task is done, from 0 to 1; curves show it over time."""
+    reset_options: ClassVar[tuple[str, ...]] = ()
+    """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
+    num_robots: int = 1
+    """How many robots there are."""
+    is_team: ClassVar[bool] = False
+    """Whether actions and observations have an axis for the robots."""
+    uses_true_motion: bool = False
+    """Whether estimators get the true motion in place of odometry's."""
     weights: RewardTerms
     """Weights of the reward terms."""
-    reset_options: tuple[str, ...] = ()
-    """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
+    robot: RobotParams
+    """The nominal robot."""
+    control_period: float
+    """Time between two steps [s]."""
+    physics: str
+    """Name of the physics."""
     starts: Sequence[Pose2D]
     """Where the robots started, world frame; set by `choose_starts`."""
     map_pose: Pose2D
@@ -65,9 +79,25 @@ class Task(ABC):
     end_reason: str | None = None
     """Why the task has ended the episode; None while it has not."""
 
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Take note of what the environment is made of; called once, before all else.
+
+        Raises:
+            ValueError: the task cannot be done with that; the message names the culprit.
+        """
+        self.robot, self.control_period, self.physics = robot, control_period, physics
+
+    def default_observations(self) -> Sequence[str]:
+        """Return the names of the observation parts that are shown by default."""
+        return ("scan", "map_near", "map_far", "motion")
+
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the observation parts that the task adds to `envs.observations.PARTS`, by name."""
         return {}
+
+    @abstractmethod
+    def make_estimator(self) -> Estimator:
+        """Return what estimates the pose of a robot and its map; called once for each robot."""
 
     @abstractmethod
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:

@@ -9,11 +9,12 @@ import pygame
 import tyro
 
 from envs.command_line import run_command
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.rendering.picture import GAP, Typesetter
 from envs.rendering.renderer import open_window
 from envs.rendering.style import PAPER
 from envs.slam import DEFAULT_SLAM
+from envs.tasks.explore import Explore
 from envs.worlds import save_map
 from envs.worlds.map_files import map_paths
 
@@ -58,7 +59,7 @@ class Options:
 class Teleop:
     """A window, a keyboard, and the robot between them. The robot moves while keys are held."""
 
-    def __init__(self, env: ExploreEnv, map_path: Path, seed: int | None = None) -> None:
+    def __init__(self, env: LidarEnv, map_path: Path, seed: int | None = None) -> None:
         """Open the window and begin an episode.
 
         Args:
@@ -135,8 +136,9 @@ class Teleop:
 
 
 def main(options: Options) -> None:
-    """Drive until the user quits; raises what `ExploreEnv` and `Teleop` do where options are wrong."""
-    env = ExploreEnv(
+    """Drive until the user quits; raises what `LidarEnv` and `Teleop` do where options are wrong."""
+    env = LidarEnv(
+        Explore,
         world=options.world,
         robot=options.robot,
         physics=options.physics,

@@ -11,8 +11,9 @@ from baselines import make_explorer
 from baselines.episode import run_episode
 from baselines.navigation import MapNavigatorParams
 from baselines.navigation.episode import drive
-from envs.explore import ExploreEnv
-from envs.navigate import NavigateEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
+from envs.tasks.navigate import Navigate
 from envs.navigation import crop_to_known
 from envs.worlds import save_map
 
@@ -26,7 +27,7 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
         seed: Of starts, noise and goal.
     """
     out.mkdir(parents=True, exist_ok=True)
-    exploration = ExploreEnv(world=world, physics="kinematic", start="spawn")
+    exploration = LidarEnv(Explore, world=world, physics="kinematic", start="spawn")
     episode = run_episode(exploration, make_explorer("nearest"), seed)
     # The format of ROS's map_server: map.pgm and map.yaml.
     map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
@@ -34,8 +35,8 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
     print(f"explored {100 * episode.explored_fraction:.0f} %; map in {map_path}")
 
     # The map's frame begins where the robot started to explore; `map_pose` says where that is in the world.
-    env = NavigateEnv(
-        world=world, physics="kinematic", map=map_path, map_pose=exploration.start, initial_pose="unknown"
+    env = LidarEnv(
+        Navigate, world=world, physics="kinematic", map=map_path, map_pose=exploration.map_pose, initial_pose="unknown"
     )
     driven = drive(env, seed + 1, MapNavigatorParams(lost_time=120.0))
     env.close()

@@ -6,11 +6,11 @@ does an id with the module before it: `gymnasium.make("lidarnaut:lidarnaut/Explo
 
 from importlib.metadata import PackageNotFoundError, version
 
-from envs import ENVIRONMENTS
+from envs import ENVIRONMENTS, register
 
 from .configurations import find_configuration
 
-__all__ = ["ENVIRONMENTS", "__version__", "find_configuration"]
+__all__ = ["ENVIRONMENTS", "__version__", "find_configuration", "register"]
 
 try:
     __version__ = version("lidarnaut")

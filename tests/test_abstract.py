@@ -49,7 +49,7 @@ def test_the_robot_is_no_faster_than_it_is():
     env = ExploreFrontiersAbstractEnv(**QUICK)
     info, positions = explore(env, 3)
     assert info["path_length"] <= env.robot.max_v * info["time"] + 1e-6
-    area = env.explore.coverage.area
+    area = env.explore.task.coverage.area
     cells = area.walls.cells(positions)
     near = np.array([area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
     assert near.all()

@@ -96,11 +96,7 @@ def test_a_task_of_ones_own_is_an_environment_like_the_others(own_package):
     assert total == pytest.approx(info["away"] - 0.02 * info["time"])
     env.close()
 
-    from my_package.escape import EscapeEnv
-
-    from envs.vector import LidarVectorEnv
-
-    vector = LidarVectorEnv(EscapeEnv, 2, num_workers=0)
+    vector = gymnasium.make_vec("my_package/Escape-v0", 2, num_workers=0)
     vector.reset(seed=0)
     assert vector.step(np.zeros((2, 2), dtype=np.float32))[4]["away"].shape == (2,)
     vector.close()

@@ -10,14 +10,14 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
+from envs.core import LidarEnv
 from envs.estimation import ORIGIN, Belief, MapUpdate, Window
-from envs.explore import ExploreEnv
-from envs.explore_team import ExploreTeamEnv
-from envs.navigate import NavigateEnv
 from envs.observations import MapCrop
 from envs.slam import KnownPoses, load_params
+from envs.tasks.explore import Explore, ExploreTeam
+from envs.tasks.follow_route import FollowRoute
+from envs.tasks.navigate import Navigate
 from envs.tasks.rewards import RewardWeights
-from envs.track import TrackEnv
 from envs.worlds import load_world
 from tests.rollouts import rollout
 from tests.side_by_side import step_both
@@ -73,11 +73,11 @@ def own_code(tmp_path, monkeypatch):
 
 
 def test_world_and_start_can_be_chosen_for_one_episode():
-    env = ExploreEnv(**{**QUICK, "world_size": None})
+    env = LidarEnv(Explore, **{**QUICK, "world_size": None})
     first = rollout(env, 3, 10)
     env.reset(seed=3, options={"world": "turtlebot3_world", "start": (-2.0, 0.5, 1.0)})
     assert env.world.name == "turtlebot3_world"
-    assert tuple(env.start) == (-2.0, 0.5, 1.0)
+    assert tuple(env.map_pose) == (-2.0, 0.5, 1.0)
     env.reset(options={"world": load_world("turtlebot3_stage_1"), "start": "spawn"})
     assert env.world.name == "turtlebot3_stage_1"
     # The next episode is as the environment was constructed.
@@ -85,7 +85,13 @@ def test_world_and_start_can_be_chosen_for_one_episode():
 
 
 @pytest.mark.parametrize(
-    "env", [ExploreEnv(**QUICK), ExploreTeamEnv(**QUICK), NavigateEnv(**QUICK), TrackEnv(physics="kinematic")]
+    "env",
+    [
+        LidarEnv(Explore, **QUICK),
+        LidarEnv(ExploreTeam, **QUICK),
+        LidarEnv(Navigate, **QUICK),
+        LidarEnv(FollowRoute, robot="mpo_500", control_hz=17.0, physics="kinematic"),
+    ],
 )
 def test_unknown_options_are_named(env):
     with pytest.raises(ValueError, match=r"unknown options \['weather'\]; allowed are .*'start'"):
@@ -94,13 +100,13 @@ def test_unknown_options_are_named(env):
 
 @pytest.mark.parametrize("options", [{"start": "home"}, {"world": "atlantis"}, {"start": (99.0, 0.0, 0.0)}])
 def test_options_that_are_not_allowed_are_named(options):
-    env = ExploreEnv(**QUICK)
+    env = LidarEnv(Explore, **QUICK)
     with pytest.raises(ValueError, match=str(next(iter(options)))):
         env.reset(seed=0, options=options)
 
 
 def test_a_prepared_world_is_the_one_that_would_have_been_drawn():
-    prepared, plain = ExploreEnv(**QUICK), ExploreEnv(**QUICK)
+    prepared, plain = LidarEnv(Explore, **QUICK), LidarEnv(Explore, **QUICK)
     for env in (prepared, plain):
         env.reset(seed=0)
     for options in (None, {"world": "turtlebot3_world"}, None):
@@ -109,10 +115,10 @@ def test_a_prepared_world_is_the_one_that_would_have_been_drawn():
 
 
 def test_observations_are_chosen_by_name_and_argument():
-    env = ExploreEnv(**QUICK, observations=("motion", "map_far"))
+    env = LidarEnv(Explore, **QUICK, observations=("motion", "map_far"))
     assert list(env.reset(seed=0)[0]) == ["motion", "map_far"]
     parts = {"scan": None, "map_near": {"resolution": 0.1, "size": 64}, "wide": MapCrop(0.4, size=48)}
-    env = ExploreEnv(**QUICK, observations=parts)
+    env = LidarEnv(Explore, **QUICK, observations=parts)
     observation, _ = env.reset(seed=0)
     assert {key: part.shape for key, part in observation.items()} == {
         "scan": (360,),
@@ -120,7 +126,7 @@ def test_observations_are_chosen_by_name_and_argument():
         "wide": (3, 48, 48),
     }
     assert observation in env.observation_space
-    usual = ExploreEnv(**QUICK)
+    usual = LidarEnv(Explore, **QUICK)
     expected = usual.reset(seed=0)[0]
     np.testing.assert_array_equal(observation["scan"], expected["scan"])
     # 64 pixels of 0.1 m show what the inner 32 pixels of 0.2 m do.
@@ -131,7 +137,7 @@ def test_observations_are_chosen_by_name_and_argument():
 @pytest.mark.parametrize("observations", [("sound",), (), {"sound": None}, {"scan": "no_such_module:Part"}])
 def test_unknown_observations_are_named(observations):
     with pytest.raises(ValueError, match=r"sound|at least one|no_such_module"):
-        ExploreEnv(**QUICK, observations=observations)
+        LidarEnv(Explore, **QUICK, observations=observations)
 
 
 def test_parts_rewards_and_slams_of_the_users_own_code(own_code):
@@ -160,14 +166,14 @@ def test_parts_rewards_and_slams_of_the_users_own_code(own_code):
 
 
 def test_a_slam_can_be_given_as_an_object_and_is_copied():
-    robot = ExploreEnv(**QUICK).robot
+    robot = LidarEnv(Explore, **QUICK).robot
     slam = KnownPoses(robot.lidar, load_params("default", {"resolution": 0.05}))
-    first, second = ExploreEnv(**QUICK, slam=slam), ExploreEnv(**QUICK, slam=slam)
+    first, second = LidarEnv(Explore, **QUICK, slam=slam), LidarEnv(Explore, **QUICK, slam=slam)
     assert same(rollout(first, 1, 10), rollout(second, 1, 10))
     first.reset(seed=1)
     assert first.belief is not second.belief
     with pytest.raises(ValueError, match="slam must be"):
-        ExploreEnv(**QUICK, slam=7)
+        LidarEnv(Explore, **QUICK, slam=7)
 
 
 def test_a_slam_that_cannot_share_its_map_is_refused_for_teams(own_code):
@@ -177,10 +183,10 @@ def test_a_slam_that_cannot_share_its_map_is_refused_for_teams(own_code):
         def __init__(self, lidar, resolution):
             super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
-    ExploreTeamEnv(**QUICK, slam=Own, num_robots=1).reset(seed=0)
+    LidarEnv(ExploreTeam, **QUICK, slam=Own, num_robots=1).reset(seed=0)
     for slam in (Own, "graph", "gmapping"):
         with pytest.raises(ValueError, match="cannot share a map; choose hector, tinyslam, odometry or truth"):
-            ExploreTeamEnv(**QUICK, slam=slam, num_robots=2)
+            LidarEnv(ExploreTeam, **QUICK, slam=slam, num_robots=2)
 
 
 class Redrawing(KnownPoses):
@@ -209,7 +215,7 @@ class Redrawing(KnownPoses):
 
 
 def test_a_map_that_is_redrawn_reaches_coverage_crops_and_trail():
-    env = ExploreEnv(**QUICK, slam=Redrawing, target_coverage=1.0)
+    env = LidarEnv(Explore, **QUICK, slam=Redrawing, target_coverage=1.0)
     env.reset(seed=2)
     ahead = np.array([0.4, 0.1], dtype=np.float32)
     infos = [env.step(ahead)[4] for _ in range(8)]
@@ -224,7 +230,7 @@ def test_a_map_that_is_redrawn_reaches_coverage_crops_and_trail():
 
 
 def test_actions_outside_are_refused_or_clipped():
-    env, clipped = ExploreEnv(**QUICK), ExploreEnv(**QUICK, clip_actions=True)
+    env, clipped = LidarEnv(Explore, **QUICK), LidarEnv(Explore, **QUICK, clip_actions=True)
     for each in (env, clipped):
         each.reset(seed=0)
     with pytest.raises(ValueError, match=r"action must.*, got \[1.5 0. \]; clip_actions=True clips"):
@@ -232,9 +238,9 @@ def test_actions_outside_are_refused_or_clipped():
     for each in (env, clipped):
         with pytest.raises(ValueError, match=r"action must.*, got \[nan  2.\]$"):
             each.step(np.array([np.nan, 2.0], dtype=np.float32))
-    team = ExploreTeamEnv(**QUICK, num_robots=2)
+    team = LidarEnv(ExploreTeam, **QUICK, num_robots=2)
     team.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must(.|\n)*\]$"):
+    with pytest.raises(ValueError, match=r"action must(.|\n)*clip_actions=True"):
         team.step(np.full((2, 2), 1.5, dtype=np.float32))
     expected = env.step(np.array([1.0, -1.0], dtype=np.float32))
     assert same(clipped.step(np.array([2.5, -7.0], dtype=np.float32)), expected)
@@ -243,10 +249,10 @@ def test_actions_outside_are_refused_or_clipped():
 @pytest.mark.parametrize(
     "env",
     [
-        ExploreEnv(**QUICK),
-        ExploreTeamEnv(**QUICK, num_robots=3),
-        NavigateEnv(**QUICK),
-        TrackEnv(physics="kinematic", map_resolution=0.1),
+        LidarEnv(Explore, **QUICK),
+        LidarEnv(ExploreTeam, **QUICK, num_robots=3),
+        LidarEnv(Navigate, **QUICK),
+        LidarEnv(FollowRoute, robot="mpo_500", control_hz=17.0, physics="kinematic", map_resolution=0.1),
     ],
 )
 def test_every_environment_is_checked_deterministic_and_pickles(env):
@@ -283,7 +289,7 @@ def test_steps_and_pictures_before_a_reset_are_refused(id):
 
 
 def test_a_reset_that_failed_begins_no_episode():
-    env = ExploreEnv(**QUICK, slam="truth")
+    env = LidarEnv(Explore, **QUICK, slam="truth")
     env.reset(seed=0)
     with pytest.raises(ValueError, match="atlantis"):
         env.reset(options={"world": "atlantis"})
@@ -298,21 +304,21 @@ def test_a_reset_that_failed_begins_no_episode():
     [STILL.astype(complex), np.ma.masked_array(STILL, [True, False]), ["0.5", "0.5"], [None, 0.0], [True, True]],
 )
 def test_actions_that_are_no_real_numbers_are_refused(action):
-    env = ExploreEnv(**QUICK, slam="truth")
+    env = LidarEnv(Explore, **QUICK, slam="truth")
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must hold real numbers, got"):
         env.step(action)
 
 
 def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
-    env = ExploreEnv(**QUICK, slam="truth")
+    env = LidarEnv(Explore, **QUICK, slam="truth")
     env.reset(seed=0)
     env.step(STILL + 0.5)
     copy = pickle.loads(pickle.dumps(env))
     assert same(env.step(STILL + 0.5), copy.step(STILL + 0.5))
 
     pytest.importorskip("pybullet")
-    env = ExploreEnv(**QUICK | {"physics": "bullet"}, slam="truth")
+    env = LidarEnv(Explore, **QUICK | {"physics": "bullet"}, slam="truth")
     env.reset(seed=0)
     for copy in (pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(env))))):
         with pytest.raises(gymnasium.error.ResetNeeded, match="cannot be copied in mid-episode"):

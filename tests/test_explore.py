@@ -12,10 +12,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.observations import PARTS
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 from envs.tasks.rewards import RewardWeights
 from envs.worlds import World
 from tests.rollouts import rollout
@@ -49,7 +50,7 @@ def test_every_id_passes_gymnasiums_checker_without_a_warning(id):
     [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)],
 )
 def test_reset_keeps_clear_of_movers(world, seed):
-    env = ExploreEnv(world=world, physics="kinematic", slam="truth")
+    env = LidarEnv(Explore, world=world, physics="kinematic", slam="truth")
     env.reset(seed=seed)
     assert not env.step(np.zeros(2, dtype=np.float32))[4]["collisions"]
 
@@ -58,7 +59,7 @@ def test_reset_keeps_clear_of_movers(world, seed):
 def test_stable_baselines3_checker_has_no_warning(physics):
     from stable_baselines3.common.env_checker import check_env as check_sb3
 
-    env = ExploreEnv(physics=physics, time_limit=5.0)
+    env = LidarEnv(Explore, physics=physics, time_limit=5.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_sb3(env, warn=True)
@@ -67,11 +68,11 @@ def test_stable_baselines3_checker_has_no_warning(physics):
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_same_seed_same_bytes(physics):
-    env = ExploreEnv(physics=physics, time_limit=10.0)
+    env = LidarEnv(Explore, physics=physics, time_limit=10.0)
     first = rollout(env, 7, 40)
     rollout(env, 8, 15)
     assert same(first, rollout(env, 7, 40))
-    other = ExploreEnv(physics=physics, time_limit=10.0)
+    other = LidarEnv(Explore, physics=physics, time_limit=10.0)
     assert same(first, rollout(other, 7, 40))
     assert not same(first, rollout(other, 9, 40))
     env.close()
@@ -79,7 +80,7 @@ def test_same_seed_same_bytes(physics):
 
 
 def test_observations_share_no_memory_and_none_stays_constant():
-    env = ExploreEnv(**QUICK)
+    env = LidarEnv(Explore, **QUICK)
     out = rollout(env, 1, 150)
     observations = [step[0] for step in out]
     for before, after in itertools.pairwise(observations):
@@ -127,7 +128,7 @@ def test_observations_tell_neither_the_time_limit_nor_what_is_out_of_sight(id, s
 
 
 def test_info_has_every_key_and_rewards_sum_up():
-    env = ExploreEnv(**QUICK, time_limit=4.0)
+    env = LidarEnv(Explore, **QUICK, time_limit=4.0)
     out = rollout(env, 2, 100)
     assert set(out[0][1]) == INFO_KEYS
     for _, reward, _, _, info in out[1:]:
@@ -142,7 +143,7 @@ def test_info_has_every_key_and_rewards_sum_up():
 
 
 def test_explored_area_grows_by_what_was_rewarded():
-    env = ExploreEnv(**QUICK, reward={"explored": 2.0})
+    env = LidarEnv(Explore, **QUICK, reward={"explored": 2.0})
     out = rollout(env, 3, 60)
     rewarded = sum(step[4]["rewards"]["explored"] for step in out[1:])
     assert rewarded == pytest.approx(2.0 * (out[-1][4]["explored_area"] - out[0][1]["explored_area"]))
@@ -150,7 +151,7 @@ def test_explored_area_grows_by_what_was_rewarded():
 
 
 def test_reaching_the_target_terminates():
-    env = ExploreEnv(**QUICK, target_coverage=0.05)
+    env = LidarEnv(Explore, **QUICK, target_coverage=0.05)
     env.reset(seed=0)
     _, _, terminated, truncated, info = env.step(np.zeros(2, dtype=np.float32))
     assert terminated is True
@@ -161,7 +162,7 @@ def test_reaching_the_target_terminates():
 
 
 def test_driving_into_a_wall_is_counted_and_does_not_end_the_episode():
-    env = ExploreEnv(**QUICK, slam="truth")
+    env = LidarEnv(Explore, **QUICK, slam="truth")
     env.reset(seed=0)
     ahead = np.array([1.0, 0.0], dtype=np.float32)
     infos = [env.step(ahead)[4] for _ in range(150)]
@@ -173,7 +174,7 @@ def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_whee
     burger, position, heading = load_robot("turtlebot3_burger"), {}, {}
     robot = replace(burger, odometry=replace(burger.odometry, uses_gyro=False))
     for slam in ("truth", "odometry", "tinyslam"):
-        env = ExploreEnv(**QUICK, slam=slam, robot=robot)
+        env = LidarEnv(Explore, **QUICK, slam=slam, robot=robot)
         ends = np.array([rollout(env, seed, 200)[-1][4]["pose_error"] for seed in range(4)])
         position[slam], heading[slam] = ends.mean(axis=0)
     assert position["truth"] + heading["truth"] < 1e-9
@@ -183,14 +184,14 @@ def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_whee
 
 
 def test_start_can_be_chosen():
-    spawn = ExploreEnv(physics="kinematic", start="spawn")
+    spawn = LidarEnv(Explore, physics="kinematic", start="spawn")
     spawn.reset(seed=0)
-    assert tuple(spawn.start) == (-2.0, -0.5, 0.0)
-    chosen = ExploreEnv(physics="kinematic", start=(-2.0, 0.5, 1.0))
+    assert tuple(spawn.map_pose) == (-2.0, -0.5, 0.0)
+    chosen = LidarEnv(Explore, physics="kinematic", start=(-2.0, 0.5, 1.0))
     chosen.reset(seed=0)
-    assert tuple(chosen.start) == (-2.0, 0.5, 1.0)
+    assert tuple(chosen.map_pose) == (-2.0, 0.5, 1.0)
     with pytest.raises(ValueError, match="not collision-free"):
-        ExploreEnv(physics="kinematic", start=(0.0, 0.0, 0.0)).reset(seed=0)
+        LidarEnv(Explore, physics="kinematic", start=(0.0, 0.0, 0.0)).reset(seed=0)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +231,6 @@ def test_start_can_be_chosen():
         ({"reward": "a"}, "unknown reward 'a'; allowed is module:attribute"),
         ({"randomize": 5}, "randomize must map names"),
         ({"observations": "scan"}, "observations must be a sequence of names .* got 'scan'"),
-        ({"observations": None}, "observations must be a sequence"),
         ({"observations": (5,)}, "observations must have names, got 5"),
         ({"observations": {"scan": 5}}, "'scan' must be a part or make one, got 5"),
         ({"observations": {"map_near": {"size": 1.5}}}, "whole size from 1 to 4,096, got 1.5"),
@@ -240,12 +240,12 @@ def test_start_can_be_chosen():
 )
 def test_bad_arguments_are_named(kwargs, culprit):
     with pytest.raises(ValueError, match=culprit):
-        ExploreEnv(**{"physics": "kinematic", **kwargs})
+        LidarEnv(Explore, **{"physics": "kinematic", **kwargs})
 
 
 @pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [np.inf, 0.0], [0.0], [[0.0, 0.0]]])
 def test_bad_actions_are_refused(action):
-    env = ExploreEnv(**QUICK)
+    env = LidarEnv(Explore, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must"):
         env.step(np.array(action))
@@ -272,9 +272,9 @@ def test_import_registers_and_stays_light():
 
 def test_works_without_pybullet(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    rollout(ExploreEnv(**QUICK), 0, 3)
+    rollout(LidarEnv(Explore, **QUICK), 0, 3)
     with pytest.raises(ImportError, match="kinematic"):
-        ExploreEnv(physics="bullet").reset(seed=0)
+        LidarEnv(Explore, physics="bullet").reset(seed=0)
 
 
 def make_quick():
@@ -311,15 +311,15 @@ def test_works_in_subproc_vec_env():
 
 
 def test_the_docstring_tells_each_space_as_it_is():
-    rows = {line.split("`")[1]: line for line in ExploreEnv.__doc__.splitlines() if line.strip().startswith("| `")}
-    for key, space in ExploreEnv(**QUICK).observation_space.spaces.items():
+    rows = {line.split("`")[1]: line for line in Explore.__doc__.splitlines() if line.strip().startswith("| `")}
+    for key, space in LidarEnv(Explore, **QUICK).observation_space.spaces.items():
         shape = "(num_beams,)" if key == "scan" else str(space.shape)
         assert f"`Box({space.low.min():g}, {space.high.max():g}, {shape}, {space.dtype})`" in rows[key]
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_an_environment_at_work_can_be_pickled(physics):
-    env = ExploreEnv(physics=physics, time_limit=10.0, render_mode="rgb_array")
+    env = LidarEnv(Explore, physics=physics, time_limit=10.0, render_mode="rgb_array")
     expected = rollout(env, 4, 5)
     env.render()
     twin = pickle.loads(pickle.dumps(env))

@@ -15,8 +15,8 @@ from gymnasium.utils.env_checker import data_equivalence as same
 import envs  # noqa: F401
 from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.core import LidarEnv
 from envs.estimation import Correction, MapUpdate, Window
-from envs.explore import ExploreEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
@@ -274,14 +274,14 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
     observation, info = env.reset(seed=5)
     assert set(info) == INFO_KEYS
     taken = []
-    advance = ExploreEnv.advance
+    advance = LidarEnv.advance
 
     def spy(explore, commands):
         # Straight on, whatever the navigator says, the robot runs into a wall.
         advance(explore, [Twist(explore.robot.max_v, 0.0)])
         taken.append(explore.outcome()[3]["rewards"])
 
-    monkeypatch.setattr(ExploreEnv, "advance", spy)
+    monkeypatch.setattr(LidarEnv, "advance", spy)
     collision = 0.0
     for _ in range(8):
         taken.clear()

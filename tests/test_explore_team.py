@@ -9,13 +9,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
+from envs.core import LidarEnv
 from envs.estimation.peers import remove_peers
-from envs.explore import ExploreEnv
-from envs.explore_team import ExploreTeamEnv
 from envs.geometry import Pose2D
 from envs.observations.peers import PEERS_RANGE
 from envs.robots import load_robot
 from envs.simulation.contact import check_starts
+from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.starts import draw_starts
 from envs.worlds import Mover, World, explorable_area, world_sampler
 
@@ -60,7 +60,7 @@ def test_gymnasiums_checker_has_no_warning():
 )
 def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
     kwargs = {**QUICK, "slam": slam, "physics": physics}
-    env, team = ExploreEnv(**kwargs), ExploreTeamEnv(**kwargs, num_robots=1)
+    env, team = LidarEnv(Explore, **kwargs), LidarEnv(ExploreTeam, **kwargs, num_robots=1)
     rng = np.random.default_rng(0)
     (observation, info), (stacked, team_info) = env.reset(seed=5), team.reset(seed=5)
     for _ in range(120):
@@ -72,14 +72,14 @@ def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
         observation, reward, *ends, info = env.step(action)
         stacked, team_reward, *team_ends, team_info = team.step(action[None])
         assert (reward, ends) == (team_reward, team_ends)
-        assert env.belief.pose == team.beliefs[0].pose
-    np.testing.assert_array_equal(env.slam.map.words, team.robots[0].estimator.map.words)
-    np.testing.assert_array_equal(env.belief.grid.data, team.beliefs[0].grid.data)
+        assert env.belief.pose == team.robots[0].belief.pose
+    np.testing.assert_array_equal(env.robots[0].estimator.map.words, team.robots[0].estimator.map.words)
+    np.testing.assert_array_equal(env.belief.grid.data, team.robots[0].belief.grid.data)
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_same_seed_same_bytes(physics):
-    env = ExploreTeamEnv(**{**QUICK, "physics": physics}, num_robots=3)
+    env = LidarEnv(ExploreTeam, **{**QUICK, "physics": physics}, num_robots=3)
     first = rollout(env, 7, 40)
     rollout(env, 8, 10)
     assert same(first, rollout(env, 7, 40))
@@ -88,7 +88,7 @@ def test_same_seed_same_bytes(physics):
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_pickling(physics):
-    env = ExploreTeamEnv(**{**QUICK, "physics": physics}, render_mode="rgb_array")
+    env = LidarEnv(ExploreTeam, **{**QUICK, "physics": physics}, render_mode="rgb_array")
     expected = rollout(env, 4, 10)
     env.render()
     assert same(expected, rollout(pickle.loads(pickle.dumps(env)), 4, 10))
@@ -97,8 +97,8 @@ def test_pickling(physics):
 
 def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
     start = ((1.0, 1.0, 0.3), (1.0, 3.0, -0.3), (6.0, 2.0, 3.0))
-    team = ExploreTeamEnv(world=hall(), physics="bullet", num_robots=3, start=start, slam="truth")
-    alone = ExploreEnv(world=hall(), physics="kinematic", start=start[0], slam="truth")
+    team = LidarEnv(ExploreTeam, world=hall(), physics="bullet", num_robots=3, start=start, slam="truth")
+    alone = LidarEnv(Explore, world=hall(), physics="kinematic", start=start[0], slam="truth")
     team.reset(seed=0)
     alone.reset(seed=0)
     for _ in range(50):
@@ -128,25 +128,25 @@ def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
 )
 def test_bad_arguments_are_named(kwargs, culprit):
     with pytest.raises(ValueError, match=culprit):
-        ExploreTeamEnv(**{"physics": "kinematic", **kwargs})
+        LidarEnv(ExploreTeam, **{"physics": "kinematic", **kwargs})
 
 
 @pytest.mark.parametrize("action", [np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan), np.full((2, 2), 1.5)])
 def test_bad_actions_are_refused(action):
-    env = ExploreTeamEnv(**QUICK)
+    env = LidarEnv(ExploreTeam, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must"):
         env.step(action)
 
 
 def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
-    env = ExploreTeamEnv(**{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
+    env = LidarEnv(ExploreTeam, **{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
     for seed in range(3):
         env.reset(seed=seed)
         poses = [truth.state.pose for truth in env.truths]
-        assert env.start == poses[0]
+        assert env.map_pose == poses[0]
         for k, pose in enumerate(poses):
-            estimated = env.start.compose(env.beliefs[k].pose)
+            estimated = env.map_pose.compose([robot.belief for robot in env.robots][k].pose)
             np.testing.assert_allclose(estimated, pose, atol=1e-9)
             for other in poses[:k]:
                 assert 2 * BURGER.radius + 0.2 <= math.dist(pose[:2], other[:2])
@@ -155,20 +155,20 @@ def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
 
 def test_starts_can_be_chosen_but_not_in_each_other():
     poses = ((1.0, 1.0, 0.5), (2.0, 1.0, -0.5))
-    env = ExploreTeamEnv(world=hall(), physics="kinematic", start=poses)
+    env = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=poses)
     env.reset(seed=0)
     assert tuple(tuple(truth.state.pose) for truth in env.truths) == poses
-    same = ExploreTeamEnv(world=hall(), physics="kinematic", start=np.array(poses))
+    same = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=np.array(poses))
     same.reset(seed=0)
     assert tuple(tuple(truth.state.pose) for truth in same.truths) == poses
-    close = ExploreTeamEnv(world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
+    close = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
     with pytest.raises(ValueError, match="robots 0 and 1"):
         close.reset(seed=0)
 
 
 def test_more_robots_than_fit_are_refused():
     closet = replace(hall(0.5, 0.5), spawns=(Pose2D(0.25, 0.25, 0.0),))
-    env = ExploreTeamEnv(world=closet, physics="kinematic", num_robots=4, start="spawn")
+    env = LidarEnv(ExploreTeam, world=closet, physics="kinematic", num_robots=4, start="spawn")
     with pytest.raises(ValueError, match="num_robots = 4"):
         env.reset(seed=0)
 
@@ -205,7 +205,7 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
 
 def test_starts_are_not_behind_walls():
     world = hall(8.0, 4.0, [[1.5, 0.0, 1.5, 3.0]])
-    env = ExploreTeamEnv(world=world, physics="kinematic", num_robots=2, start=(1.0, 1.0, 0.0))
+    env = LidarEnv(ExploreTeam, world=world, physics="kinematic", num_robots=2, start=(1.0, 1.0, 0.0))
     for seed in range(10):
         env.reset(seed=seed)
         assert env.truths[1].state.pose.x < 1.5
@@ -213,7 +213,7 @@ def test_starts_are_not_behind_walls():
 
 def test_peers_are_seen():
     start = ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi))
-    env = ExploreTeamEnv(world=hall(), physics="kinematic", start=start)
+    env = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=start)
     observation, _ = env.reset(seed=0)
     ahead = np.argmin(np.abs(BURGER.lidar.angles))
     for k in range(2):
@@ -225,7 +225,7 @@ def test_peers_are_seen():
 
 def test_peers_are_shown_by_position_and_heading_and_saturate():
     start = ((1.0, 1.0, math.pi / 2), (1.0, 3.5, 0.0), (39.0, 1.0, math.pi / 2))
-    env = ExploreTeamEnv(world=hall(40.0), physics="kinematic", num_robots=3, start=start, slam="truth")
+    env = LidarEnv(ExploreTeam, world=hall(40.0), physics="kinematic", num_robots=3, start=start, slam="truth")
     observation, _ = env.reset(seed=0)
     np.testing.assert_allclose(observation["mates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)
 
@@ -245,13 +245,15 @@ def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
 @pytest.mark.parametrize("slam", ["truth", "tinyslam"])
 def test_peers_leave_no_trace_in_the_map(slam):
     start = ((1.0, 2.0, 0.0), (2.5, 2.0, math.pi / 2), (2.0, 3.2, 0.0))
-    env = ExploreTeamEnv(world=hall(), physics="kinematic", num_robots=3, slam=slam, start=start, target_coverage=1.0)
+    env = LidarEnv(
+        ExploreTeam, world=hall(), physics="kinematic", num_robots=3, slam=slam, start=start, target_coverage=1.0
+    )
     env.reset(seed=1)
-    grid, highest = env.beliefs[0].grid, 0
+    grid, highest = env.robots[0].belief.grid, 0
     for _ in range(150):
         backwards = env.robots[1].reading.bumper
         env.step(np.array([[0.3, 0.5], [-1.0, 0.5] if backwards else [0.8, 0.1], [0.0, 0.3]], dtype=np.float32))
-        x, y = env.start.transform(grid.centers(np.argwhere(grid.data >= 0))).T
+        x, y = env.map_pose.transform(grid.centers(np.argwhere(grid.data >= 0))).T
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
@@ -262,7 +264,7 @@ def test_peers_leave_no_trace_in_the_map(slam):
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_robots_that_collide_both_report_contact(physics):
     start = ((1.0, 2.0, 0.0), (2.0, 2.0, 0.0), (4.0, 2.0, 0.0))
-    env = ExploreTeamEnv(world=hall(), physics=physics, num_robots=3, start=start, slam="truth")
+    env = LidarEnv(ExploreTeam, world=hall(), physics=physics, num_robots=3, start=start, slam="truth")
     env.reset(seed=0)
     ahead = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype=np.float32)
     infos = [env.step(ahead)[4] for _ in range(60)]
@@ -286,17 +288,19 @@ def test_robots_that_collide_both_report_contact(physics):
 
 def test_area_counts_once_whoever_sees_it():
     start = ((1.0, 2.0, 0.0), (1.5, 2.0, 0.0))
-    env = ExploreTeamEnv(world=hall(3.0, 4.0), physics="kinematic", start=start, slam="truth", target_coverage=1.0)
+    env = LidarEnv(
+        ExploreTeam, world=hall(3.0, 4.0), physics="kinematic", start=start, slam="truth", target_coverage=1.0
+    )
     _, info = env.reset(seed=0)
     total = sum(step[4]["rewards"]["explored"] for step in still(env, 10))
-    single = ExploreEnv(world=hall(3.0, 4.0), physics="kinematic", start=start[0], slam="truth")
+    single = LidarEnv(Explore, world=hall(3.0, 4.0), physics="kinematic", start=start[0], slam="truth")
     _, alone = single.reset(seed=0)
-    assert alone["explored_area"] <= info["explored_area"] <= env.coverage.area.area
-    assert info["explored_area"] + total == pytest.approx(env.coverage.explored_area)
+    assert alone["explored_area"] <= info["explored_area"] <= env.task.coverage.area.area
+    assert info["explored_area"] + total == pytest.approx(env.task.coverage.explored_area)
 
 
 def test_each_robot_keeps_its_own_pose_by_the_shared_map():
-    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", num_robots=3, start="spawn")
+    env = LidarEnv(ExploreTeam, world="turtlebot3_world", physics="kinematic", num_robots=3, start="spawn")
     env.reset(seed=2)
     rng = np.random.default_rng(0)
     for _ in range(30):
@@ -310,8 +314,8 @@ def test_each_robot_keeps_its_own_pose_by_the_shared_map():
 
 
 def test_the_docstring_tells_each_space_as_it_is():
-    rows = {line.split("`")[1]: line for line in ExploreTeamEnv.__doc__.splitlines() if line.strip().startswith("| `")}
-    env = ExploreTeamEnv(**QUICK, num_robots=3)
+    rows = {line.split("`")[1]: line for line in ExploreTeam.__doc__.splitlines() if line.strip().startswith("| `")}
+    env = LidarEnv(ExploreTeam, **QUICK, num_robots=3)
     for key, space in env.observation_space.spaces.items():
         names = {360: "num_beams", 8: "4 * (num_robots - 1)"}
         shape = ", ".join(["num_robots", *(names.get(size, str(size)) for size in space.shape[1:])])

@@ -11,9 +11,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
+from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigate import NavigateEnv
 from envs.tasks.goals import DeadReckoning
+from envs.tasks.navigate import Navigate
 from envs.tasks.rewards import NavigateRewards
 from envs.worlds import save_map
 from tests.rollouts import rollout
@@ -49,11 +50,11 @@ def test_both_checkers_have_no_warning(physics):
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_same_seed_same_bytes(physics):
-    env = NavigateEnv(world="turtlebot3_world", physics=physics)
+    env = LidarEnv(Navigate, world="turtlebot3_world", physics=physics)
     first = rollout(env, 7, 30)
     rollout(env, 8, 10)
     assert same(first, rollout(env, 7, 30))
-    other = NavigateEnv(world="turtlebot3_world", physics=physics)
+    other = LidarEnv(Navigate, world="turtlebot3_world", physics=physics)
     assert same(first, rollout(other, 7, 30))
     assert not same(first, rollout(other, 9, 30))
     env.close()
@@ -61,7 +62,7 @@ def test_same_seed_same_bytes(physics):
 
 
 def test_observations_share_no_memory_and_none_stays_constant():
-    out = rollout(NavigateEnv(**QUICK), 1, 150)
+    out = rollout(LidarEnv(Navigate, **QUICK), 1, 150)
     observations = [step[0] for step in out]
     for before, after in itertools.pairwise(observations):
         assert not any(np.shares_memory(before[key], after[key]) for key in before)
@@ -71,7 +72,7 @@ def test_observations_share_no_memory_and_none_stays_constant():
 
 
 def test_info_has_every_key_and_rewards_sum_up():
-    out = rollout(NavigateEnv(**QUICK, time_limit=4.0), 2, 100)
+    out = rollout(LidarEnv(Navigate, **QUICK, time_limit=4.0), 2, 100)
     assert set(out[0][1]) == INFO_KEYS
     for _, reward, _, _, info in out[1:]:
         assert set(info) - {"end_reason"} == INFO_KEYS
@@ -83,20 +84,20 @@ def test_info_has_every_key_and_rewards_sum_up():
 
 
 def test_progress_adds_up_to_the_decrease_of_the_geodesic_distance():
-    out = rollout(NavigateEnv(**QUICK, reward={"progress": 2.0}), 3, 80)
+    out = rollout(LidarEnv(Navigate, **QUICK, reward={"progress": 2.0}), 3, 80)
     rewarded = sum(step[4]["rewards"]["progress"] for step in out[1:])
     assert rewarded == pytest.approx(2.0 * (out[0][1]["way_to_goal"] - out[-1][4]["way_to_goal"]))
 
 
 def test_the_goal_is_observed_from_the_estimated_pose():
-    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
+    env = LidarEnv(Navigate, **QUICK, localizer="truth", start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
     observation, info = env.reset(seed=0)
     assert info["distance_to_goal"] == pytest.approx(1.5)
     np.testing.assert_allclose(observation["goal"], [1.5 / 32.0, 0.0, -1.0, 0.0, 1.0], atol=1e-6)
 
 
 def test_reaching_the_goal_terminates_and_pays():
-    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-1.4, -0.5, 0.0))
+    env = LidarEnv(Navigate, **QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-1.4, -0.5, 0.0))
     env.reset(seed=0)
     for _ in range(60):
         _, _, terminated, truncated, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
@@ -112,12 +113,12 @@ def test_reaching_the_goal_terminates_and_pays():
 
 def test_a_heading_can_be_asked_for():
     settings = {**QUICK, "localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
-    assert NavigateEnv(**settings).reset(seed=0)[1]["is_success"]
-    assert not NavigateEnv(**settings, heading_tolerance=0.3).reset(seed=0)[1]["is_success"]
+    assert LidarEnv(Navigate, **settings).reset(seed=0)[1]["is_success"]
+    assert not LidarEnv(Navigate, **settings, heading_tolerance=0.3).reset(seed=0)[1]["is_success"]
 
 
 def test_a_further_goal_needs_no_reset():
-    env = NavigateEnv(**QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
+    env = LidarEnv(Navigate, **QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
     env.reset(seed=0)
     env.step(STOP)
     env.set_goal((-2.0, 0.5, 0.0))
@@ -132,7 +133,7 @@ def test_a_further_goal_needs_no_reset():
 def test_localisers_differ_as_they_should():
     errors = {}
     for localizer in ("truth", "odometry", "amcl"):
-        env = NavigateEnv(**QUICK, localizer=localizer)
+        env = LidarEnv(Navigate, **QUICK, localizer=localizer)
         errors[localizer] = np.mean([rollout(env, seed, 150)[-1][4]["pose_error"] for seed in range(3)], axis=0)
     assert errors["truth"].sum() < 1e-9
     assert errors["odometry"][0] > 1e-3
@@ -144,7 +145,7 @@ def test_localisers_differ_as_they_should():
 
 
 def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
-    env = NavigateEnv(**QUICK, initial_pose="unknown")
+    env = LidarEnv(Navigate, **QUICK, initial_pose="unknown")
     observation, info = env.reset(seed=0)
     assert info["is_lost"]
     assert observation["doubt"][2] == 1.0
@@ -152,11 +153,11 @@ def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
 
 def test_a_saved_map_in_its_own_frame(tmp_path):
     frame = (-2.0, -0.5, 0.5)
-    plain = NavigateEnv(**QUICK, localizer="truth", start="spawn", goal=(-0.5, -0.5, 0.0))
+    plain = LidarEnv(Navigate, **QUICK, localizer="truth", start="spawn", goal=(-0.5, -0.5, 0.0))
     _, info = plain.reset(seed=0)
     path = save_map(plain.belief.grid, tmp_path / "map")
     goal = tuple(Pose2D(*frame).between(Pose2D(-0.5, -0.5, 0.0)))
-    framed = NavigateEnv(**QUICK, localizer="truth", start="spawn", goal=goal, map=path, map_pose=frame)
+    framed = LidarEnv(Navigate, **QUICK, localizer="truth", start="spawn", goal=goal, map=path, map_pose=frame)
     _, again = framed.reset(seed=0)
     assert again["distance_to_goal"] == pytest.approx(info["distance_to_goal"])
     assert tuple(framed.belief.pose) == pytest.approx(Pose2D(*frame).between(Pose2D(-2.0, -0.5, 0.0)))
@@ -193,11 +194,11 @@ def test_a_saved_map_in_its_own_frame(tmp_path):
 )
 def test_bad_arguments_are_named(kwargs, culprit):
     with pytest.raises((ValueError, FileNotFoundError), match=culprit):
-        NavigateEnv(**{**QUICK, **kwargs})
+        LidarEnv(Navigate, **{**QUICK, **kwargs})
 
 
 def test_an_option_that_is_no_goal_is_refused():
-    env = NavigateEnv(**QUICK, goal=(-0.5, 0.5, 0.0))
+    env = LidarEnv(Navigate, **QUICK, goal=(-0.5, 0.5, 0.0))
     for goal in ("kitchen", None, (0.0, 0.0)):
         with pytest.raises(ValueError, match="goal must be"):
             env.reset(seed=0, options={"goal": goal})
@@ -207,12 +208,12 @@ def test_an_option_that_is_no_goal_is_refused():
 
 def test_poses_in_collision_are_refused():
     with pytest.raises(ValueError, match="not collision-free"):
-        NavigateEnv(**QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
+        LidarEnv(Navigate, **QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
     # A pillar, and outside of the walls.
     for goal in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)):
         with pytest.raises(ValueError, match="no pose that the robot can reach"):
-            NavigateEnv(**QUICK, goal=goal).reset(seed=0)
-    env = NavigateEnv(**QUICK)
+            LidarEnv(Navigate, **QUICK, goal=goal).reset(seed=0)
+    env = LidarEnv(Navigate, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="all finite"):
         env.set_goal((0.0, math.nan, 0.0))
@@ -220,7 +221,7 @@ def test_poses_in_collision_are_refused():
 
 @pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [0.0], [[0.0, 0.0]]])
 def test_bad_actions_are_refused(action):
-    env = NavigateEnv(**QUICK)
+    env = LidarEnv(Navigate, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must"):
         env.step(np.array(action))
@@ -243,9 +244,9 @@ def test_vectors_can_be_made():
 
 
 def test_the_docstring_tells_each_space_as_it_is():
-    lines = [line for line in NavigateEnv.__doc__.splitlines() if line.strip().startswith("| `") and "`Box(" in line]
+    lines = [line for line in Navigate.__doc__.splitlines() if line.strip().startswith("| `") and "`Box(" in line]
     rows = {line.split("`")[1]: line for line in lines}
-    for key, space in NavigateEnv(**QUICK).observation_space.spaces.items():
+    for key, space in LidarEnv(Navigate, **QUICK).observation_space.spaces.items():
         shape = "(num_beams,)" if key == "scan" else str(space.shape)
         assert f"`Box({space.low.min():g}, {space.high.max():g}, {shape}, {space.dtype})`" in rows[key]
 
@@ -253,7 +254,7 @@ def test_the_docstring_tells_each_space_as_it_is():
 def test_the_picture_shows_the_goal_and_the_particles():
     from envs.rendering import style
 
-    env = NavigateEnv(**QUICK, render_mode="rgb_array")
+    env = LidarEnv(Navigate, **QUICK, render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()
     assert picture.shape == (720, 1280, 3)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.observations import Plan
 from envs.observations.plan import LOOKAHEADS, look_ahead
+from envs.tasks.explore import Explore
 from envs.worlds import World
 from tests.side_by_side import step_both
 
@@ -42,8 +43,8 @@ def test_points_ahead_are_measured_along_the_path():
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, -1.5, 3.0])
 def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
-    env = ExploreEnv(
-        world=corridor(), start=(0.8, 0.8, turn), physics="kinematic", slam="truth", observations=("plan",)
+    env = LidarEnv(
+        Explore, world=corridor(), start=(0.8, 0.8, turn), physics="kinematic", slam="truth", observations=("plan",)
     )
     observation, _ = env.reset(seed=0)
     best = observation["plan"][:9]
@@ -68,12 +69,12 @@ def drive(env, steps, seed):
 
 
 def test_who_follows_the_plan_explores_and_sees_it_change():
-    env = ExploreEnv(**ROOMS, target_coverage=0.9)
+    env = LidarEnv(Explore, **ROOMS, target_coverage=0.9)
     seen = []
     for observation in drive(env, 2000, seed=0):
         assert env.observation_space.contains(observation)
         seen.append(observation["plan"])
-    assert env.coverage.explored_fraction >= 0.9
+    assert env.task.coverage.explored_fraction >= 0.9
     assert (np.ptp(seen, axis=0)[:8] > 0.2).all()  # no number of the first one stays as it is
     rows = np.array(seen).reshape(-1, 9)
     present = rows[:, 8] == 1.0
@@ -84,7 +85,7 @@ def test_who_follows_the_plan_explores_and_sees_it_change():
 
 def test_frontiers_are_found_anew_every_so_many_seconds():
     def changes(survey_time):
-        env = ExploreEnv(**{**ROOMS, "observations": {"plan": {"survey_time": survey_time}}})
+        env = LidarEnv(Explore, **{**ROOMS, "observations": {"plan": {"survey_time": survey_time}}})
         costs = [observation["plan"][6] for observation in drive(env, 100, seed=1)]
         return np.count_nonzero(np.diff(costs))
 
@@ -94,7 +95,7 @@ def test_frontiers_are_found_anew_every_so_many_seconds():
 
 
 def test_looking_twice_changes_nothing_and_a_reset_begins_anew():
-    env = ExploreEnv(**ROOMS)
+    env = LidarEnv(Explore, **ROOMS)
     first = [observation["plan"] for observation in drive(env, 20, seed=3)]
     np.testing.assert_array_equal(env.observe()["plan"], env.observe()["plan"])
     again = [observation["plan"] for observation in drive(env, 20, seed=3)]
@@ -105,7 +106,7 @@ def test_vector_environments_equal_single_ones_bit_for_bit():
     arguments = {**ROOMS, "time_limit": 6.0}
     mode = AutoresetMode.SAME_STEP
     ours = gymnasium.make_vec("lidarnaut/Explore-v0", 3, num_workers=2, autoreset_mode=mode, **arguments)
-    theirs = SyncVectorEnv([lambda: ExploreEnv(**arguments)] * 3, autoreset_mode=mode)
+    theirs = SyncVectorEnv([lambda: LidarEnv(Explore, **arguments)] * 3, autoreset_mode=mode)
     ours.action_space.seed(0)
     actions = (np.abs(ours.action_space.sample()) for _ in range(70))
     ended = sum(np.count_nonzero(truncated) for (_, _, truncated), _ in step_both(ours, theirs, actions))

@@ -20,21 +20,22 @@ if __name__ == "__main__":
 """
 VECTOR = """
 import multiprocessing, time
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
 from envs.vector import LidarVectorEnv
 
-class Asleep(ExploreEnv):
+class Asleep(LidarEnv):
     def begin(self, **arguments):
         super().begin(**arguments)
         time.sleep(self.control_period)
 
 if __name__ == "__main__":
-    envs = [LidarVectorEnv(Asleep, 3, num_workers=3, physics="kinematic", context="fork")]
+    envs = [LidarVectorEnv(Asleep, 3, task=Explore, num_workers=3, physics="kinematic", context="fork")]
     # A process that does not follow, and holds copies of what was open when it was forked.
     other = multiprocessing.get_context("fork").Process(target=time.sleep, args=(25.0,))
     other.start()
     for method in ("forkserver", "spawn"):
-        envs.append(LidarVectorEnv(Asleep, 2, num_workers=2, physics="kinematic", context=method))
+        envs.append(LidarVectorEnv(Asleep, 2, task=Explore, num_workers=2, physics="kinematic", context=method))
         envs[-1].get_attr("control_period")  # once the worker is up
     envs[0].set_attr("control_period", [0.0, 600.0, 600.0])
     print(*{child.pid for child in multiprocessing.active_children()} - {other.pid}, flush=True)

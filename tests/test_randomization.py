@@ -10,11 +10,12 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import envs  # noqa: F401
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
 from envs.randomization import RANDOMIZABLE, Randomization
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 from envs.vector.fused import is_shard_fusible
 from tests.rollouts import rollout
 from tests.side_by_side import step_both
@@ -42,7 +43,7 @@ def fixed(**values):
 
 
 def test_values_lie_in_their_ranges_and_differ_between_episodes():
-    env = ExploreEnv(**QUICK, randomize=RANGES)
+    env = LidarEnv(Explore, **QUICK, randomize=RANGES)
     drawn = [env.reset(seed=0)[1]["randomized"]] + [env.reset()[1]["randomized"] for _ in range(20)]
     for name, (low, high) in RANGES.items():
         values = np.array([values[name] for values in drawn])
@@ -54,7 +55,7 @@ def test_values_lie_in_their_ranges_and_differ_between_episodes():
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])
 def test_same_seed_same_values_and_bytes_whatever_the_order_of_the_names(physics):
     env, other = (
-        ExploreEnv(**{**QUICK, "physics": physics}, randomize=ranges)
+        LidarEnv(Explore, **{**QUICK, "physics": physics}, randomize=ranges)
         for ranges in (RANGES, dict(reversed(RANGES.items())))
     )
     first = rollout(env, 3, 8)
@@ -74,12 +75,12 @@ def test_the_world_the_start_and_the_task_are_those_without_randomization():
     assert set(randomized.reset(seed=5)[1]["randomized"]) == set(RANGES)
     np.testing.assert_array_equal(plain.world.segments, randomized.world.segments)
     assert plain.truths[0].state.pose == randomized.truths[0].state.pose
-    assert plain.goal == randomized.goal
+    assert plain.task.goal == randomized.task.goal
 
 
 def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
     def scan(**values):
-        env = ExploreEnv(**ROOM, randomize=fixed(**values))
+        env = LidarEnv(Explore, **ROOM, randomize=fixed(**values))
         observation, _ = env.reset(seed=0)
         assert env.robot == env.robots[0].params == BURGER
         return observation["scan"] * BURGER.lidar.range_max
@@ -93,7 +94,9 @@ def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])
 def test_larger_wheels_drive_farther_than_odometry_says(physics):
-    env = ExploreEnv(**{**HALL, "physics": physics}, randomize=fixed(drive__wheel_radius=0.0363, drive__slip_std=0.0))
+    env = LidarEnv(
+        Explore, **{**HALL, "physics": physics}, randomize=fixed(drive__wheel_radius=0.0363, drive__slip_std=0.0)
+    )
     env.reset(seed=0)
     for _ in range(50):
         *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
@@ -102,7 +105,7 @@ def test_larger_wheels_drive_farther_than_odometry_says(physics):
 
 
 def test_a_lower_limit_of_speed_cuts_commands():
-    env = ExploreEnv(**HALL, randomize=fixed(max_v=0.1))
+    env = LidarEnv(Explore, **HALL, randomize=fixed(max_v=0.1))
     env.reset(seed=0)
     for _ in range(20):
         env.step(np.array([1.0, 0.0], dtype=np.float32))
@@ -113,7 +116,7 @@ def test_a_lower_limit_of_speed_cuts_commands():
 def test_wheels_without_grip_spin():
     driven = []
     for friction in (1.0, 0.002):
-        env = ExploreEnv(**{**HALL, "physics": "bullet"}, randomize=fixed(drive__friction=friction))
+        env = LidarEnv(Explore, **{**HALL, "physics": "bullet"}, randomize=fixed(drive__friction=friction))
         env.reset(seed=0)
         for _ in range(20):
             *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
@@ -123,9 +126,9 @@ def test_wheels_without_grip_spin():
 
 
 def test_coverage_knows_where_the_lidar_really_looks():
-    env = ExploreEnv(**HALL, randomize=fixed(lidar__mount__x=0.2, lidar__mount__yaw=0.3))
+    env = LidarEnv(Explore, **HALL, randomize=fixed(lidar__mount__x=0.2, lidar__mount__yaw=0.3))
     env.reset(seed=0)
-    scan = env.coverage._true_scan(env.reading.ranges, Pose2D(1.0, 2.0, 0.0))
+    scan = env.task.coverage._true_scan(env.reading.ranges, Pose2D(1.0, 2.0, 0.0))
     assert (scan.x, scan.y, scan.theta) == pytest.approx((1.2, 2.0, 0.3 + BURGER.lidar.angle_min))
 
 
@@ -179,7 +182,7 @@ def test_sub_environments_draw_what_single_ones_draw(case):
 
 
 def test_randomized_environments_are_still_stepped_by_the_kernel():
-    assert is_shard_fusible(ExploreEnv(**QUICK, slam="hector", randomize=RANGES))
+    assert is_shard_fusible(LidarEnv(Explore, **QUICK, slam="hector", randomize=RANGES))
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])
@@ -208,7 +211,7 @@ def test_randomized_environments_pickle_and_their_specs_are_json(physics):
 )
 def test_bad_ranges_are_named(ranges, culprit):
     with pytest.raises(ValueError, match=culprit):
-        ExploreEnv(**QUICK, randomize=ranges)
+        LidarEnv(Explore, **QUICK, randomize=ranges)
 
 
 def test_wheels_are_refused_where_robots_slide_along_paths():

@@ -12,10 +12,9 @@ from baselines import make_explorer
 from baselines.episode import begin_episode, decide_with, run
 from benchmarks.decision_rules import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.explore_team import ExploreTeamEnv
-from envs.tasks.return_home import HOME_RADIUS
+from envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from envs.tasks.rewards import RewardWeights
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
@@ -40,14 +39,14 @@ class Tired:
 
 def explore(explorer, **arguments):
     """Run an episode; return the environment and every `info` of it."""
-    env, infos = ExploreEnv(**QUICK, **arguments), []
+    env, infos = LidarEnv(Explore, **QUICK, **arguments), []
     start = begin_episode(env, explorer, 3, np.random.default_rng(0))
     run(env, decide_with(explorer, env), *start, infos.append)
     return env, infos
 
 
 def distance_home(env):
-    (x, y, _), (home_x, home_y, _) = env.truths[0].state.pose, env.start
+    (x, y, _), (home_x, home_y, _) = env.truths[0].state.pose, env.map_pose
     return math.hypot(x - home_x, y - home_y)
 
 
@@ -58,7 +57,7 @@ def test_the_episode_ends_at_the_start_once_the_world_is_explored():
     assert distance_home(env) <= HOME_RADIUS
     # At the start the robot is at home, too, and has nothing to return from.
     assert not any(info["returned"] for info in infos[:-1])
-    covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.target_coverage)
+    covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.task.target_coverage)
     assert 0 < covered < len(infos) - 1
     assert infos[covered]["time_home"] == 0.0
     assert last["time_home"] == pytest.approx(last["time"] - infos[covered]["time"])
@@ -70,7 +69,7 @@ def test_a_robot_whose_explorer_stops_early_returns_without_success():
     env, infos = explore(Tired(40), control_hz=5.0)
     assert infos[-1]["returned"]
     assert not infos[-1]["is_success"]
-    assert infos[-1]["explored_fraction"] < env.target_coverage
+    assert infos[-1]["explored_fraction"] < env.task.target_coverage
     assert distance_home(env) <= HOME_RADIUS
 
 
@@ -97,7 +96,7 @@ def test_the_last_decision_drives_home():
 
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
-    [("tasks.return_home.HOME_RADIUS", 0.0, "arrived_home"), ("navigation.home.HOME", (40.0, 0.0), "no_path_home")],
+    [("tasks.explore.HOME_RADIUS", 0.0, "arrived_home"), ("navigation.home.HOME", (40.0, 0.0), "no_path_home")],
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
     """It believes to be back, but is farther off than allowed; or its map shows no path."""
@@ -108,7 +107,7 @@ def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, m
 
 
 def test_time_limits_hold_on_the_drive_home(monkeypatch):
-    monkeypatch.setattr("envs.tasks.return_home.HOME_RADIUS", 0.0)
+    monkeypatch.setattr("envs.tasks.explore.HOME_RADIUS", 0.0)
     _, infos = explore(Tired(20), control_hz=5.0, time_limit=6.0)
     assert infos[-1]["end_reason"] == "time_limit"
     assert infos[-1]["time_home"] > 0.0
@@ -122,7 +121,7 @@ def test_vector_environments_do_the_same():
     assert observations["home"].shape == (2, 4)
     _, rewards, terminated, _, infos = vector.step(np.zeros((2, 2), dtype=np.float32))
     for k in range(2):
-        env = ExploreEnv(**arguments)
+        env = LidarEnv(Explore, **arguments)
         env.reset(seed=5 + k)
         _, reward, ended, _, info = env.step(np.zeros(2, dtype=np.float32))
         assert (rewards[k], terminated[k], infos["returned"][k]) == (reward, ended, info["returned"])
@@ -131,10 +130,10 @@ def test_vector_environments_do_the_same():
 
 
 def test_policies_see_where_home_is():
-    env = pickle.loads(pickle.dumps(ExploreEnv(**QUICK, slam="truth", start="spawn")))
+    env = pickle.loads(pickle.dumps(LidarEnv(Explore, **QUICK, slam="truth", start="spawn")))
     observation, _ = env.reset(seed=0)
     np.testing.assert_allclose(observation["home"][:2], 0.0, atol=1e-6)
-    env.call_back()
+    env.task.call_back()
     for _ in range(5):
         observation, *_ = env.step(np.array([0.0, 1.0], dtype=np.float32))
     x, y, theta = env.belief.pose
@@ -146,14 +145,14 @@ def test_policies_see_where_home_is():
 
 
 def test_weights_of_an_exploration_keep_their_values():
-    assert ExploreEnv(**QUICK, reward=RewardWeights(time=-1.0)).task.weights.time == -1.0
-    assert ExploreEnv(**QUICK, reward={"returned": 3.0}).task.weights.returned == 3.0
+    assert LidarEnv(Explore, **QUICK, reward=RewardWeights(time=-1.0)).task.weights.time == -1.0
+    assert LidarEnv(Explore, **QUICK, reward={"returned": 3.0}).task.weights.returned == 3.0
 
 
 def test_what_cannot_return_says_so():
     with pytest.raises(ValueError, match="return_home is for one robot"):
-        ExploreTeamEnv(**QUICK)
+        LidarEnv(ExploreTeam, **QUICK)
     with pytest.raises(ValueError, match="return_home needs a robot that drives"):
         ExploreFrontiersAbstractEnv(return_home=True)
     with pytest.raises(ValueError, match="return_home=True"):
-        ExploreEnv(physics="kinematic").call_back()
+        LidarEnv(Explore, physics="kinematic").task.call_back()

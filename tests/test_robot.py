@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from envs.core import LidarEnv
 from envs.estimation import ORIGIN, Belief, MapUpdate, Window
 from envs.estimation.belief import check_belief
-from envs.explore import ExploreEnv
-from envs.explore_team import ExploreTeamEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.slam import KnownPoses, load_params
+from envs.tasks.explore import Explore, ExploreTeam
 from tests.test_core import QUICK, STILL
 
 CELLS = np.array([[3, 4], [5, 6]], dtype=np.int32)
@@ -89,7 +89,7 @@ class Faulty(KnownPoses):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_belief_that_maps_cannot_work_with_is_refused(fault, monkeypatch):
     spoil, says = FAULTS[fault]
-    env = ExploreEnv(**QUICK, slam=Faulty)
+    env = LidarEnv(Explore, **QUICK, slam=Faulty)
     with monkeypatch.context() as patch:
         patch.setattr(Faulty, "spoil", staticmethod(spoil))
         env.reset(seed=0)
@@ -102,14 +102,14 @@ def test_a_belief_that_maps_cannot_work_with_is_refused(fault, monkeypatch):
 def test_a_slam_that_returns_no_belief_is_named(monkeypatch):
     monkeypatch.setattr(Faulty, "update", lambda self, ranges, motion: None)
     with pytest.raises(ValueError, match=r"Faulty.*Belief.*None"):
-        ExploreEnv(**QUICK, slam=Faulty).reset(seed=0)
+        LidarEnv(Explore, **QUICK, slam=Faulty).reset(seed=0)
 
 
 def test_a_team_whose_robots_have_maps_of_their_own_is_refused(monkeypatch):
     monkeypatch.setattr(Faulty, "reset", lambda self, rng, pose=ORIGIN, map=None: KnownPoses.reset(self, rng, pose))
     monkeypatch.setattr(Faulty, "update", KnownPoses.update)
     with pytest.raises(ValueError, match=r"Faulty.*OccupancyGrid"):
-        ExploreTeamEnv(**QUICK, slam=Faulty, num_robots=2).reset(seed=0)
+        LidarEnv(ExploreTeam, **QUICK, slam=Faulty, num_robots=2).reset(seed=0)
 
 
 def test_cells_may_be_counted_from_where_the_map_began_before_it_grew():

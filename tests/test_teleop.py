@@ -10,16 +10,17 @@ import pygame
 import pytest
 import tyro
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.slam import SLAM_NAMES
+from envs.tasks.explore import Explore
 from envs.teleop import Options, Teleop, main
 from envs.worlds import load_map
 
 
 @pytest.fixture
 def env():
-    return ExploreEnv(
-        world="turtlebot3_world", physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array"
+    return LidarEnv(
+        Explore, world="turtlebot3_world", physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array"
     )
 
 
@@ -36,7 +37,7 @@ def key(kind, code):
 
 
 def pose(env):
-    return env.start.compose(env.belief.pose)
+    return env.map_pose.compose(env.belief.pose)
 
 
 def test_the_robot_drives_while_keys_are_held(env, teleop):
@@ -94,7 +95,7 @@ def test_m_saves_the_map_and_r_starts_again(env, teleop, tmp_path):
     key(pygame.KEYDOWN, pygame.K_r)
     teleop.tick()
     assert env.reading.time == pytest.approx(env.control_period)
-    np.testing.assert_allclose(pose(env), env.start, atol=1e-3)
+    np.testing.assert_allclose(pose(env), env.map_pose, atol=1e-3)
 
 
 def test_a_failed_save_is_said_and_does_no_harm(env, tmp_path):
@@ -117,7 +118,7 @@ def test_q_and_closing_the_window_quit(event):
 
 @pytest.mark.parametrize("slam", SLAM_NAMES)
 def test_every_slam_drives(slam, tmp_path):
-    env = ExploreEnv(physics="kinematic", slam=slam, start="spawn", render_mode="rgb_array")
+    env = LidarEnv(Explore, physics="kinematic", slam=slam, start="spawn", render_mode="rgb_array")
     teleop = Teleop(env, tmp_path / "learned.yaml", seed=0)
     key(pygame.KEYDOWN, pygame.K_UP)
     assert all([teleop.tick() for _ in range(15)])

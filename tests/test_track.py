@@ -13,13 +13,14 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 from baselines.explorer import to_action
 from baselines.route_follower import RouteFollower
+from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
 from envs.robots import load_robot
+from envs.tasks.follow_route import FollowRoute
 from envs.tasks.rewards import TrackRewards
 from envs.tasks.route import Progress, Route, rectangle
 from envs.tasks.route_map import make_route_map
-from envs.track import TrackEnv
 from envs.worlds import load_world
 from tests.rollouts import rollout
 
@@ -33,7 +34,13 @@ QUICK = {
     "control_hz": 5.0,
 }
 """A short route between pillars; a robot without a compass."""
-HALL = {"physics": "kinematic", "path": np.array([[4.1, 3.2], [10.1, 3.2]]), "map_resolution": 0.05}
+HALL = {
+    "robot": "mpo_500",
+    "control_hz": 17.0,
+    "physics": "kinematic",
+    "path": np.array([[4.1, 3.2], [10.1, 3.2]]),
+    "map_resolution": 0.05,
+}
 """Six metres of the first side of the rectangle, with the robot of the experiment."""
 
 
@@ -41,9 +48,9 @@ def follow(env, seed=0, max_steps=2000):
     """Drive with the classic tracker; return everything that comes out."""
     out = [env.reset(seed=seed)]
     tracker = RouteFollower()
-    tracker.reset(env.robot, env.control_period, env.route)
+    tracker.reset(env.robot, env.control_period, env.task.route)
     for _ in range(max_steps):
-        out.append(env.step(to_action(tracker.act(env.reading, env.estimate.pose), env.robot)))
+        out.append(env.step(to_action(tracker.act(env.reading, env.belief.pose), env.robot)))
         if out[-1][2] or out[-1][3]:
             break
     return out
@@ -59,7 +66,7 @@ def test_gymnasiums_checker_has_no_warning():
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_same_seed_same_bytes(physics):
-    env, other = (TrackEnv(**{**QUICK, "physics": physics}) for _ in range(2))
+    env, other = (LidarEnv(FollowRoute, **{**QUICK, "physics": physics}) for _ in range(2))
     first = rollout(env, 7, 15)
     assert same(first, rollout(other, 7, 15))
     assert same(first, rollout(env, 7, 15))
@@ -70,20 +77,20 @@ def test_same_seed_same_bytes(physics):
 
 
 def test_observations_share_no_memory_and_starts_vary():
-    env = TrackEnv(**QUICK)
+    env = LidarEnv(FollowRoute, **QUICK)
     observations = [step[0] for step in rollout(env, 1, 20)]
     for before, after in itertools.pairwise(observations):
         assert not any(np.shares_memory(before[key], after[key]) for key in before)
     starts = []
     for seed in range(3):
         env.reset(seed=seed)
-        starts.append(env.true_pose)
+        starts.append(env.map_pose.between(env.truths[0].state.pose))
     assert np.std(starts, axis=0).min() > 1e-3
 
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_the_tracker_follows_the_route_to_its_end(physics):
-    env = TrackEnv(**{**HALL, "physics": physics, "start_spread": (0.0, 0.0)})
+    env = LidarEnv(FollowRoute, **{**HALL, "physics": physics, "start_spread": (0.0, 0.0)})
     out = follow(env)
     infos = [step[-1] for step in out]
     assert infos[-1]["end_reason"] == "completed"
@@ -94,9 +101,9 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
     assert max(info["pose_error"][1] for info in infos) < math.radians(0.7)
     for _, reward, _, _, info in out[1:]:
         assert reward == pytest.approx(sum(info["rewards"].values()))
-    assert sum(info["rewards"]["progress"] for info in infos) == pytest.approx(env.route.length, abs=0.15)
+    assert sum(info["rewards"]["progress"] for info in infos) == pytest.approx(env.task.route.length, abs=0.15)
     assert infos[-1]["rewards"]["completed"] == TrackRewards().completed
-    counts = env.fused.ekf.counts
+    counts = env.robots[0].estimator.ekf.counts
     assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(out) - 1
     assert 20 < counts["map"]["accepted"] < 35
     env.close()
@@ -105,30 +112,30 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
 def test_fusion_keeps_the_heading_that_wheels_lose():
     heading = {}
     for fusion in ("full", "encoder"):
-        env = TrackEnv(**{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)})
+        env = LidarEnv(FollowRoute, **{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)})
         heading[fusion] = np.mean([follow(env, seed)[-1][-1]["pose_error"][1] for seed in range(3)])
     assert heading["full"] < 0.2 * heading["encoder"]
 
 
 def test_an_initial_pose_error_is_corrected_and_no_measurement_is_rejected():
-    env = TrackEnv(**HALL)
+    env = LidarEnv(FollowRoute, **HALL)
     for seed in range(4):
         off = env.reset(seed=seed)[1]["pose_error"][1]
         for _ in range(10):
             info = env.step(np.zeros(2, dtype=np.float32))[4]
         assert info["pose_error"][1] < max(0.2 * off, math.radians(0.1))
-        assert env.fused.ekf.counts["compass"] == {"accepted": 10}
+        assert env.robots[0].estimator.ekf.counts["compass"] == {"accepted": 10}
 
 
 def test_straying_and_time_end_the_episode():
-    env = TrackEnv(**{**QUICK, "max_deviation": 0.2})
+    env = LidarEnv(FollowRoute, **{**QUICK, "max_deviation": 0.2})
     env.reset(seed=0)
     for _ in range(100):
         *_, terminated, truncated, info = env.step(np.array([1.0, 0.4], dtype=np.float32))
         if terminated:
             break
     assert (terminated, truncated, info["end_reason"]) == (True, False, "strayed")
-    env = TrackEnv(**{**QUICK, "time_limit": 2.0})
+    env = LidarEnv(FollowRoute, **{**QUICK, "time_limit": 2.0})
     out = rollout(env, 0, 100)
     assert len(out) == 11
     assert out[-1][2:4] == (False, True)
@@ -183,7 +190,9 @@ def test_maps_are_made_once_and_are_aligned_with_the_world():
 
 def test_a_route_through_a_wall_is_no_route():
     with pytest.raises(RuntimeError, match=r"did not get along the route in world 'turtlebot3_world'"):
-        TrackEnv(**{**QUICK, "path": np.array([[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]])}).reset(seed=0)
+        LidarEnv(
+            FollowRoute, **{**QUICK, "path": np.array([[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]])}
+        ).reset(seed=0)
 
 
 def test_encoders_tell_the_mean_of_a_period_for_its_middle():
@@ -217,7 +226,7 @@ def test_the_compass_tells_headings_in_the_map_frame():
 
 
 def test_render_shows_the_robot_on_its_map():
-    env = TrackEnv(**QUICK, render_mode="rgb_array")
+    env = LidarEnv(FollowRoute, **QUICK, render_mode="rgb_array")
     env.reset(seed=0)
     before = env.render()
     for _ in range(10):
@@ -250,19 +259,19 @@ def test_render_shows_the_robot_on_its_map():
 )
 def test_bad_arguments_are_named(kwargs, culprit):
     with pytest.raises(ValueError, match=culprit):
-        TrackEnv(**{**QUICK, **kwargs})
+        LidarEnv(FollowRoute, **{**QUICK, **kwargs})
 
 
 @pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, 1.5], [0.0], [[0.0, 0.0]]])
 def test_bad_actions_are_refused(action):
-    env = TrackEnv(**QUICK)
+    env = LidarEnv(FollowRoute, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must"):
         env.step(np.array(action))
 
 
 def test_the_docstring_tells_each_space_as_it_is():
-    rows = {line.split("`")[1]: line for line in TrackEnv.__doc__.splitlines() if line.strip().startswith("| `")}
-    for key, space in TrackEnv(**QUICK).observation_space.spaces.items():
+    rows = {line.split("`")[1]: line for line in FollowRoute.__doc__.splitlines() if line.strip().startswith("| `")}
+    for key, space in LidarEnv(FollowRoute, **QUICK).observation_space.spaces.items():
         shape = "(num_beams,)" if key == "scan" else str(space.shape)
         assert f"`Box({space.low.min():g}, {space.high.max():g}, {shape}, {space.dtype})`" in rows[key]

@@ -5,6 +5,7 @@ import os
 import pickle
 import re
 import time
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -12,10 +13,12 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeReward, RecordEpisodeStatistics, RecordVideo
 
-from envs.explore import ExploreEnv
-from envs.vector import ExploreTeamVectorEnv, ExploreVectorEnv, LidarVectorEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore, ExploreTeam
+from envs.vector import LidarEnvs, LidarVectorEnv
 from tests.side_by_side import assert_same, step_both
 
+explore_envs, team_envs = partial(LidarEnvs, task=Explore), partial(LidarEnvs, task=ExploreTeam)
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0}
 CASES = {
     "rooms": ("lidarnaut/Explore-v0", QUICK),
@@ -58,7 +61,7 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
 
 @pytest.mark.parametrize("num_workers", [0, 1, 3])
 def test_the_number_of_workers_changes_nothing(num_workers):
-    envs = [ExploreVectorEnv(3, num_workers=n, **QUICK) for n in (num_workers, 2)]
+    envs = [explore_envs(3, num_workers=n, **QUICK) for n in (num_workers, 2)]
     for _ in step_both(*envs, actions_of(envs[0], 20)):
         pass
     for env in envs:
@@ -77,7 +80,7 @@ def test_make_vec_gives_shards_of_every_id():
 
 
 def test_max_episode_steps_truncates():
-    env = ExploreVectorEnv(2, max_episode_steps=7, **QUICK)
+    env = explore_envs(2, max_episode_steps=7, **QUICK)
     env.reset(seed=0)
     for step, action in enumerate(actions_of(env, 7)):
         observation, _, _, truncated, info = env.step(action)
@@ -88,7 +91,7 @@ def test_max_episode_steps_truncates():
 
 
 def test_observations_are_fresh_and_a_reset_repeats():
-    env = ExploreVectorEnv(2, **QUICK)
+    env = explore_envs(2, **QUICK)
     first, _ = env.reset(seed=3)
     kept = {key: value.copy() for key, value in first.items()}
     for action in actions_of(env, 25):
@@ -100,7 +103,7 @@ def test_observations_are_fresh_and_a_reset_repeats():
 
 
 def test_disabled_autoreset_resets_by_mask():
-    env = ExploreVectorEnv(2, autoreset_mode=AutoresetMode.DISABLED, **QUICK)
+    env = explore_envs(2, autoreset_mode=AutoresetMode.DISABLED, **QUICK)
     env.reset(seed=0)
     for action in actions_of(env, 15):
         observation, _, _, truncated, _ = env.step(action)
@@ -114,7 +117,7 @@ def test_disabled_autoreset_resets_by_mask():
 
 
 def test_gymnasiums_vector_wrappers_work():
-    env = NormalizeReward(RecordEpisodeStatistics(ExploreVectorEnv(2, **QUICK)))
+    env = NormalizeReward(RecordEpisodeStatistics(explore_envs(2, **QUICK)))
     env.reset(seed=0)
     lengths = []
     for action in actions_of(env, 35):
@@ -126,7 +129,7 @@ def test_gymnasiums_vector_wrappers_work():
 
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy")
-    env = ExploreVectorEnv(2, render_mode="rgb_array", **QUICK)
+    env = explore_envs(2, render_mode="rgb_array", **QUICK)
     env = RecordVideo(env, str(tmp_path), video_length=4)
     env.reset(seed=0)
     for action in actions_of(env, 6):
@@ -137,7 +140,7 @@ def test_videos_are_recorded(tmp_path):
 
 @pytest.mark.parametrize("num_workers", [0, 2])
 def test_render_call_and_attributes_reach_every_sub_environment(num_workers):
-    env = ExploreVectorEnv(3, num_workers=num_workers, render_mode="rgb_array", **QUICK)
+    env = explore_envs(3, num_workers=num_workers, render_mode="rgb_array", **QUICK)
     env.reset(seed=0)
     frames = env.render()
     assert len(frames) == 3
@@ -169,16 +172,16 @@ def test_render_call_and_attributes_reach_every_sub_environment(num_workers):
 )
 def test_bad_arguments_are_named(arguments, culprit):
     with pytest.raises(ValueError, match=culprit):
-        ExploreVectorEnv(**{"num_envs": 1, **QUICK, **arguments})
+        explore_envs(**{"num_envs": 1, **QUICK, **arguments})
 
 
 @pytest.mark.parametrize(
     ("kind", "actions", "message"),
     [
-        (ExploreVectorEnv, np.zeros((1, 2)), "have shape"),
-        (ExploreVectorEnv, np.full((2, 2), np.nan), r"be finite.*sub-environment 0$"),
-        (ExploreVectorEnv, np.full((2, 2), 1.5), r"be finite.*sub-environment 0; clip_actions=True clips"),
-        (ExploreTeamVectorEnv, np.full((2, 2, 2), 1.5), r"be finite(.|\n)*sub-environment 0$"),
+        (explore_envs, np.zeros((1, 2)), "have shape"),
+        (explore_envs, np.full((2, 2), np.nan), r"be finite.*sub-environment 0$"),
+        (explore_envs, np.full((2, 2), 1.5), r"be finite.*sub-environment 0; clip_actions=True clips"),
+        (team_envs, np.full((2, 2, 2), 1.5), r"be finite(.|\n)*sub-environment 0; clip_actions=True clips"),
     ],
 )
 def test_bad_actions_are_refused(kind, actions, message):
@@ -190,7 +193,7 @@ def test_bad_actions_are_refused(kind, actions, message):
 
 
 def test_actions_can_be_clipped():
-    clipped, inside = ExploreVectorEnv(2, clip_actions=True, **QUICK), ExploreVectorEnv(2, **QUICK)
+    clipped, inside = explore_envs(2, clip_actions=True, **QUICK), explore_envs(2, **QUICK)
     clipped.reset(seed=0)
     inside.reset(seed=0)
     for action in actions_of(inside, 5):
@@ -202,7 +205,7 @@ def test_actions_can_be_clipped():
 
 @pytest.mark.parametrize("num_workers", [0, 2])
 def test_errors_of_sub_environments_reach_the_caller(num_workers):
-    env = ExploreVectorEnv(2, num_workers=num_workers, **QUICK)
+    env = explore_envs(2, num_workers=num_workers, **QUICK)
     with pytest.raises(ValueError, match="unknown options"):
         env.reset(options={"weather": "rain"})
     env.reset(seed=0)
@@ -213,7 +216,7 @@ def test_errors_of_sub_environments_reach_the_caller(num_workers):
 
 
 def test_a_worker_that_dies_is_an_error():
-    env = ExploreVectorEnv(2, num_workers=2, **QUICK)
+    env = explore_envs(2, num_workers=2, **QUICK)
     env.reset(seed=0)
     for child in multiprocessing.active_children():
         child.kill()
@@ -223,7 +226,7 @@ def test_a_worker_that_dies_is_an_error():
     env.close()
 
 
-class HalfSpeed(ExploreEnv):
+class HalfSpeed(LidarEnv):
     """An environment of the user's own."""
 
     def twists(self, action):
@@ -231,8 +234,8 @@ class HalfSpeed(ExploreEnv):
 
 
 def test_subclasses_run_in_shards():
-    ours = LidarVectorEnv(HalfSpeed, 2, physics="kinematic", **QUICK)
-    theirs = SyncVectorEnv([lambda: HalfSpeed(physics="kinematic", **QUICK)] * 2)
+    ours = LidarVectorEnv(HalfSpeed, 2, task=Explore, physics="kinematic", **QUICK)
+    theirs = SyncVectorEnv([lambda: HalfSpeed(Explore, physics="kinematic", **QUICK)] * 2)
     for _ in step_both(ours, theirs, actions_of(ours, 10)):
         pass
     ours.close()
@@ -242,7 +245,7 @@ def test_processes_that_are_not_forked_share_the_arrays_as_well():
     """As a training needs them: torch has threads, which forked processes would miss."""
     results = []
     for how in ({"num_workers": 0}, {"num_workers": 2, "context": "forkserver"}):
-        env = ExploreVectorEnv(2, **how, **QUICK)
+        env = explore_envs(2, **how, **QUICK)
         env.reset(seed=3)
         results.append(env.step(np.full((2, 2), 0.5, dtype=np.float32))[:2])
         env.close()
@@ -253,7 +256,7 @@ def test_processes_that_are_not_forked_share_the_arrays_as_well():
 
 
 def test_workers_end_at_once_when_closed():
-    env = ExploreVectorEnv(3, num_workers=3, **QUICK)
+    env = explore_envs(3, num_workers=3, **QUICK)
     env.reset(seed=0)
     began = time.monotonic()
     env.close()
@@ -262,7 +265,7 @@ def test_workers_end_at_once_when_closed():
 
 @pytest.mark.parametrize("num_workers", [0, 2])
 def test_copies_are_refused_and_leave_the_original_alone(num_workers):
-    env = ExploreVectorEnv(np.int64(2), num_workers=num_workers, **QUICK)
+    env = explore_envs(np.int64(2), num_workers=num_workers, **QUICK)
     env.reset(seed=0)
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match="cannot be copied or pickled"):
@@ -273,7 +276,7 @@ def test_copies_are_refused_and_leave_the_original_alone(num_workers):
 
 
 def test_seeds_and_options_are_numbers_and_mappings():
-    env = ExploreVectorEnv(2, num_workers=0, **QUICK)
+    env = explore_envs(2, num_workers=0, **QUICK)
     first = env.reset(seed=np.array([1, 2]))[0]
     assert_same(env.reset(seed=[1, 2])[0], first)
     for wrong in (1.5, True, [1], "a", "ab", (1.5, 2.5), np.array(3)):
@@ -285,11 +288,11 @@ def test_seeds_and_options_are_numbers_and_mappings():
         with pytest.raises(ValueError, match=f"options must map names to values, got {wrong!r}"):
             env.reset(options=wrong)
         with pytest.raises(ValueError, match=f"options must map names to values, got {wrong!r}"):
-            ExploreEnv(**QUICK, physics="kinematic").reset(options=wrong)
+            LidarEnv(Explore, **QUICK, physics="kinematic").reset(options=wrong)
     env.close()
 
 
-class SlowlyPrepared(ExploreEnv):
+class SlowlyPrepared(LidarEnv):
     """Takes a while to prepare an episode, and says when it does."""
 
     is_preparing = False
@@ -303,7 +306,7 @@ class SlowlyPrepared(ExploreEnv):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_no_process_is_forked_while_an_episode_is_being_prepared():
-    env = LidarVectorEnv(SlowlyPrepared, 1, num_workers=1, physics="kinematic", **QUICK)
+    env = LidarVectorEnv(SlowlyPrepared, 1, task=Explore, num_workers=1, physics="kinematic", **QUICK)
     env.reset(seed=0)
     deadline = time.monotonic() + 5.0
     while not SlowlyPrepared.is_preparing and time.monotonic() < deadline:
@@ -317,7 +320,7 @@ def test_no_process_is_forked_while_an_episode_is_being_prepared():
 
 @pytest.mark.parametrize("num_workers", [0, 2])
 def test_calls_out_of_order_are_refused_by_gymnasiums_errors(num_workers):
-    env, actions = ExploreVectorEnv(2, num_workers=num_workers, **QUICK), np.zeros((2, 2))
+    env, actions = explore_envs(2, num_workers=num_workers, **QUICK), np.zeros((2, 2))
     with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes have begun"):
         env.step(actions)
     with pytest.raises(gymnasium.error.ResetNeeded, match="first reset must start all"):
@@ -340,7 +343,7 @@ def test_calls_out_of_order_are_refused_by_gymnasiums_errors(num_workers):
     "actions", [np.zeros((2, 2), dtype=complex), np.ma.masked_array(np.zeros((2, 2))), [["0"] * 2] * 2]
 )
 def test_actions_that_are_no_real_numbers_are_refused(actions):
-    env = ExploreVectorEnv(2, num_workers=0, **QUICK)
+    env = explore_envs(2, num_workers=0, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must hold real numbers, got"):
         env.step(actions)

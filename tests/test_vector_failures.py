@@ -9,7 +9,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import Explore
 from envs.vector import LidarVectorEnv
 from tests.side_by_side import assert_same
 
@@ -41,7 +42,7 @@ class Unloadable:
         return int, ("no number",)
 
 
-class Failing(ExploreEnv):
+class Failing(LidarEnv):
     """Does what `failure` says, once."""
 
     failure = None
@@ -101,7 +102,7 @@ def text_error():
 @pytest.fixture
 def env():
     others = set(multiprocessing.active_children())
-    env = LidarVectorEnv(Failing, 3, num_workers=3, **QUICK)
+    env = LidarVectorEnv(Failing, 3, task=Explore, num_workers=3, **QUICK)
     env.reset(seed=0)
     yield env
     began = time.monotonic()
@@ -174,7 +175,9 @@ def test_nothing_is_sent_unless_all_shares_can_be(env):
 
 
 def test_ended_sub_environments_are_told_by_the_last_step():
-    env = LidarVectorEnv(Failing, 3, num_workers=2, autoreset_mode="Disabled", max_episode_steps=1, **QUICK)
+    env = LidarVectorEnv(
+        Failing, 3, task=Explore, num_workers=2, autoreset_mode="Disabled", max_episode_steps=1, **QUICK
+    )
     env.reset(seed=0)
     assert env.step(ACTIONS)[3].all()
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[0, 1, 2\] have ended"):

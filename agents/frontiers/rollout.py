@@ -36,7 +36,7 @@ def explore(env: ExploreFrontiersAbstractEnv, policy: Chooser, task: Task, max_t
     while not any(explore.is_over) and len(env.candidates) and explore.time < max_time:
         env.apply(policy(observation))
         observation = env.observe(observation)
-    fraction = explore.coverage.explored_fraction
+    fraction = explore.task.coverage.explored_fraction
     # An episode that was cut short has taken at least that long; one that gave up would otherwise look fast.
     time = explore.time if fraction >= TARGET else max(explore.time, min(max_time, explore.time_limit))
     return math.log(max(time, explore.control_period)) + MISSING_COST * max(TARGET - fraction, 0.0)
@@ -62,7 +62,9 @@ def validate(task: Task, weights: np.ndarray, reference: np.ndarray) -> tuple[fl
     `weights` and `reference` have the shape (NUM_FEATURES,).
     """
     (ratio,) = compare(task, [weights], reference)
-    return float(ratio), make_environment(task).explore.coverage.explored_fraction  # as the score's episode left it
+    return float(ratio), make_environment(
+        task
+    ).explore.task.coverage.explored_fraction  # as the score's episode left it
 
 
 def feature_variances(task: Task) -> np.ndarray:

@@ -8,7 +8,7 @@ from baselines.episode import Decide, Info, Observation, Watch, run
 from baselines.explorer import to_action
 from baselines.navigation.map_navigator import MapNavigator
 from baselines.navigation.params import DEFAULTS, MapNavigatorParams
-from envs.navigate import NavigateEnv
+from envs.core import LidarEnv
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +44,13 @@ class Drive:
         return self.end_reason == "reached" and self.collisions == 0
 
 
-def make_navigator(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS) -> MapNavigator:
+def make_navigator(env: LidarEnv, seed: int, params: MapNavigatorParams = DEFAULTS) -> MapNavigator:
     """Return a navigator for an environment after its reset."""
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
     return MapNavigator(env.robot, env.control_period, env.belief.grid, np.random.default_rng([seed, 1]), params)
 
 
-def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
+def decide_with_navigator(navigator: MapNavigator, env: LidarEnv) -> Decide:
     """Return the decisions of a navigator in an environment, which also gets its plan to draw.
 
     The environment ends the episode when the true pose is at the goal, so a navigator that says so first is elsewhere.
@@ -64,7 +64,7 @@ def decide_with_navigator(navigator: MapNavigator, env: NavigateEnv) -> Decide:
     return decide
 
 
-def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on_step: Watch | None = None) -> Drive:
+def drive(env: LidarEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on_step: Watch | None = None) -> Drive:
     """Reset an environment and drive until the goal or the time limit is reached, or the navigator fails.
 
     The seed is that of everything; `on_step` is called with `info` after the reset and after every step.
@@ -79,7 +79,7 @@ def drive(env: NavigateEnv, seed: int, params: MapNavigatorParams = DEFAULTS, on
             on_step(info)
 
     try:
-        navigator.set_goal(env.goal[:2])
+        navigator.set_goal(env.task.goal[:2])
     except ValueError:
         watch(info)
         info = {**info, "end_reason": "refused"}

@@ -7,7 +7,7 @@ import numpy as np
 from baselines.episode import Decide, Info, Observation, Watch, first_at, run
 from baselines.explorer import to_action
 from baselines.rrt.team import RrtTeam
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,25 +36,25 @@ class TeamEpisode:
     """Time limit [s]."""
 
 
-def decide_with_team(team: RrtTeam, env: ExploreTeamEnv) -> Decide:
+def decide_with_team(team: RrtTeam, env: LidarEnv) -> Decide:
     """Return the decisions of a team in an environment, which also gets its plans to draw."""
 
     def decide(observation: Observation) -> np.ndarray | str:
-        twists = team.act([robot.reading for robot in env.robots], env.beliefs)
+        twists = team.act([robot.reading for robot in env.robots], [robot.belief for robot in env.robots])
         env.plans = team.plans
         return team.end_reason or np.stack([to_action(twist, env.robot) for twist in twists])
 
     return decide
 
 
-def run_team_episode(env: ExploreTeamEnv, team: RrtTeam, seed: int, on_step: Watch | None = None) -> TeamEpisode:
+def run_team_episode(env: LidarEnv, team: RrtTeam, seed: int, on_step: Watch | None = None) -> TeamEpisode:
     """Let a team explore until the target coverage or the time limit is reached, or the team stops.
 
     The seed and `on_step` are those of `baselines.episode.run_episode`; the team gets readings and beliefs only.
     """
     observation, info = env.reset(seed=seed)
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
-    team.reset(env.robot, env.control_period, env.num_robots, np.random.default_rng([seed, 1]))
+    team.reset(env.robot, env.control_period, env.task.num_robots, np.random.default_rng([seed, 1]))
     samples: list[tuple[float, ...]] = []
 
     def watch(info: Info) -> None:
@@ -66,7 +66,7 @@ def run_team_episode(env: ExploreTeamEnv, team: RrtTeam, seed: int, on_step: Wat
     time, explored, *errors = np.array(samples).T
     return TeamEpisode(
         explored_fraction=float(explored[-1]),
-        area_left=env.coverage.area.area - info["explored_area"],
+        area_left=env.task.coverage.area.area - info["explored_area"],
         time_to_90=first_at(time, explored, 0.90),
         time_to_95=first_at(time, explored, 0.95),
         time_to_99=first_at(time, explored, 0.99),

@@ -11,7 +11,7 @@ import numpy as np
 
 from baselines.episode import Curve
 from benchmarks.arena.records import Row
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
 
 
@@ -65,7 +65,7 @@ class Trace:
 class Recorder:
     """Watches an episode; pass `watch` to `run_episode` and ask for the `trace` afterwards."""
 
-    def __init__(self, env: ExploreEnv) -> None:
+    def __init__(self, env: LidarEnv) -> None:
         self._env = env
         self._trail: list[tuple[float, float]] = []
         self._known_since: np.ndarray = np.empty((0, 0), dtype=np.float32)
@@ -95,7 +95,7 @@ class Recorder:
             np.array(self._trail, dtype=np.float32),
             OccupancyGrid(env.belief.grid.data[cut].copy(), resolution, origin),
             self._known_since[cut].copy(),
-            env.start,
+            env.map_pose,
             env.world.segments.astype(np.float32),
             env.world.circles.astype(np.float32),
         )

@@ -5,17 +5,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium
 import numpy as np
 from scipy.stats import chi2
 
+import envs  # noqa: F401  (registers the environments)
 from baselines.explorer import to_action
 from baselines.route_follower import RouteFollower
 from benchmarks.parallel import run_each
+from envs.core import LidarEnv, lidar_env_of
 from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf, Estimate
 from envs.localization.fusion import FUSIONS, make_filter, start_covariance
 from envs.logs import rms
-from envs.track import TrackEnv
 
 PAPER = {
     "position_rmse": 0.0203,
@@ -38,7 +40,7 @@ class Drive:
     seed: int
     """Seed of the drive, and of the one that made its map."""
     end_reason: str
-    """Why it ended; see `TrackEnv`."""
+    """Why it ended; see `FollowRoute`."""
     collisions: int
     time: np.ndarray
     """Shape (n,), float64 [s]."""
@@ -65,27 +67,35 @@ class Drive:
         return np.einsum("ni,ni->n", error, np.linalg.solve(self.covariance[fusion], error[..., None])[..., 0])
 
 
-def make_env(physics: str, map_seed: int) -> TrackEnv:
+def make_env(physics: str, map_seed: int) -> LidarEnv:
     """Return the environment of the experiment, in which the robot knows its initial pose."""
-    return TrackEnv(physics=physics, map_seed=map_seed, fusion=DRIVER, start_spread=(0.0, 0.0))
+    env = gymnasium.make(
+        "lidarnaut/Track-v0", physics=physics, map_seed=map_seed, fusion=DRIVER, start_spread=(0.0, 0.0)
+    )
+    return lidar_env_of(env)
 
 
-def make_started_filter(env: TrackEnv) -> Ekf:
+def true_pose(env: LidarEnv) -> Pose2D:
+    """Return the true pose of the robot, map frame."""
+    return env.map_pose.between(env.truths[0].state.pose)
+
+
+def make_started_filter(env: LidarEnv) -> Ekf:
     """Return a filter in the initial state of that by which the robot drives."""
     ekf = make_filter(env.robot)
     ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
     return ekf
 
 
-def follow_route(env: TrackEnv, seed: int) -> Iterator[dict[str, Any]]:
+def follow_route(env: LidarEnv, seed: int) -> Iterator[dict[str, Any]]:
     """Drive a route to its end by the fused pose; yield `info` after each control period. Closes the environment."""
     env.reset(seed=seed)
     follower = RouteFollower()
-    follower.reset(env.robot, env.control_period, env.route)
+    follower.reset(env.robot, env.control_period, env.task.route)
     ended = False
     try:
         while not ended:
-            twist = follower.act(env.reading, env.estimate.pose)
+            twist = follower.act(env.reading, env.belief.pose)
             _, _, terminated, truncated, info = env.step(to_action(twist, env.robot))
             ended = terminated or truncated
             yield info
@@ -100,11 +110,11 @@ def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
     rows: list[tuple[float, float, Pose2D]] = []
     estimates: dict[str, list[Estimate]] = {name: [] for name in FUSIONS}
     for info in itertools.islice(follow_route(env, seed), max_steps):
-        rows.append((info["time"], info["deviation"], env.true_pose))
-        estimates[DRIVER].append(env.estimate)
-        estimates["amcl"].append(env.fused.localized)
+        rows.append((info["time"], info["deviation"], true_pose(env)))
+        estimates[DRIVER].append(env.robots[0].estimator.estimate)
+        estimates["amcl"].append(env.robots[0].estimator.localized)
         for name, ekf in filters.items():
-            for measurement in env.fused.measurements:
+            for measurement in env.robots[0].estimator.measurements:
                 if measurement.kind in FUSIONS[name]:
                     ekf.add(measurement)
             estimates[name].append(ekf.estimate(info["time"]))
@@ -119,7 +129,7 @@ def run_drive(physics: str, seed: int, max_steps: int | None = None) -> Drive:
         deviation=np.array(deviation),
         estimated={name: np.array([one.pose for one in many]) for name, many in estimates.items()},
         covariance={name: np.array([one.covariance[:3, :3] for one in many]) for name, many in estimates.items()},
-        counts={kind: dict(counts) for kind, counts in env.fused.ekf.counts.items()},
+        counts={kind: dict(counts) for kind, counts in env.robots[0].estimator.ekf.counts.items()},
     )
 
 

@@ -12,7 +12,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf
 from envs.localization.measurements import Measurement
 
-from .drive import follow_route, make_env, make_started_filter
+from .drive import follow_route, make_env, make_started_filter, true_pose
 
 Delivery = tuple[float, Measurement]
 """Delay [s], infinite for a measurement that is lost, and the measurement."""
@@ -81,8 +81,8 @@ def run_faults(physics: str, seed: int) -> dict[str, FaultyChannel]:
     }
     for info in follow_route(env, seed):
         for channel in channels.values():
-            channel.deliver(info["time"], env.fused.measurements)
-            channel.compare(info["time"], env.true_pose)
+            channel.deliver(info["time"], env.robots[0].estimator.measurements)
+            channel.compare(info["time"], true_pose(env))
     return channels
 
 

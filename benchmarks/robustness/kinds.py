@@ -17,11 +17,12 @@ from PIL import Image
 
 from agents.config import EvolutionConfig, TrainingConfig
 from benchmarks.arena.settings import Settings
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.files import read_mapping, read_record
 from envs.logs.replay import Options
 from envs.logs.replay import main as replay
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 
 from .bags import write_damaged_bag
 from .mutations import DEPTH, damage_array, damage_bytes, damage_tree
@@ -64,7 +65,7 @@ ARRAYS = {
 
 def drive_in(**arguments: Any) -> None:
     """Do what users do with a world or a robot: reset an environment with it and drive for a moment."""
-    env = ExploreEnv(physics="kinematic", slam="truth", control_hz=5.0, **arguments)
+    env = LidarEnv(Explore, physics="kinematic", slam="truth", control_hz=5.0, **arguments)
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.array([1.0, 0.5], dtype=np.float32))

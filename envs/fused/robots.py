@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from envs.core import LidarEnv
 from envs.estimation import NO_UPDATE, MapUpdate
 from envs.estimation.motion import GyroMotion, WheelMotion
-from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.ground_truth import pose_error
 from envs.robot import Robot
@@ -20,6 +20,7 @@ from envs.simulation.sensors import HEADING, LEFT_TICKS, RIGHT_TICKS, TOUCHED, Y
 from envs.simulation.state import THETA
 from envs.slam import KnownPoses, TinySlam
 from envs.slam.key_scans import KeyScanSlam
+from envs.tasks.explore import Explore
 from envs.tasks.rewards import RewardWeights
 
 from .kernels import Rows, Setup
@@ -37,7 +38,9 @@ def _matches_key_scans(slam: Any) -> bool:
 
 def is_fusible(env: Any) -> bool:
     """Tell whether an environment can be stepped by kernels: nothing in it is the user's own, or looks at each step."""
-    if type(env) is not ExploreEnv or type(env.simulator) is not KinematicSimulator or env.on_period:
+    if type(env) is not LidarEnv or type(env.task) is not Explore or env.task.return_home or env.sensors:
+        return False
+    if type(env.simulator) is not KinematicSimulator or env.on_period:
         return False
     robot = env.robots[0]
     return (

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.navigation import Candidates, FrontierNavigator
 from envs.simulation import Twist
 
@@ -42,7 +42,7 @@ class EpisodeRecorder:
             ValueError: the environment is another one, or has several robots.
         """
         inner = getattr(env.unwrapped, "explore", env.unwrapped)
-        if not isinstance(inner, ExploreEnv) or len(inner.robots) > 1:
+        if not isinstance(inner, LidarEnv) or len(inner.robots) > 1:
             raise ValueError(f"only explorations by one robot can be recorded for the player, got {env.unwrapped}")
         self._env, self._explorer, self._period = inner, explorer, period
         self._chooser = next((one for one in (env.unwrapped, explorer) if hasattr(one, "navigator")), None)
@@ -103,7 +103,7 @@ class EpisodeRecorder:
     def _sample(self) -> None:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
-        counts = env.coverage.explored_fraction, truth.path_length, robot.collisions
+        counts = env.task.coverage.explored_fraction, truth.path_length, robot.collisions
         self._samples.append((env.time, *truth.state.pose, *pose, *counts))
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
         steps = np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)
@@ -121,7 +121,7 @@ class EpisodeRecorder:
         env = self._env
         if env.time > self._samples[-1][0]:
             self._sample()
-        lidar, area = env.robot.lidar, env.coverage.area
+        lidar, area = env.robot.lidar, env.task.coverage.area
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
             "explorer": type(self._explorer).__name__ if self._explorer is not None else "",
@@ -134,7 +134,7 @@ class EpisodeRecorder:
                 "angles": np.round(lidar.angles[self._beams], 6).tolist(),
                 "is_full_turn": lidar.fov > 2 * math.pi - 1e-6,
             },
-            "start": list(env.start),
+            "start": list(env.map_pose),
             "map": {"shape": map_shape, "resolution": env.belief.grid.resolution, "origin": map_origin},
             "floor": {"resolution": area.walls.resolution, "origin": list(map(float, area.walls.origin))},
             "figures": {},

@@ -22,6 +22,8 @@ SUPERSAMPLING = 2
 _NO_ALPHA_MASK = (0xFF0000, 0xFF00, 0xFF, 0)
 _VISIBLE_SIDE = 4
 """Occupied cells are drawn at least this large, so that walls do not fade in large worlds [px]."""
+MAX_PARTICLES = 3000
+"""Particles of a localizer that are drawn at most."""
 _SOLID_MARK = (255, 255, 255)
 
 
@@ -55,6 +57,8 @@ class TruthPanel:
         for mover in scene.world.movers:
             centre = view.pixels(np.array(mover.position(scene.time)))[0]
             pygame.draw.circle(self._surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
+        if scene.goal is not None:
+            draw_goal(self._surface, view, scene.start.compose(scene.goal))
         for one in (scene, *scene.peers):
             self._draw_beams(one, view)
         for one in (scene, *scene.peers):
@@ -126,8 +130,14 @@ class EstimatePanel:
         if side < _VISIBLE_SIDE:
             walls = view.pixels(start.transform(_centres(grid, grid.data >= 65)))
             _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
-        frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
-        _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
+        if not scene.has_known_map:
+            frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
+            _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
+        if scene.particles is not None:
+            step = max(1, len(scene.particles) // MAX_PARTICLES)
+            _draw_dots(surface, view.pixels(start.transform(scene.particles[::step, :2])), 6, style.ESTIMATED)
+        if scene.goal is not None:
+            draw_goal(surface, view, start.compose(scene.goal))
         if scene.pose_graph is not None:
             self._draw_graph(scene.pose_graph, start, view)
         for one in (scene, *scene.peers):
@@ -145,6 +155,14 @@ class EstimatePanel:
         ends = view.pixels(start.transform(graph.loops.reshape(-1, 2))).reshape(-1, 2, 2)
         for first, last in ends.tolist():
             pygame.draw.line(self._surface, style.LOOP, first, last, 2)
+
+
+def draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
+    """Draw a goal, world frame, as a ring with a line along its heading."""
+    tip = goal.transform(np.array([[30.0 / view.scale, 0.0]]))
+    (centre, end) = view.pixels(np.vstack([goal[:2], tip])).tolist()
+    pygame.draw.circle(surface, style.FRONTIER, centre, 16, 5)
+    pygame.draw.line(surface, style.FRONTIER, centre, end, 5)
 
 
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import pygame
 from . import style
 from .glyphs import draw_mark
 from .panels import SUPERSAMPLING, EstimatePanel, TruthPanel, new_surface
-from .scene import Moment, Scene
+from .scene import Scene
 from .view import View
 
 GAP = 16
@@ -28,7 +28,7 @@ LEGENDS = (
         ("estimated path", style.ESTIMATED, "line"),
         ("true pose", style.TRUE, "ring"),
         ("plan", style.PLAN, "dashes"),
-        ("frontier", style.FRONTIER, "disc"),
+        ("frontier, goal", style.FRONTIER, "disc"),
         ("free", style.FREE, "box"),
         ("occupied", style.OCCUPIED, "box"),
         ("unknown", style.UNKNOWN, "box"),
@@ -57,7 +57,7 @@ class Typesetter:
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
-    def header(self, surface: pygame.Surface, scene: Moment, box: pygame.Rect, *errors: tuple[str, str]) -> None:
+    def header(self, surface: pygame.Surface, scene: Scene, box: pygame.Rect, *errors: tuple[str, str]) -> None:
         """Write world and robot at the left of a box, and collisions, errors (label, value) and time at its right."""
         name, right = scene.world.name, box.right
         self.write(surface, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(box.left, 14))
@@ -116,11 +116,12 @@ class Picture:
         errors = ("heading error", f"{math.degrees(heading):.1f}°"), ("position error", f"{100 * position:.1f} cm")
         text.header(frame, scene, self._boxes[0].union(self._boxes[1]), *errors)
 
-        share = min(max(scene.explored_fraction, 0.0), 1.0)
+        share = min(max(scene.progress, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
         # Rounded down: 100 % is only said when nothing is left.
         number = text.write(frame, f"{math.floor(1000 * share) / 10:.1f} %", "number", topleft=(bar.left, 14))
-        text.write(frame, "explored", bottomleft=(number.right + 10, number.bottom - 2))
+        label = f"{scene.progress_label}, not localized" if scene.belief.is_lost else scene.progress_label
+        text.write(frame, label, bottomleft=(number.right + 10, number.bottom - 2))
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)

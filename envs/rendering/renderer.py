@@ -1,10 +1,11 @@
 """Pictures into arrays or into a window."""
 
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+from .scene import Scene
 
 MODES = ("human", "rgb_array")
 """Render modes."""
@@ -48,7 +49,6 @@ class Renderer:
         mode: str,
         fps: float,
         size: tuple[int, int] = (1280, 720),
-        make_picture: Callable[[tuple[int, int]], Any] | None = None,
     ) -> None:
         """Prepare to draw; a window opens with the first scene.
 
@@ -56,7 +56,6 @@ class Renderer:
             mode: one of `MODES`.
             fps: pictures per second that `human` does not exceed.
             size: width and height of the picture [px].
-            make_picture: makes what paints scenes, for a size; None for `Picture`.
 
         Raises:
             ValueError: if an argument is not allowed.
@@ -68,13 +67,12 @@ class Renderer:
         self.mode = mode
         self.fps = fps
         self.size = size
-        self._make_picture = make_picture
         self._picture: Any = None
         self._window: Any = None
         self._clock: Any = None
 
-    def draw(self, scene: Any) -> np.ndarray | None:
-        """Draw a scene, of the kind that the picture paints.
+    def draw(self, scene: Scene) -> np.ndarray | None:
+        """Draw a scene.
 
         Returns:
             For `rgb_array` a new array, shape (height, width, 3), uint8; None for `human`.
@@ -87,7 +85,7 @@ class Renderer:
         from .picture import Picture
 
         if self._picture is None:
-            self._picture = (self._make_picture or Picture)(self.size)
+            self._picture = Picture(self.size)
         if self.mode == "rgb_array":
             pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
             return np.frombuffer(pixels, dtype=np.uint8).reshape(self.size[1], self.size[0], 3).copy()

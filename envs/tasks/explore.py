@@ -1,6 +1,8 @@
 """Exploration: map an unknown world."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -8,126 +10,202 @@ import numpy as np
 
 from envs.arguments import is_number
 from envs.geometry import Pose2D
-from envs.measures import Measure, final, mean_over_limit, when
+from envs.observations.home import Home
 from envs.observations.peers import Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Simulator
 from envs.task import ObservationPart
-from envs.worlds import World
 
 from .coverage import Coverage, map_iou
-from .rewards import RewardWeights, Weights
-from .starts import WorldTask
+from .measures import EXPLORATION
+from .rewards import ReturnRewards, RewardWeights
+from .starts import UnknownWorldTask
+
+HOME_RADIUS = 0.3
+"""Distance between the robot's true position and its start at which it has returned [m]."""
+MAX_ROBOTS = 4
+"""Robots of a team at most."""
 
 
-class Explore(WorldTask):
-    """Explore a world with one robot, or with several that share a map.
+@dataclass(kw_only=True, eq=False)
+class Explore(UnknownWorldTask):
+    """Explore an unknown world with a lidar robot.
 
-    Ends with "covered" once the explored fraction reaches the target.
+    ## Description
+    A differential-drive robot with a 2D lidar and wheel encoders starts in a world that it has no map of. Each step drives
+    it for one control period; then a SLAM turns the new scan and the motion by odometry into a map and a pose. The policy
+    sees what the robot senses and estimates, never ground truth. The task is to explore the whole world.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. Actions
+    outside are an error, or clipped with `clip_actions=True`, as unbounded Gaussian policies need.
+
+    ## Observation Space
+    `Dict`, everything seen from the robot (fresh arrays each step); `observations` chooses the parts:
+
+    | key | space | meaning |
+    |---|---|---|
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
+    | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | map, 8 m x 8 m around the robot, 0.2 m per pixel |
+    | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | map, 32 m x 32 m around the robot, 0.8 m per pixel |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | ways to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `envs.observations.Plan` |
+
+    Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left. Unknown is 0 in
+    channels 0 and 1.
+
+    ## Rewards
+    The sum of the terms in `info["rewards"]`, weighted by `RewardWeights`: `explored` (area [m2] of
+    explorable cells that became explored: the map knows the cell where it is, and the true scan that made it known, or a
+    later one, has seen it; a map that is displaced or bent gains nothing), `time`, `collision`, `completed`.
+
+    ## Starting State
+    The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of
+    movers, `start="spawn"` takes the world's first spawn pose, a tuple `(x, y, theta)` is taken as it is. Procedural
+    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` chooses for one episode.
+
+    ## Episode End
+    1. Termination: the explored fraction reaches `target_coverage`.
+    2. Truncation: `time_limit` seconds have passed.
+
+    Collisions cost, and do not end the episode.
+
+    With `return_home=True` the target coverage ends exploration, not the episode: the robot is called back to its start,
+    and termination is when it is within 0.3 m of it, by ground truth. The default observation then has a part `home`,
+    `Box(-1, 1, (4,), float32)`: 1 once the robot is called back, distance to the start by its own estimate over 32 m,
+    cosine and sine of the bearing; and the reward a term `returned`.
+
+    ## Information
+    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m],
+    heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the
+    end also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
+    `returned` and `time_home` (since the robot was called back) [s]; `end_reason` is `"returned"` in place of `"covered"`,
+    and `is_success` asks for both. With `randomize` each step also `randomized`: what the episode has drawn, by name.
+
+    ## Arguments
+    Those that all tasks share (see `LidarEnv`), and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`, `wings`, `halls`), path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
+    | `target_coverage` | `0.99` | explored fraction that ends the episode |
+    | `start` | `"random"` | see Starting State |
+    | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
+    | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
+    | `reward` | `RewardWeights()` | weights, also as a mapping |
+    | `map_resolution` | `0.05` | side of a map cell [m] |
+    | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
+
+    ## Version History
+    * v0: first version
     """
 
-    measures = (
-        Measure("explored_fraction", "explored", "%", True, partial(final, name="explored_fraction"), 1, 100.0),
-        *(
-            Measure(
-                f"time_to_{share}",
-                f"time to {share} %",
-                "s",
-                False,
-                partial(when, name="explored_fraction", mark=share / 100),
-                0,
-                limit="time_limit",
-            )
-            for share in (90, 95, 99)
-        ),
-        Measure(
-            "distance_to_95",
-            "distance to 95 %",
-            "m",
-            False,
-            partial(when, name="explored_fraction", mark=0.95, quantity="path_length"),
-            limit="distance_limit",
-        ),
-        Measure(
-            "area_under_curve",
-            "area under curve",
-            "%",
-            True,
-            partial(mean_over_limit, name="explored_fraction"),
-            1,
-            100.0,
-            is_headline=True,
-        ),
-        Measure("map_iou", "map IoU", "%", True, partial(final, name="map_iou"), 1, 100.0),
-        Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
-    )
+    measures = EXPLORATION
     progress = "explored_fraction"
-    weights_kind: type[Weights] = RewardWeights
-    """Which reward terms there are."""
-    is_returning = False
-    """Whether the robot is to come back to its start; see `ExploreAndReturn`."""
 
-    def __init__(
-        self, robot: RobotParams, *, target_coverage: float, reward: RewardWeights | Mapping[str, float], **worlds: Any
-    ) -> None:
-        """See `ExploreEnv` for the arguments; `worlds` are those of `WorldTask`.
+    target_coverage: float = 0.99
+    """Explored fraction that ends the episode."""
+    reward: Any = RewardWeights()
+    """Weights of the reward terms; see `RewardWeights.of`."""
+    return_home: bool = False
+    """Whether the robot is to come back to its start after exploring."""
 
-        Raises:
-            ValueError: if one is not allowed; the message names it and what is.
-        """
-        if not (is_number(target_coverage) and 0 < target_coverage <= 1):
-            raise ValueError(f"target_coverage must lie in (0, 1], got {target_coverage!r}")
-        self.weights = self.weights_kind.of(reward)
-        self.target_coverage = target_coverage
-        super().__init__(robot, **worlds)
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        if not (is_number(self.target_coverage) and 0 < self.target_coverage <= 1):
+            raise ValueError(f"target_coverage must lie in (0, 1], got {self.target_coverage!r}")
+        if self.return_home and self.num_robots > 1:
+            raise ValueError("return_home is for one robot, not for a team")
+        reward = self.reward
+        if self.return_home and type(reward) is RewardWeights:
+            reward = asdict(reward)  # the term `returned` gets its default
+        self.weights = (ReturnRewards if self.return_home else RewardWeights).of(reward)
+        self.is_returning = False
+        """Whether the robot is to come back to its start now; with `return_home=True` alone."""
+        super().attach(robot, control_period, physics)
+
+    def default_observations(self) -> Sequence[str]:
+        """Return scan, maps and motion, with "home" where the robot is to return and "mates" in a team; see `Task`."""
+        return (*super().default_observations(), *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the peers of a team as "mates"; see `Task`."""
-        return {} if self._num_robots == 1 else {"mates": partial(Peers, self._num_robots - 1)}
+        """Return the start as "home" and the peers of a team as "mates"; see `Task`."""
+        parts: dict[str, Callable[..., ObservationPart]] = {}
+        if self.return_home:
+            parts["home"] = partial(Home, self._calls_back)
+        if self.num_robots > 1:
+            parts["mates"] = partial(Peers, self.num_robots - 1)
+        return parts
 
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start; the map frame is the first one's start. See `Task`."""
-        starts = super().choose_starts(world, start, rng)
-        self.map_pose = starts[0]
-        return starts
+    def call_back(self) -> None:
+        """End exploration where no frontier is left, and call the robot back to its start.
+
+        Raises:
+            ValueError: without `return_home=True`.
+        """
+        if not self.return_home:
+            raise ValueError("the robot can be called back with return_home=True alone")
+        self.is_returning = True
+
+    def _calls_back(self) -> bool:
+        return self.is_returning
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         """Start an episode; see `Task`."""
         self.coverage = Coverage(self.area, self.map_pose, simulator.robot.lidar)
+        """The true coverage."""
         for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
         self.end_reason = None
+        self.is_returning = self._is_covered = self._has_completed = False
+        self._time_home = 0.0
         self._robots = robots
-        return self.area.usual_time_limit(self._robot.max_v)
+        return self.area.usual_time_limit(self.robot.max_v)
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Count what was explored; see `Task`."""
+        """Count what was explored, and see whether that is all; see `Task`."""
         self._gained, self._period = 0.0, period
-        for robot, state in zip(robots, simulator.states, strict=True):
+        self._time_home += period * self.is_returning
+        states = simulator.states
+        for robot, state in zip(robots, states, strict=True):
             self._gained += self._cover(robot, state.pose)
         self._touching = sum(robot.reading.bumper for robot in robots)
-        if self.coverage.explored_fraction >= self.target_coverage:
-            self.end_reason = "covered"
+        is_covered = self.coverage.explored_fraction >= self.target_coverage
+        self._has_completed = is_covered and not self._is_covered
+        self._is_covered |= is_covered
+        if not self.return_home:
+            self.end_reason = "covered" if is_covered else None
+            return
+        self.is_returning |= is_covered
+        (x, y, _), (home_x, home_y, _) = states[0].pose, self.map_pose
+        if self.is_returning and math.hypot(x - home_x, y - home_y) <= HOME_RADIUS:
+            self.end_reason = "returned"
 
     def quantities(self) -> dict[str, float]:
-        """Return explored area [m2], time [s], time in contact [s] of all robots, and whether the target is reached."""
-        return {
+        """Return explored area [m2], time [s], time in contact [s] of all robots, and what was achieved just now."""
+        quantities = {
             "explored": self._gained,
             "time": self._period,
             "collision": self._period * self._touching,
-            "completed": float(self.end_reason == "covered"),
+            "completed": float(self._has_completed),
         }
+        return quantities | {"returned": float(self.end_reason == "returned")} if self.return_home else quantities
 
     def metrics(self) -> dict[str, Any]:
-        """Return how much is explored; see `Task`."""
+        """Return how much is explored, and whether the robot has returned and how long that took; see `Task`."""
         fraction = self.coverage.explored_fraction
-        return {
-            "explored_fraction": fraction,
-            "explored_area": self.coverage.explored_area,
-            "is_success": fraction >= self.target_coverage,
+        metrics = {"explored_fraction": fraction, "explored_area": self.coverage.explored_area}
+        if not self.return_home:
+            return metrics | {"is_success": fraction >= self.target_coverage}
+        returned = self.end_reason == "returned"
+        return metrics | {
+            "is_success": self._is_covered and returned,
+            "returned": returned,
+            "time_home": self._time_home,
         }
 
     def final_metrics(self) -> dict[str, Any]:
@@ -139,3 +217,76 @@ class Explore(WorldTask):
     def _cover(self, robot: Robot, true_pose: Pose2D) -> float:
         belief = robot.belief
         return self.coverage.update(belief.update, belief.grid.resolution, robot.reading.ranges, true_pose)
+
+
+@dataclass(kw_only=True, eq=False)
+class ExploreTeam(Explore):
+    """Explore an unknown world with a team of lidar robots that share one map.
+
+    ## Description
+    `Explore` with one to four equal robots. They start near each other and know their relative poses, as in
+    Umari and Mukhopadhyay (2017). Each tracks its own pose, by matching its scans to the map that all of them integrate
+    their scans into. They see each other, and they collide with each other. Beams that end at a peer, by the poses that the
+    robots tell each other, are left out of the map. With one robot everything equals `Explore`.
+
+    ## Action Space
+    `Box(-1, 1, (num_robots, 2), float32)`: a row per robot, forward speed and yaw rate (counter-clockwise) as fractions
+    of its limits.
+
+    ## Observation Space
+    `Dict`, a row per robot of what `Explore` shows, everything seen from that robot (fresh arrays each step):
+
+    | key | space | meaning |
+    |---|---|---|
+    | `scan` | `Box(0, 1, (num_robots, num_beams), float32)` | ranges, peers among what they hit |
+    | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
+    | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
+    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, time since the reset over 600 s (at most 1) |
+    | `mates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: estimated position ahead and to the left over 16 m, cosine and sine of the heading; only with two or more robots |
+
+    Channel 2 of the maps shows where any of the robots has been.
+
+    ## Rewards
+    The sum of the terms in `info["rewards"]`, which are those of `Explore` for the team as a whole: `explored` (each
+    cell once, by whichever robot), `time`, `collision` (for each robot that touches anything, peers included), `completed`.
+
+    ## Starting State
+    The robots are at rest and have no map yet; the frame of their map begins where robot 0 starts. `start` says where
+    that is, as in `Explore`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any
+    heading, or, where there is no room for that, further away, closer together, or out of its line of sight. One pose per robot, `((x, y, theta), ...)`, is
+    taken as it is.
+
+    ## Episode End
+    1. Termination: the explored fraction reaches `target_coverage`.
+    2. Truncation: `time_limit` seconds have passed.
+
+    Collisions cost, and do not end the episode.
+
+    ## Information
+    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `time` [s], `rewards` (terms),
+    `is_success`, and per robot `pose_error` (shape (num_robots, 2): position [m], heading [rad]), `path_length` [m] and
+    `collisions` (both shape (num_robots,)); at the end also `map_iou`, `area_left` [m2] and `end_reason` (`"covered"` or `"time_limit"`).
+
+    ## Arguments
+    Those of `Explore` but for `return_home`, and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `num_robots` | `2` | robots, 1 to 4 |
+    | `start` | `"random"` | also a pose for each robot, see Starting State |
+    | `observations` | `None` | parts of the observation; `None` gives those above |
+
+    ## Version History
+    * v0: first version
+    """
+
+    is_team = True
+
+    num_robots: int = 2
+    """How many robots explore together."""
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        if self.num_robots not in range(1, MAX_ROBOTS + 1):
+            raise ValueError(f"num_robots must be a whole number from 1 to {MAX_ROBOTS}, got {self.num_robots!r}")
+        super().attach(robot, control_period, physics)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,8 +12,8 @@ from envs.arguments import check_positive
 from envs.estimation import ORIGIN
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
+from envs.localization import Amcl, AmclParams
 from envs.localization.fusion import FusedPose, start_covariance
-from envs.measures import Measure, final, root_mean_square, when_successful
 from envs.observations import RouteAhead
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
@@ -20,60 +21,154 @@ from envs.simulation import Simulator
 from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
+from .measures import ROUTE
 from .rewards import TrackRewards
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
 
+AMCL_PARAMS = AmclParams(
+    sensor="likelihood_field_prob",
+    max_beams=180,
+    sigma_hit=0.1,
+    squash=4.0,
+    alpha1=0.05,
+    alpha2=0.01,
+    alpha3=0.02,
+    alpha4=0.01,
+    update_min_d=0.2,
+    update_min_a=0.1,
+)
+"""A map with cells of 0.02 m and a lidar with smaller errors deserve a sharper sensor model than Nav2's defaults."""
 
+
+@dataclass(kw_only=True, eq=False)
 class FollowRoute(Task):
-    """Follow a route to its end. Ends with "completed", or with "strayed" too far from the route."""
+    """Follow a route with a robot that is localized by a map, its wheels and a compass.
 
-    measures = (
-        Measure("progress", "route driven", "%", True, partial(final, name="progress"), 1, 100.0),
-        Measure(
-            "deviation_rmse",
-            "deviation from the route",
-            "cm",
-            False,
-            partial(root_mean_square, name="deviation"),
-            1,
-            100.0,
-            is_headline=True,
-        ),
-        Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
-    )
+    ## Description
+    A differential-drive robot starts at the beginning of a route, with a map that was made beforehand by driving the route
+    by hand. Each step drives it for one control period. A localizer (AMCL) then finds it on the map, at a lower rate and
+    with latency; encoders measure its speed, a compass its heading; and an extended Kalman filter fuses them into the pose
+    in which the robot sees the route. The task is to follow the route to its end. The defaults repeat the experiment of
+    Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
+
+    ## Observation Space
+    `Dict` (fresh arrays each step):
+
+    | key | space | meaning |
+    |---|---|---|
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
+    | `route` | `Box(-1, 1, (10, 2), float32)` | points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of the estimated pose, over 5 m |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+
+    ## Rewards
+    The sum of the terms in `info["rewards"]`, weighted by `TrackRewards`: `progress` along the route, `deviation` from it,
+    `time`, `collision`, `completed`. Progress and deviation are the true ones, not the estimated ones.
+
+    ## Starting State
+    The robot is at rest at the beginning of the route, off by a normal draw with the standard deviations
+    `start_spread`; the filter assumes that it starts exactly there.
+
+    ## Episode End
+    1. Termination: the end of the route is reached.
+    2. Termination: the robot is `max_deviation` away from the route.
+    3. Truncation: `time_limit` seconds have passed.
+
+    Collisions cost, and do not end the episode.
+
+    ## Information
+    Each step: `progress` (share of the route driven), `deviation` (to the left of the route [m]), `pose_error` (position
+    [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether the localizer says that it
+    is), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
+    `"time_limit"`). With `randomize` each step also `randomized`: what the episode has drawn, by name.
+
+    ## Arguments
+    Those that all tasks share (see `LidarEnv`; `robot` is `"mpo_500"` and `control_hz` 17 by default), and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `world` | `"workshop_hall"` | library world, path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `path` | `None` | points (x, y) in the world frame [m]; `None` is the rectangle of 78 m from the world's first spawn |
+    | `fusion` | `"full"` | what is fused into the pose: `"full"` (map, encoders, compass if there is one), `"encoder_compass"`, `"encoder"`, or `"amcl"` (the localizer's own) |
+    | `slam` | `"tinyslam"` | which SLAM makes the map |
+    | `map_seed` | `0` | seed of the drive that makes the map |
+    | `map_resolution` | `0.02` | side of a map cell [m] |
+    | `map_latency` | `0.1` | latency of the localizer [s] |
+    | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
+    | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
+    | `reward` | `TrackRewards()` | weights, also as a mapping |
+
+    ## Version History
+    * v0: first version
+    """
+
+    measures = ROUTE
     progress = "progress"
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        fused: FusedPose,
-        *,
-        world: str | World,
-        path: Any,
-        max_deviation: float,
-        start_spread: tuple[float, float],
-        reward: TrackRewards | Mapping[str, float],
-        **mapping: Any,
-    ) -> None:
-        """See `TrackEnv` for the arguments; `mapping` are those of `make_route_map`.
+    world: str | World = "workshop_hall"
+    """Library world, path of a world YAML or of a `map_server` YAML, or a `World`."""
+    path: Any = None
+    """Points (x, y) in the world frame [m]; None is the rectangle of 78 m from the world's first spawn."""
+    fusion: str = "full"
+    """One of `envs.localization.fusion.FUSIONS`."""
+    slam: Any = "tinyslam"
+    """Which SLAM makes the map."""
+    map_seed: int = 0
+    """Seed of the drive that makes the map."""
+    map_resolution: float = 0.02
+    """Side of a map cell [m]."""
+    map_latency: float = 0.1
+    """Latency of the localizer [s]."""
+    max_deviation: float = 2.0
+    """Distance from the route that ends the episode [m]."""
+    start_spread: tuple[float, float] = (0.02, 0.02)
+    """Standard deviations of the start's position [m] and heading [rad]."""
+    reward: Any = TrackRewards()
+    """Weights of the reward terms; see `TrackRewards.of`."""
 
-        Raises:
-            ValueError: if one is not allowed; the message names it and what is.
-        """
-        check_positive(max_deviation=max_deviation)
-        if len(start_spread) != 2 or not all(0 <= spread < math.inf for spread in start_spread):
-            raise ValueError(f"start_spread must be two numbers that are not negative, got {start_spread!r}")
-        self.weights = TrackRewards.of(reward)
-        self.world = world if isinstance(world, World) else load_world(world)
-        self.route_world = Route.of(rectangle(self.world.spawns[0]) if path is None else path)
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        check_positive(max_deviation=self.max_deviation, map_resolution=self.map_resolution)
+        if not 0 <= self.map_latency < math.inf:
+            raise ValueError(f"map_latency must be finite and not negative, got {self.map_latency!r}")
+        spread = self.start_spread
+        if len(spread) != 2 or not all(0 <= std < math.inf for std in spread):
+            raise ValueError(f"start_spread must be two numbers that are not negative, got {spread!r}")
+        super().attach(robot, control_period, physics)
+        self.weights = TrackRewards.of(self.reward)
+        self._world = self.world if isinstance(self.world, World) else load_world(self.world)
+        self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
         """The route in the map frame."""
-        self._robot, self._fused = robot, fused
-        self._max_deviation = max_deviation
-        self._start_spread = start_spread
-        self._make_map = partial(make_route_map, robot=robot, path=self.route_world.points.tobytes(), **mapping)
+        self._make_map = partial(
+            make_route_map,
+            self._world,
+            robot,
+            physics,
+            self.slam,
+            self.route_world.points.tobytes(),
+            self.map_resolution,
+            control_period,
+            self.map_seed,
+        )
+
+    def default_observations(self) -> Sequence[str]:
+        """Return scan, route and motion; see `Task`."""
+        return ("scan", "route", "motion")
+
+    def make_estimator(self) -> FusedPose:
+        """Return the Kalman filter over AMCL, encoders and compass; see `Task`."""
+        self._fused = FusedPose(self.robot, Amcl(self.robot.lidar, AMCL_PARAMS), self.fusion, self.map_latency)
+        return self._fused
+
+    @property
+    def route_ahead(self) -> np.ndarray:
+        """Points of the route that are still to drive, shape (n, 2), float64, map frame [m]."""
+        return self.route.points[self.route_progress.index :]
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the route; see `Task`."""
@@ -91,7 +186,7 @@ class FollowRoute(Task):
         """
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
-        return self.world
+        return self._world
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         """Return where the robot starts, near the beginning of the route.
@@ -101,16 +196,16 @@ class FollowRoute(Task):
         """
         if start is not None:
             raise ValueError("a route has its own start; make another environment")
-        spread, turn = self._start_spread
+        spread, turn = self.start_spread
         offset = Pose2D(*(rng.standard_normal(3) * (spread, spread, turn)).tolist())
         self.starts = [self.map_pose.compose(offset)]
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return the map, which the first episode makes, and its origin as the start; see `Task`."""
-        route_map = self._make_map(self.world)
+        route_map = self._make_map()
         self._fused.north = route_map.north
-        return Prior(ORIGIN, route_map.grid, start_covariance(*self._start_spread)[:3, :3])
+        return Prior(ORIGIN, route_map.grid, start_covariance(*self.start_spread)[:3, :3])
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
@@ -121,7 +216,7 @@ class FollowRoute(Task):
         self.route_progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._follow(self.starts[0], self._one)
         # Twice the time that the route takes at full speed, and half a minute.
-        return 30.0 + 2.0 * self.route.length / self._robot.max_v
+        return 30.0 + 2.0 * self.route.length / self.robot.max_v
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
@@ -131,7 +226,7 @@ class FollowRoute(Task):
         self._gained, self._period, self._touching = self._driven - before, period, robots[0].reading.bumper
         if self._driven >= self.route.length - END:
             self.end_reason = "completed"
-        elif away > self._max_deviation:
+        elif away > self.max_deviation:
             self.end_reason = "strayed"
 
     def quantities(self) -> dict[str, float]:

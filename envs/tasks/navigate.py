@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -10,14 +11,17 @@ import numpy as np
 from envs.arguments import check_positive, is_pose
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
-from envs.measures import Course, Measure, final, when_successful
+from envs.localization import AmclParams
+from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
 from envs.simulation import Simulator
 from envs.task import ObservationPart
+from envs.worlds import load_map
 
-from .goals import GeodesicDistance, draw_goal, known_map
+from .goals import GeodesicDistance, draw_goal, known_map, make_localizer
+from .measures import GOAL
 from .rewards import NavigateRewards
 from .starts import WorldTask
 
@@ -25,63 +29,131 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
 
 
-def path_efficiency(course: Course) -> float:
-    """Return success weighted by path length: 0 without success, else shortest length over the length driven.
-
-    Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
-    """
-    shortest = float(course.samples["way_to_goal"][0])
-    return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
-
-
+@dataclass(kw_only=True, eq=False)
 class Navigate(WorldTask):
-    """Drive to a goal on a known map. Ends with "reached" when the true pose is at the goal."""
+    """Drive to a goal on a known map.
 
-    measures = (
-        Measure("spl", "success by path length", "%", True, path_efficiency, 1, 100.0, is_headline=True),
-        Measure("time_to_goal", "time to the goal", "s", False, when_successful, limit="time_limit"),
-        Measure("way_left", "distance left", "m", False, partial(final, name="way_to_goal"), 2),
-    )
+    ## Description
+    A differential-drive robot with a 2D lidar and wheel encoders has a map of the world. Each step drives it for one
+    control period; then a localizer turns the new scan and the motion by odometry into a pose on that map. The policy
+    sees what the robot senses and estimates, never ground truth. The task is to get to a goal.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
+
+    ## Observation Space
+    `Dict`, everything seen from the robot (fresh arrays each step):
+
+    | key | space | meaning |
+    |---|---|---|
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
+    | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 8 m x 8 m around the estimated pose, 0.2 m per pixel |
+    | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+    | `goal` | `Box(-1, 1, (5,), float32)` | distance to the goal over 32 m (at most 1), cosine and sine of its bearing, cosine and sine of the turn to its heading |
+    | `doubt` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer says that it is lost |
+
+    Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left.
+    Unknown is 0 in channels 0 and 1.
+
+    ## Rewards
+    The sum of the terms in `info["rewards"]`, weighted by `NavigateRewards`: `progress` (metres by which the true geodesic
+    distance to the goal, around all that does not move, became shorter), `time`, `collision`, `reached`.
+
+    ## Starting State
+    The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
+    world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least 1 m away,
+    in the map's frame if given. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
+    degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,
+    theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a further goal without a reset.
+
+    ## Episode End
+    1. Termination: the robot's true base pose is within `goal_tolerance` of the goal, and its heading within
+       `heading_tolerance` of the goal's.
+    2. Truncation: `time_limit` seconds have passed.
+
+    Collisions cost, and do not end the episode.
+
+    ## Information
+    Each step: `distance_to_goal` (true, straight) [m], `way_to_goal` (true, geodesic) [m], `progress` (share of the way that is done), `pose_error`
+    (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
+    (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` each step also
+    `randomized`: what the episode has drawn, by name.
+
+    ## Arguments
+    Those that all tasks share (see `LidarEnv`), and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`, `wings`, `halls`), path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |
+    | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
+    | `initial_pose` | `"known"` | whether the localizer is given where the robot starts: `"known"` or `"unknown"` |
+    | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` takes the map that a perfect exploration would give |
+    | `map_pose` | `(0, 0, 0)` | pose of the map's frame in the world |
+    | `goal` | `"random"` | see Starting State |
+    | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
+    | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default |
+    | `start` | `"random"` | see Starting State |
+    | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
+    | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
+    | `reward` | `NavigateRewards()` | weights, also as a mapping |
+    | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
+
+    ## Version History
+    * v0: first version
+    """
+
+    measures = GOAL
     progress = "progress"
-
     reset_options = ("goal",)
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        *,
-        goal: Any,
-        goal_tolerance: float,
-        heading_tolerance: float,
-        initial_pose: Literal["known", "unknown"],
-        is_exact: bool,
-        map: OccupancyGrid | None,
-        map_pose: tuple[float, float, float],
-        reward: NavigateRewards | Mapping[str, float],
-        **worlds: Any,
-    ) -> None:
-        """See `NavigateEnv` for the arguments; `worlds` are those of `WorldTask`.
+    localizer: str = "amcl"
+    """One of `LOCALIZERS`."""
+    amcl: str | AmclParams = "default"
+    """Preset of AMCL, or its parameters."""
+    initial_pose: Literal["known", "unknown"] = "known"
+    """Whether the localizer is given where the robot starts."""
+    map: str | Path | OccupancyGrid | None = None
+    """Path of a `map_server` YAML, or the map; None takes the map that a perfect exploration would give."""
+    map_pose: Any = (0.0, 0.0, 0.0)
+    """Pose of the map's frame in the world."""
+    goal: Any = "random"
+    """Where to go, map frame: `"random"`, or a pose (x, y, theta); once an episode has begun, that of the episode."""
+    goal_tolerance: float = 0.3
+    """Distance from the goal that counts as reached [m]."""
+    heading_tolerance: float = math.pi
+    """Turn from the goal's heading that counts as reached [rad]."""
+    reward: Any = NavigateRewards()
+    """Weights of the reward terms; see `NavigateRewards.of`."""
 
-        Raises:
-            ValueError: if one is not allowed; the message names it and what is.
-        """
-        if initial_pose not in ("known", "unknown"):
-            raise ValueError(f"initial_pose must be 'known' or 'unknown', got {initial_pose!r}")
-        check_positive(goal_tolerance=goal_tolerance)
-        if not 0 < heading_tolerance <= math.pi:
-            raise ValueError(f"heading_tolerance must lie in (0, pi], got {heading_tolerance!r}")
-        if not (is_pose(goal) or (isinstance(goal, str) and goal == "random")):
-            raise ValueError(f"goal must be 'random' or (x, y, theta), got {goal!r}")
-        if not is_pose(map_pose):
-            raise ValueError(f"map_pose must be (x, y, theta), got {map_pose!r}")
-        self.weights = NavigateRewards.of(reward)
-        self.map_pose = Pose2D(*(float(k) for k in map_pose))
-        self._map = map
-        self._goal = goal
-        self._tolerances = goal_tolerance, heading_tolerance
-        self._initial_pose = initial_pose
-        self._is_exact = is_exact  # dead reckoning could not make up for a wrong start
-        super().__init__(robot, **worlds)
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        if self.initial_pose not in ("known", "unknown"):
+            raise ValueError(f"initial_pose must be 'known' or 'unknown', got {self.initial_pose!r}")
+        if self.initial_pose == "unknown" and self.localizer != "amcl":
+            raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {self.localizer!r}")
+        check_positive(goal_tolerance=self.goal_tolerance)
+        if not 0 < self.heading_tolerance <= math.pi:
+            raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
+        self._goal = self.goal
+        if not (is_pose(self._goal) or (isinstance(self._goal, str) and self._goal == "random")):
+            raise ValueError(f"goal must be 'random' or (x, y, theta), got {self._goal!r}")
+        if not is_pose(self.map_pose):
+            raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
+        self.map_pose = Pose2D(*(float(k) for k in self.map_pose))
+        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
+        self.weights = NavigateRewards.of(self.reward)
+        self.uses_true_motion = self.localizer == "truth"
+        super().attach(robot, control_period, physics)
+
+    def default_observations(self) -> Sequence[str]:
+        """Return scan, maps, motion, goal and the pose's uncertainty; see `Task`."""
+        return (*super().default_observations(), *self.observation_parts())
+
+    def make_estimator(self) -> KnownMapEstimator:
+        """Return the localizer on the known map; see `Task`."""
+        return KnownMapEstimator(make_localizer(self.localizer, self.robot.lidar, self.amcl))
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
@@ -94,14 +166,14 @@ class Navigate(WorldTask):
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return what the localizer may know of the start, and the map; see `Task`."""
         grid = known_map(self.area) if self._map is None else self._map
-        if self._initial_pose == "unknown":
+        if self.initial_pose == "unknown":
             return Prior(None, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
         offset = std * rng.standard_normal(3)
         given = Pose2D(pose.x + offset[0], pose.y + offset[1], pose.theta + offset[2])
         cell = grid.cells(np.array(given[:2]))
-        if self._is_exact or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
+        if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
             given = pose
         return Prior(given, grid, np.diag(std**2))
 
@@ -132,7 +204,7 @@ class Navigate(WorldTask):
         self._path_left = self._path_length = self._geodesic.length(self._true_pose)
         self.end_reason = None
         # Four times what the path takes at full speed, and as long again to find out where the robot is.
-        usual = 30.0 + 4.0 * self._path_left / self._robot.max_v + 60.0 * (self._initial_pose == "unknown")
+        usual = 30.0 + 4.0 * self._path_left / self.robot.max_v + 60.0 * (self.initial_pose == "unknown")
         return 10.0 * round(0.1 * usual)
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
@@ -165,5 +237,5 @@ class Navigate(WorldTask):
 
     def _is_at_goal(self) -> bool:
         to_goal = self._true_pose.between(self._true_goal)
-        near, aligned = self._tolerances
+        near, aligned = self.goal_tolerance, self.heading_tolerance
         return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned

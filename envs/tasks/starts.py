@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 
-from envs.arguments import is_pose
+from envs.arguments import check_positive, is_pose
+from envs.estimation import Estimator
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.lines import cell_along
 from envs.robots import RobotParams
+from envs.slam import DEFAULT_SLAM, make_slam
 from envs.task import Task
 from envs.worlds import FAMILIES, ExplorableArea, World, explorable_area, world_sampler
 
@@ -26,47 +29,77 @@ Start = str | Pose2D | list[Pose2D]
 """What `read_start` returns."""
 
 
+@dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """A task whose worlds and starts users choose."""
+    """A task whose worlds and starts users choose; see `envs.worlds.world_sampler` for what is raised."""
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        *,
-        world: Any,
-        split: Literal["train", "test"],
-        world_size: tuple[float, float] | None,
-        start: Any,
-        resolution: float,
-        num_robots: int = 1,
-    ) -> None:
-        """Take the arguments of environments; see `ExploreEnv`, and `envs.worlds.world_sampler` for what is raised."""
-        self._robot = robot
-        self._resolution = resolution
-        self._num_robots = num_robots
-        self._start = read_start(start, num_robots)
-        self._split: Literal["train", "test"] = split
-        self._size = world_size
-        self._sample = world_sampler(world, split=split, size=world_size, radius=robot.radius)
+    world: Any = "turtlebot3_world"
+    """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`."""
+    split: Literal["train", "test"] = "train"
+    """Which seeds of a procedural family."""
+    world_size: tuple[float, float] | None = None
+    """Outer size (x, y) of a procedural world [m]; None leaves it to the family."""
+    start: Any = "random"
+    """`"random"`, `"spawn"`, a pose (x, y, theta), or one for each robot of a team; world frame."""
+    map_resolution: float = 0.05
+    """Side of a map cell [m]."""
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        super().attach(robot, control_period, physics)
+        check_positive(map_resolution=self.map_resolution)
+        self._start = read_start(self.start, self.num_robots)
+        self._sample = world_sampler(self.world, split=self.split, size=self.world_size, radius=robot.radius)
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
         sample = self._sample
         if world is not None:
             is_family = isinstance(world, str) and world in FAMILIES
-            size = self._size if is_family else None
-            sample = world_sampler(world, split=self._split, size=size, radius=self._robot.radius)
+            size = self.world_size if is_family else None
+            sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius)
         drawn = sample(rng)
-        explorable_area(drawn, self._robot, self._resolution)
+        explorable_area(drawn, self.robot, self.map_resolution)
         return drawn
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         """Return where the robots start; see `Task` and the function `choose_starts`."""
-        self.area = explorable_area(world, self._robot, self._resolution)
+        self.area = explorable_area(world, self.robot, self.map_resolution)
         """The true part of the world that can be reached."""
-        chosen = self._start if start is None else read_start(start, self._num_robots)
-        self.starts = choose_starts(chosen, world, self.area, self._robot, self._num_robots, rng)
+        chosen = self._start if start is None else read_start(start, self.num_robots)
+        self.starts = choose_starts(chosen, world, self.area, self.robot, self.num_robots, rng)
         return self.starts
+
+
+@dataclass(kw_only=True, eq=False)
+class UnknownWorldTask(WorldTask):
+    """A task in a world that the robots map with a SLAM, in a map frame that begins where the first one starts."""
+
+    slam: Any = DEFAULT_SLAM
+    """SLAM in the loop, see `envs.slam.make_slam`."""
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        super().attach(robot, control_period, physics)
+        self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
+
+    def make_estimator(self) -> Estimator:
+        """Return a SLAM; see `Task`.
+
+        Raises:
+            ValueError: there is none of this name, or it cannot share a map with a team.
+        """
+        robot = self.robot
+        slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
+        if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
+            raise ValueError(f"slam {self.slam!r} cannot share a map; choose hector, tinyslam, odometry or truth")
+        return slam
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robots start; see `Task`."""
+        starts = super().choose_starts(world, start, rng)
+        self.map_pose = starts[0]
+        return starts
 
 
 def read_start(start: Any, num_robots: int = 1) -> Start:

@@ -6,7 +6,8 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]
 PER_ROBOT = ("pose_error", "path_length", "collisions")
@@ -16,27 +17,27 @@ OPTIONS = ("world", "start")
 
 
 class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
-    """`ExploreTeamEnv` with an agent per robot: "robot_0", "robot_1", ...
+    """`ExploreTeam-v0` with an agent per robot: "robot_0", "robot_1", ...
 
     Each agent gets its own row of actions, observations and of what `info` has per robot. The reward is the team's, the
     same for each: `info["rewards"]` has its terms. All agents end together.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {**ExploreTeamEnv.metadata, "name": "lidarnaut_explore_team_v0"}
+    metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
 
     def __init__(self, **arguments: Any) -> None:
         """Make the team.
 
         Args:
-            **arguments: of `ExploreTeamEnv`.
+            **arguments: of `ExploreTeam-v0`.
 
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
         """
-        self.env = ExploreTeamEnv(**arguments)
+        self.env = LidarEnv(ExploreTeam, **arguments)
         """The environment of the team."""
         self.render_mode = self.env.render_mode
-        self.possible_agents = [f"robot_{k}" for k in range(self.env.num_robots)]
+        self.possible_agents = [f"robot_{k}" for k in range(self.env.task.num_robots)]
         self.agents: list[str] = []
         observation, action = self.env.observation_space, self.env.action_space
         assert isinstance(observation, spaces.Dict)

@@ -12,13 +12,14 @@ from agents.config import NetworkConfig, TrainingConfig
 from agents.ppo import _policy_arguments, build_model, mean_action
 from agents.run_folder import find_checkpoint
 from agents.training import train
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.files import parse_record
+from envs.tasks.explore import Explore
 from tests.rollouts import rollout
 
 
 def test_rollouts_updates_and_evaluations_see_the_same():
-    env = ExploreEnv(physics="kinematic", control_hz=5.0)
+    env = LidarEnv(Explore, physics="kinematic", control_hz=5.0)
     steps = rollout(env, 0, 40)
     torch.manual_seed(0)
     policy = MultiInputActorCriticPolicy(

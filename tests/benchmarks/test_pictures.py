@@ -2,12 +2,13 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.pictures import Film, save_gif
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.rendering import style
+from envs.tasks.explore import Explore
 
 
 def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
-    env = ExploreEnv(physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array")
+    env = LidarEnv(Explore, physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array")
     _, info = env.reset(seed=0)
     film = Film(env, every=1.0)
     film.shoot(info)

@@ -33,7 +33,7 @@ def test_true_gains_are_what_is_left_in_view(env):
         assert (gains >= 0.0).all()
         # Neighbouring rays sweep cells of each other's at short range.
         seen.append((gains.max(), gains.sum(), env.candidates.visible.sum()))
-        left.append(env.explore.coverage.area.area - env.explore.coverage.explored_area)
+        left.append(env.explore.task.coverage.area.area - env.explore.task.coverage.explored_area)
     largest, total, optimistic = np.array(seen).T
     assert (largest <= 1.1 * np.array(left)).all()
     assert 0.0 < total.sum() < 0.7 * optimistic.sum()

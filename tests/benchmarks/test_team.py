@@ -9,7 +9,8 @@ import pytest
 
 from baselines.rrt.team_episode import TeamEpisode
 from benchmarks import team
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import ExploreTeam
 
 TASKS = [("rooms", num, seed, "kinematic", "tinyslam") for num in (1, 2) for seed in (1, 0)]
 
@@ -79,7 +80,7 @@ def test_an_episode_is_laid_out_as_a_row(monkeypatch):
 
 
 def test_the_picture_has_a_trail_per_robot():
-    env = ExploreTeamEnv(world="turtlebot3_world", num_robots=3, physics="kinematic")
+    env = LidarEnv(ExploreTeam, world="turtlebot3_world", num_robots=3, physics="kinematic")
     env.reset(seed=0)
     for _ in range(20):
         env.step(np.full((3, 2), 0.5, dtype=np.float32))

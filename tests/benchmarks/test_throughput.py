@@ -17,8 +17,8 @@ from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.references import advance_in_numpy
 from benchmarks.speed.report import plot_growth, targets
 from benchmarks.speed.results import Effort, Results
+from envs.core import LidarEnv
 from envs.estimation.motion import WheelMotion
-from envs.explore import ExploreEnv
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.raycast import cast_rays
@@ -27,6 +27,7 @@ from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import robot_record
 from envs.slam import load_params, make_slam
 from envs.slam.cells import MAX_COUNT, probabilities
+from envs.tasks.explore import Explore
 from envs.worlds import rasterize
 
 
@@ -117,7 +118,7 @@ def test_naive_lidar_sees_what_cast_rays_sees(hall):
 def test_naive_environment_does_the_job_of_ours(hall):
     """Same world, robot and actions: PyBullet at 240 Hz drives about as our kinematics do, and the maps fill alike."""
     naive = NaiveExploreEnv(hall, benchmark_robot())
-    own = ExploreEnv(world=hall.world, robot=benchmark_robot(), physics="kinematic", start="spawn")
+    own = LidarEnv(Explore, world=hall.world, robot=benchmark_robot(), physics="kinematic", start="spawn")
     check_env(naive, skip_render_check=True)
     actions, fractions = make_actions(1), []
     for env in (naive, own):

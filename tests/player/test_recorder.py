@@ -41,7 +41,7 @@ def final_kinds(recording):
 def test_a_recording_holds_what_happened_and_changes_nothing():
     env = make_env()
     recording, episode, seen = record(env, NearestExplorer())
-    belief, start = env.unwrapped.belief, env.unwrapped.start
+    belief, start = env.unwrapped.belief, env.unwrapped.map_pose
     plain = run_episode(make_env(), NearestExplorer(), 0)
     np.testing.assert_array_equal(plain.curve.explored_fraction, episode.curve.explored_fraction)
     assert recording.time[0] == 0.0

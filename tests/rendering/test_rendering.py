@@ -55,7 +55,7 @@ def make_scene(pose=TRUE, estimated=ESTIMATED):
         trail=np.array([START[:2], pose[:2]]),
         estimated_trail=np.array([(0.0, 0.0), estimated[:2]]),
         plan=np.array([estimated[:2], START.between(Pose2D(2.0, 4.0, 0.0))[:2]]),
-        explored_fraction=0.5,
+        progress=0.5,
         time=75.0,
         collisions=3,
     )

@@ -4,12 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from envs.core import LidarEnv
 from envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
-from envs.explore import ExploreEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.robots import LidarParams, load_robot
 from envs.tasks.coverage import Coverage, map_iou
+from envs.tasks.explore import Explore
 from envs.worlds import Mover, World, explorable_area
 
 
@@ -198,24 +199,24 @@ def test_a_scan_sees_what_lies_within_the_width_of_its_beams(burger, num_beams, 
 
 @pytest.mark.parametrize("slam", ["truth", "tinyslam", "odometry"])
 def test_under_ground_truth_all_that_is_mapped_counts(slam):
-    env = ExploreEnv(world="rooms", world_size=(8.0, 8.0), physics="kinematic", slam=slam, start="random")
+    env = LidarEnv(Explore, world="rooms", world_size=(8.0, 8.0), physics="kinematic", slam=slam, start="random")
     rng = np.random.default_rng(0)
     env.reset(seed=1)
     for _ in range(40):
         action = rng.uniform((0.0, -1.0), 1.0).astype(np.float32)
         for _ in range(8):
             env.step(action)
-    grid, area = env.belief.grid, env.coverage.area
+    grid, area = env.belief.grid, env.task.coverage.area
     mapped = np.zeros_like(area.explorable)
     lattice = [
         grid.centers(np.argwhere(grid.data >= 0) + offset - 0.5)
         for offset in ((0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75))
     ]
-    cells = area.walls.cells(env.start.transform(np.concatenate(lattice)))
+    cells = area.walls.cells(env.map_pose.transform(np.concatenate(lattice)))
     cells = cells[area.walls.contains(cells)]
     mapped[tuple(cells.T)] = True
     mapped &= area.explorable
-    explored = env.coverage.explored
+    explored = env.task.coverage.explored
     assert not (explored & ~mapped).any()
     if slam == "truth":
         np.testing.assert_array_equal(explored, mapped)
@@ -233,7 +234,7 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
         bounds=(0.0, 0.0, 32.0, 1.0),
         movers=(blocker,),
     )
-    env = ExploreEnv(world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
+    env = LidarEnv(Explore, world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
     env.reset(seed=0)
     for _ in range(1200):
         _, _, terminated, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))

@@ -5,9 +5,10 @@ import pytest
 
 from baselines import EXPLORERS
 from baselines.episode import run_episode
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 from envs.worlds import World, explorable_area
 
 
@@ -46,5 +47,5 @@ def test_rooms_have_time_by_their_area_and_rings_of_narrow_corridors_by_their_le
 
 
 def test_there_is_time_for_a_ring_of_narrow_corridors():
-    env = ExploreEnv(world=ring(0.5, 60.0), physics="kinematic", slam="truth", start="spawn")
+    env = LidarEnv(Explore, world=ring(0.5, 60.0), physics="kinematic", slam="truth", start="spawn")
     assert run_episode(env, EXPLORERS["nearest"](), 0).explored_fraction > 0.95

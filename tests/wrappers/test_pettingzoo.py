@@ -7,7 +7,8 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed")
 
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
+from envs.tasks.explore import ExploreTeam
 from envs.wrappers.pettingzoo import TeamParallelEnv
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.0}
@@ -22,7 +23,7 @@ def test_episodes_repeat():
 
 
 def test_agents_get_their_rows_of_the_team_environment():
-    team, env = ExploreTeamEnv(num_robots=2, **QUICK), TeamParallelEnv(num_robots=2, **QUICK)
+    team, env = LidarEnv(ExploreTeam, num_robots=2, **QUICK), TeamParallelEnv(num_robots=2, **QUICK)
     team.reset(seed=3)
     env.reset(seed=3)
     rows = np.array([[0.5, 0.2], [1.0, -0.4]], dtype=np.float32)

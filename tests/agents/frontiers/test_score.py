@@ -15,8 +15,9 @@ from baselines.episode import run_episode
 from baselines.frontier.gain_over_cost import GainOverCost
 from baselines.frontier.nearest import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.explore import ExploreEnv
+from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.tasks.explore import Explore
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
 
@@ -107,7 +108,7 @@ def test_weights_must_fit(weights):
 
 
 def test_the_explorer_of_the_prior_is_that_of_the_rule():
-    env = ExploreEnv(physics="kinematic", **QUICK)
+    env = LidarEnv(Explore, physics="kinematic", **QUICK)
     learned, classic = (
         run_episode(env, explorer, 3) for explorer in (ScoreExplorer(FrontierScore()), make_explorer("gain_over_cost"))
     )
@@ -117,7 +118,7 @@ def test_the_explorer_of_the_prior_is_that_of_the_rule():
 
 def test_what_comes_with_the_package_explores():
     explorer = load_policy(find_policy("pretrained/frontiers"))
-    env = ExploreEnv(physics="kinematic", **QUICK)
+    env = LidarEnv(Explore, physics="kinematic", **QUICK)
     assert run_episode(env, explorer, 3).explored_fraction >= 0.95
     with pytest.raises(CheckpointError, match="pretrained/frontiers"):
         find_policy("pretrained/fronteers")

@@ -9,12 +9,13 @@ from baselines.explorer import to_action
 from baselines.navigation import MapNavigator, MapNavigatorParams
 from baselines.navigation.episode import drive
 from baselines.navigation.reactive_driving import ReactiveDriver
+from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigate import NavigateEnv
 from envs.navigation import Navigator
 from envs.navigation.local_planner import LOCAL_PLANNERS, make_local_planner
 from envs.robots import load_robot
+from envs.tasks.navigate import Navigate
 from tests.baselines.maps import reading_of
 from tests.navigation.costs import cost_at
 
@@ -44,7 +45,7 @@ def belief_at(pose, grid, *, lost=False):
 def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     if physics == "bullet":
         pytest.importorskip("pybullet")
-    env = NavigateEnv(world="turtlebot3_world", physics=physics)
+    env = LidarEnv(Navigate, world="turtlebot3_world", physics=physics)
     for seed in range(2):
         result = drive(env, seed, MapNavigatorParams(local_planner=planner))
         assert result.is_success
@@ -53,13 +54,14 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
 
 
 def test_same_seed_same_drive():
-    env = NavigateEnv(world="turtlebot3_world", physics="kinematic")
+    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic")
     ends = [(d.duration, d.path_length) for d in (drive(env, 3), drive(env, 3))]
     assert ends[0] == ends[1]
 
 
 def test_the_heading_asked_for_is_taken():
-    env = NavigateEnv(
+    env = LidarEnv(
+        Navigate,
         world="turtlebot3_world",
         physics="kinematic",
         localizer="truth",
@@ -70,7 +72,7 @@ def test_the_heading_asked_for_is_taken():
     )
     env.reset(seed=0)
     navigator = MapNavigator(env.robot, env.control_period, env.belief.grid, np.random.default_rng(0))
-    navigator.set_goal(env.goal[:2], env.goal.theta)
+    navigator.set_goal(env.task.goal[:2], env.task.goal.theta)
     for _ in range(300):
         if navigator.end_reason:
             break
@@ -168,9 +170,10 @@ def test_a_robot_that_stays_lost_says_so():
 
 def test_scans_that_do_not_belong_to_the_map_end_lost():
     """On the map of another world AMCL reports that it is lost, and the navigator fails instead of driving anywhere."""
-    other = NavigateEnv(world="turtlebot3_stage_4", physics="kinematic")
+    other = LidarEnv(Navigate, world="turtlebot3_stage_4", physics="kinematic")
     other.reset(seed=0)
-    env = NavigateEnv(
+    env = LidarEnv(
+        Navigate,
         world="turtlebot3_world",
         physics="kinematic",
         map=other.belief.grid,
@@ -205,7 +208,7 @@ def test_unknown_local_planners_are_named():
 
 
 def test_reactive_driving_covers_ground_without_contact():
-    env = NavigateEnv(world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
+    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
     for seed in range(2):
         env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
         navigator, driver = Navigator(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))

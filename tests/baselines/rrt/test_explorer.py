@@ -14,10 +14,11 @@ from baselines.rrt.detector import RrtDetector
 from baselines.rrt.filter import information_gain, mean_shift
 from baselines.rrt.navigator import PointNavigator
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
+from envs.core import LidarEnv
 from envs.estimation import Belief
-from envs.explore import ExploreEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 from tests.baselines.maps import reading_of
 
 BURGER = load_robot("turtlebot3_burger")
@@ -298,7 +299,7 @@ def test_points_in_costly_cells_and_beyond_walls_are_invalid():
 
 
 def run(seed, max_time, **kwargs):
-    env = ExploreEnv(**kwargs)
+    env = LidarEnv(Explore, **kwargs)
     _, info = env.reset(seed=seed)
     explorer = make_explorer("rrt")
     explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))

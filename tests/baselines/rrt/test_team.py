@@ -14,12 +14,12 @@ from baselines.rrt.detector import RrtDetector
 from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
 from baselines.rrt.team import RrtTeam
 from baselines.rrt.team_episode import run_team_episode
+from envs.core import LidarEnv
 from envs.estimation import Belief
-from envs.explore import ExploreEnv
-from envs.explore_team import ExploreTeamEnv
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams, make_costmap, travel_field
 from envs.robots import load_robot
+from envs.tasks.explore import Explore, ExploreTeam
 from envs.worlds import World
 
 BURGER = load_robot("turtlebot3_burger")
@@ -27,14 +27,14 @@ BURGER = load_robot("turtlebot3_burger")
 
 def act(team, env):
     """Let a team decide; returns the actions."""
-    twists = team.act([robot.reading for robot in env.robots], env.beliefs)
+    twists = team.act([robot.reading for robot in env.robots], [robot.belief for robot in env.robots])
     return np.stack([to_action(twist, env.robot) for twist in twists])
 
 
 def run(env, seed, max_time, watch=None):
     _, info = env.reset(seed=seed)
     team = RrtTeam()
-    team.reset(env.robot, env.control_period, env.num_robots, np.random.default_rng(seed))
+    team.reset(env.robot, env.control_period, env.task.num_robots, np.random.default_rng(seed))
     done = False
     while not done and team.end_reason is None and info["time"] < max_time:
         _, _, terminated, truncated, info = env.step(act(team, env))
@@ -61,16 +61,16 @@ def corridor(width=0.45, length=4.0):
 
 def known_map(env, targets):
     """Return the map of a world that is known but for a cell's surroundings at each target (x, y), world frame."""
-    grid, walls = env.beliefs[0].grid, env.coverage.area.walls
+    grid, walls = env.robots[0].belief.grid, env.task.coverage.area.walls
     data = grid.data.copy()
     rows, cols = np.nonzero(data < 0)
-    cells = walls.cells(env.start.transform(grid.centers(np.column_stack([rows, cols]))))
+    cells = walls.cells(env.map_pose.transform(grid.centers(np.column_stack([rows, cols]))))
     inside = walls.contains(cells)
     data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
     # Looked up from the other side as well, so that thin walls have no holes.
     occupied = walls.centers(np.argwhere(walls.data == OCCUPIED))
-    data[tuple(grid.cells(env.start.inverse().transform(occupied)).T)] = OCCUPIED
-    for row, col in grid.cells(env.start.inverse().transform(np.array(targets))):
+    data[tuple(grid.cells(env.map_pose.inverse().transform(occupied)).T)] = OCCUPIED
+    for row, col in grid.cells(env.map_pose.inverse().transform(np.array(targets))):
         data[row - 2 : row + 3, col - 2 : col + 3] = -1
     return OccupancyGrid(data, grid.resolution, grid.origin)
 
@@ -78,7 +78,8 @@ def known_map(env, targets):
 @pytest.mark.parametrize("indices", [(0, 1), (1, 0)])
 def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch):
     starts, targets = [(-2.3, 0.0, 0.0), (2.3, 0.0, math.pi)], [(3.3, 0.3), (-3.3, -0.3)]
-    env = ExploreTeamEnv(
+    env = LidarEnv(
+        ExploreTeam,
         world=corridor(),
         physics="kinematic",
         slam="truth",
@@ -87,13 +88,15 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     )
     _, info = env.reset(seed=0)
     targets = [targets[k] for k in indices]
-    grid, points = known_map(env, targets), env.start.inverse().transform(np.array(targets))
+    grid, points = known_map(env, targets), env.map_pose.inverse().transform(np.array(targets))
 
     def assign_far_ends(grid, robots, found, costs, params, taken):
         """Send each robot to its target at the other end, whatever lies nearer."""
         chosen = np.full(len(robots), UNASSIGNED)
         for k, position in enumerate(robots):
-            index = int(np.argmin([math.dist(position, belief.pose[:2]) for belief in env.beliefs]))
+            index = int(
+                np.argmin([math.dist(position, belief.pose[:2]) for belief in [robot.belief for robot in env.robots]])
+            )
             gaps = np.hypot(*(found - points[index]).T)
             if len(gaps) and gaps.min() < 0.4 and np.isfinite(costs[k, gaps.argmin()]):
                 chosen[k] = gaps.argmin()
@@ -105,7 +108,7 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     team.reset(env.robot, env.control_period, 2, np.random.default_rng(0))
     arrived, met = [math.inf, math.inf], math.inf
     while max(arrived) == math.inf and info["time"] < 150.0:
-        beliefs = [Belief(belief.pose, grid) for belief in env.beliefs]
+        beliefs = [Belief(belief.pose, grid) for belief in [robot.belief for robot in env.robots]]
         twists = team.act([robot.reading for robot in env.robots], beliefs)
         _, _, _, _, info = env.step(np.stack([to_action(twist, env.robot) for twist in twists]))
         poses = [truth.state.pose for truth in env.truths]
@@ -121,7 +124,7 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
 
 def test_a_team_of_one_explores_as_the_single_explorer_does():
     kwargs = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
-    env, team_env = ExploreEnv(**kwargs), ExploreTeamEnv(**kwargs, num_robots=1)
+    env, team_env = LidarEnv(Explore, **kwargs), LidarEnv(ExploreTeam, **kwargs, num_robots=1)
     params = RrtParams(patience=30)
     episode = run_episode(env, RrtExplorer(params), 3)
     team_episode = run_team_episode(team_env, RrtTeam(params), 3)
@@ -130,7 +133,7 @@ def test_a_team_of_one_explores_as_the_single_explorer_does():
 
 
 def test_two_robots_explore_a_small_world_without_touching():
-    env = ExploreTeamEnv(world="rooms", world_size=(8.0, 8.0), physics="kinematic")
+    env = LidarEnv(ExploreTeam, world="rooms", world_size=(8.0, 8.0), physics="kinematic")
     apart = []
     _, info = run(env, 1, 200.0, lambda team, _: apart.append(team.targets))
     assert info["explored_fraction"] >= 0.99
@@ -189,12 +192,12 @@ def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
 
 
 def test_an_episode_of_a_team_is_measured():
-    env = ExploreTeamEnv(world="turtlebot3_world", physics="kinematic", start="spawn", time_limit=20.0)
+    env = LidarEnv(ExploreTeam, world="turtlebot3_world", physics="kinematic", start="spawn", time_limit=20.0)
     infos = []
     episode = run_team_episode(env, RrtTeam(), 0, infos.append)
     assert 0 < episode.time_to_90 <= episode.time_to_95 <= episode.time_to_99 <= 20.0
     assert episode.explored_fraction >= infos[-1]["explored_fraction"] > 0.9
-    assert episode.area_left == pytest.approx((1.0 - episode.explored_fraction) * env.coverage.area.area)
+    assert episode.area_left == pytest.approx((1.0 - episode.explored_fraction) * env.task.coverage.area.area)
     assert episode.path_length.shape == episode.collisions.shape == episode.position_rmse.shape == (2,)
     assert episode.position_rmse.max() < 0.1
     assert episode.end_reason in ("covered", "time_limit")

@@ -3,12 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from envs.core import LidarEnv
 from envs.estimation import NO_UPDATE
-from envs.explore_team import ExploreTeamEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import OdometryNoise
 from envs.simulation import Reading
 from envs.slam import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params, make_slam
+from envs.tasks.explore import ExploreTeam
 from tests.slam.rooms import CORRIDOR, LIDAR, STAY, drive, scan
 
 WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
@@ -179,7 +180,7 @@ def test_no_map_can_be_given_and_teams_are_refused():
     with pytest.raises(ValueError, match="a map for each particle"):
         slam.reset(np.random.default_rng(0), STAY, slam.map)
     with pytest.raises(ValueError, match="cannot share a map"):
-        ExploreTeamEnv(world="rooms", physics="kinematic", slam="gmapping", num_robots=2)
+        LidarEnv(ExploreTeam, world="rooms", physics="kinematic", slam="gmapping", num_robots=2)
 
 
 def test_presets_load_and_bad_values_are_named():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.explore_team import ExploreTeamEnv
+from envs.core import LidarEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, OdometryNoise
 from envs.simulation import Reading
@@ -13,6 +13,7 @@ from envs.slam import GRAPH_PRESETS, GraphSlam, GraphSlamParams, load_graph_para
 from envs.slam.graph.local_slam import LocalSlam
 from envs.slam.graph.nodes import NodeStore
 from envs.slam.graph.rendering import MapRendering
+from envs.tasks.explore import ExploreTeam
 
 from ..matching.rooms import cast, rectangle
 
@@ -218,7 +219,7 @@ def test_the_start_pose_is_that_of_the_first_node(drive):
 
 def test_maps_are_not_shared():
     with pytest.raises(ValueError, match="cannot share a map"):
-        ExploreTeamEnv(world="turtlebot3_world", robot="turtlebot3_burger", slam="graph", num_robots=2)
+        LidarEnv(ExploreTeam, world="turtlebot3_world", robot="turtlebot3_burger", slam="graph", num_robots=2)
     slam = GraphSlam(LIDAR, GraphSlamParams())
     with pytest.raises(ValueError, match="cannot go on with a map"):
         slam.reset(np.random.default_rng(0), map=slam.map)

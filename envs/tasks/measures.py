@@ -1,0 +1,67 @@
+"""The measures of the tasks."""
+
+from functools import partial
+
+from envs.measures import Course, Measure, final, mean_over_limit, root_mean_square, when, when_successful
+
+_explored_at = partial(when, name="explored_fraction")
+EXPLORATION = (
+    Measure("explored_fraction", "explored", "%", True, partial(final, name="explored_fraction"), 1, 100.0),
+    Measure("time_to_90", "time to 90 %", "s", False, partial(_explored_at, mark=0.90), 0, limit="time_limit"),
+    Measure("time_to_95", "time to 95 %", "s", False, partial(_explored_at, mark=0.95), 0, limit="time_limit"),
+    Measure("time_to_99", "time to 99 %", "s", False, partial(_explored_at, mark=0.99), 0, limit="time_limit"),
+    Measure(
+        "distance_to_95",
+        "distance to 95 %",
+        "m",
+        False,
+        partial(_explored_at, mark=0.95, quantity="path_length"),
+        limit="distance_limit",
+    ),
+    Measure(
+        "area_under_curve",
+        "area under curve",
+        "%",
+        True,
+        partial(mean_over_limit, name="explored_fraction"),
+        1,
+        100.0,
+        is_headline=True,
+    ),
+    Measure("map_iou", "map IoU", "%", True, partial(final, name="map_iou"), 1, 100.0),
+    Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
+)
+"""How much was explored, and when."""
+
+
+def path_efficiency(course: Course) -> float:
+    """Return success weighted by path length: 0 without success, else shortest length over the length driven.
+
+    Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
+    """
+    shortest = float(course.samples["way_to_goal"][0])
+    return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
+
+
+GOAL = (
+    Measure("spl", "success by path length", "%", True, path_efficiency, 1, 100.0, is_headline=True),
+    Measure("time_to_goal", "time to the goal", "s", False, when_successful, limit="time_limit"),
+    Measure("way_left", "distance left", "m", False, partial(final, name="way_to_goal"), 2),
+)
+"""Whether a goal was reached, how directly and when; `info` needs `way_to_goal`, the geodesic distance to it [m]."""
+
+ROUTE = (
+    Measure("progress", "route driven", "%", True, partial(final, name="progress"), 1, 100.0),
+    Measure(
+        "deviation_rmse",
+        "deviation from the route",
+        "cm",
+        False,
+        partial(root_mean_square, name="deviation"),
+        1,
+        100.0,
+        is_headline=True,
+    ),
+    Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
+)
+"""How near to a route the robot drove, and how far."""
