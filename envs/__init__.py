@@ -42,6 +42,7 @@ def register(id: str, task: Any, **defaults: Any) -> None:
 
 
 def _register(id: str, entry_point: str, arguments: dict[str, Any]) -> None:
+    gymnasium.registry.pop(id, None)  # of an earlier import: Gymnasium would warn
     vector = f"envs.vector:{entry_point.partition(':')[2]}s"
     gymnasium.register(id=id, entry_point=entry_point, vector_entry_point=vector, kwargs=arguments)
 

@@ -118,6 +118,8 @@ def root_mean_square(course: Course, name: str, column: int | None = None) -> fl
 
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
 """Of every task: `is_success` of the last `info`."""
+TIME_TO_SUCCESS = Measure("time_to_success", "time to success", "s", False, when_successful, limit="time_limit")
+"""Of tasks that declare no measures."""
 COMMON = (
     Measure("path_length", "path", "m", None, partial(final, name="path_length")),
     Measure("collisions", "collisions", "", False, partial(final, name="collisions")),
@@ -148,5 +150,5 @@ def measures_of(measures: Sequence[Measure]) -> tuple[Measure, ...]:
 
 
 def headline_of(measures: Sequence[Measure]) -> Measure:
-    """Return the measure by which policies are ranked."""
-    return next(measure for measure in measures if measure.is_headline)
+    """Return the measure by which policies are ranked: success where none is the headline."""
+    return next((measure for measure in measures if measure.is_headline), SUCCESS)

@@ -9,7 +9,7 @@ from gymnasium import spaces
 
 from envs.estimation import Estimator
 from envs.geometry import Pose2D
-from envs.measures import Measure
+from envs.measures import TIME_TO_SUCCESS, Measure
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
 from envs.simulation import Simulator
@@ -33,7 +33,7 @@ class ObservationPart(Protocol):
 
 
 class RewardTerms(Protocol):
-    """Weights of reward terms; see `envs.tasks.rewards.Weights`."""
+    """Weights of reward terms; see `envs.tasks.rewards.Weights` and `Terms`."""
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the terms."""
@@ -52,9 +52,9 @@ class Task(ABC):
     only its observation parts and what it tells robots at the start (`prior`).
     """
 
-    measures: ClassVar[Sequence[Measure]]
+    measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
     """Measures of an episode, one of them the headline; `envs.measures.COMMON` and `SUCCESS` come on top."""
-    progress: ClassVar[str]
+    progress: ClassVar[str] = "is_success"
     """Entry of `info` that says how much of the task is done, from 0 to 1; curves show it over time."""
     reset_options: ClassVar[tuple[str, ...]] = ()
     """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
@@ -64,8 +64,8 @@ class Task(ABC):
     """Whether actions and observations have an axis for the robots."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
-    weights: RewardTerms
-    """Weights of the reward terms."""
+    weights: RewardTerms | Mapping[str, float]
+    """Weights of the reward terms; tasks with a world of the user's choice take a mapping, too."""
     robot: RobotParams
     """The nominal robot."""
     control_period: float
@@ -88,8 +88,8 @@ class Task(ABC):
         self.robot, self.control_period, self.physics = robot, control_period, physics
 
     def default_observations(self) -> Sequence[str]:
-        """Return the names of the observation parts that are shown by default."""
-        return ("scan", "map_near", "map_far", "motion")
+        """Return the names of the observation parts that are shown by default: the task's own among them."""
+        return ("scan", "map_near", "map_far", "motion", *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the observation parts that the task adds to `envs.observations.PARTS`, by name."""

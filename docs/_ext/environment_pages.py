@@ -1,4 +1,4 @@
-"""A page per environment class: registered ids, an animated picture of each, spaces, and the docstring."""
+"""A page per task: registered ids, an animated picture of each, spaces, and the docstring."""
 
 import inspect
 from collections.abc import Iterable
@@ -44,7 +44,7 @@ import envs
 env = gymnasium.make("{id}", render_mode="human")
 ```
 
-| class | `{entry_point}` |
+| task | `{entry_point}` |
 |---|---|
 | **action space** | {action} |
 | **observation space** | {observation} |
@@ -61,11 +61,11 @@ def slug_of(id: str) -> str:
 
 
 def groups() -> dict[str, list[EnvSpec]]:
-    """Return the registered environments by entry point."""
+    """Return the registered environments by task, or where an action is a frontier by entry point."""
     found: dict[str, list[EnvSpec]] = {}
     for spec in gymnasium.registry.values():
         if spec.namespace == NAMESPACE:
-            found.setdefault(str(spec.entry_point), []).append(spec)
+            found.setdefault(spec.kwargs.get("task", str(spec.entry_point)), []).append(spec)
     return found
 
 
@@ -91,7 +91,7 @@ def _summary(entry_point: str) -> tuple[str, str]:
 
 def _of_arguments(spec: EnvSpec) -> str:
     """Return what arguments an id sets, as Markdown."""
-    return ", ".join(f'`{name}="{value}"`' for name, value in spec.kwargs.items())
+    return ", ".join(f"`{name}={value!r}`" for name, value in spec.kwargs.items() if name != "task")
 
 
 def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:

@@ -141,11 +141,12 @@ class EstimatePanel:
         if scene.pose_graph is not None:
             self._draw_graph(scene.pose_graph, start, view)
         for one in (scene, *scene.peers):
-            trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
-            draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
             if one.plan is not None:
                 draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
-            draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
+            if not (one.has_known_map and one.belief.is_lost):
+                trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
+                draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
+                draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
             draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
         return surface
 

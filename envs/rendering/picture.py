@@ -25,7 +25,7 @@ LEGENDS = (
         ("moving", style.MOVER, "disc"),
     ),
     (
-        ("estimated path", style.ESTIMATED, "line"),
+        ("estimate", style.ESTIMATED, "line"),
         ("true pose", style.TRUE, "ring"),
         ("plan", style.PLAN, "dashes"),
         ("frontier, goal", style.FRONTIER, "disc"),

@@ -11,10 +11,10 @@ from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.worlds import World
 
-from .contact import check_starts
+from .contact import Contact, check_starts, find_contacts
 from .sensors import TOUCHED, Sensors
 from .simulator import Reading, RobotState, Twist
-from .state import STATE_SIZE
+from .state import STATE_SIZE, Y
 
 
 class BaseSimulator:
@@ -52,6 +52,12 @@ class BaseSimulator:
             rows = self.rows.tolist()
             self._states = [RobotState(Pose2D(x, y, theta), Twist(v, w)) for x, y, theta, *_, v, w, _, _ in rows]
         return self._states
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """What the robots touched during the last period; see `Simulator`."""
+        touched = np.flatnonzero(self.sensors.others[:, TOUCHED] > 0.0).tolist()
+        return find_contacts(touched, self.rows[:, : Y + 1], self._radius, self._reset_world(), self.circles)
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
         """Place the robots at rest and return their first readings; see `Simulator`."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,6 +15,8 @@ _MAX_PUSHES = 12
 """How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
 _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
+CONTACT_GAP = 0.01
+"""Gap up to which a robot that has touched something touches what lies beside it [m]."""
 _MIN_GAP = 1e-4
 """Least gap between the footprints of two robots at the start [m]."""
 
@@ -102,3 +105,53 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
                 raise ValueError(
                     f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint of {radius:.3f} m"
                 )
+
+
+class Contact(NamedTuple):
+    """A contact of a robot at the end of a control period."""
+
+    robot: int
+    """Which robot."""
+    kind: Literal["wall", "cylinder", "mover", "robot"]
+    """What it touched."""
+    which: int
+    """Which one: row of `World.segments` or `World.circles`, of `World.movers`, or index of the other robot."""
+
+
+def find_contacts(
+    touched: Sequence[int], positions: np.ndarray, radius: float, world: World, circles: np.ndarray
+) -> list[Contact]:
+    """Return what robots touch: all that lies within `CONTACT_GAP` of the footprint, or else what is nearest.
+
+    Args:
+        touched: robots that touched anything during the period.
+        positions: shape (num_robots, 2), float64, of all robots, world frame [m].
+        radius: of their footprints [m].
+        world: the world.
+        circles: shape (m, 3), float64: static cylinders and then movers, as (x, y, radius) [m].
+    """
+    contacts = []
+    num_static = len(world.circles)
+    for k in touched:
+        at = positions[k]
+        others = [other for other in range(len(positions)) if other != k]
+        around = np.hypot(*(circles[:, :2] - at).T) - circles[:, 2]
+        peers = np.hypot(*(positions[others] - at).T) - radius
+        gaps = np.concatenate([_distances(at, world.segments), around, peers]) - radius
+        for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist():
+            if i < len(world.segments):
+                contacts.append(Contact(k, "wall", i))
+            elif (j := i - len(world.segments)) < len(circles):
+                kind: Any = "cylinder" if j < num_static else "mover"
+                contacts.append(Contact(k, kind, j - num_static * (kind == "mover")))
+            else:
+                contacts.append(Contact(k, "robot", others[j - len(circles)]))
+    return contacts
+
+
+def _distances(point: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Return the distances from a point, shape (2,), to segments, shape (n, 4): shape (n,), float64 [m]."""
+    along, to_point = segments[:, 2:] - segments[:, :2], point - segments[:, :2]
+    share = (to_point * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
+    distances: np.ndarray = np.hypot(*(to_point - np.clip(share, 0.0, 1.0)[:, None] * along).T)
+    return distances

@@ -10,6 +10,8 @@ from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.worlds import World
 
+from .contact import Contact
+
 
 class Twist(NamedTuple):
     """Velocity of a differential-drive robot in its own frame."""
@@ -70,6 +72,16 @@ class Simulator(Protocol):
     @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot after the last `reset` or `step`."""
+        ...
+
+    @property
+    def contacts(self) -> Sequence[Contact]:
+        """What the robots touched during the last period, one entry for each thing."""
+        ...
+
+    @property
+    def circles(self) -> np.ndarray:
+        """Static cylinders, and after them what moves, now: shape (m, 3), float64, (x, y, radius), world frame [m]."""
         ...
 
     def set_robot(self, robot: RobotParams) -> None:

@@ -126,10 +126,6 @@ class Explore(UnknownWorldTask):
         """Whether the robot is to come back to its start now; with `return_home=True` alone."""
         super().attach(robot, control_period, physics)
 
-    def default_observations(self) -> Sequence[str]:
-        """Return scan, maps and motion, with "home" where the robot is to return and "mates" in a team; see `Task`."""
-        return (*super().default_observations(), *self.observation_parts())
-
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the start as "home" and the peers of a team as "mates"; see `Task`."""
         parts: dict[str, Callable[..., ObservationPart]] = {}

@@ -147,10 +147,6 @@ class Navigate(WorldTask):
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
-    def default_observations(self) -> Sequence[str]:
-        """Return scan, maps, motion, goal and the pose's uncertainty; see `Task`."""
-        return (*super().default_observations(), *self.observation_parts())
-
     def make_estimator(self) -> KnownMapEstimator:
         """Return the localizer on the known map; see `Task`."""
         return KnownMapEstimator(make_localizer(self.localizer, self.robot.lidar, self.amcl))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cache
-from typing import Self
+from typing import Any, Self
 
 from envs.arguments import is_number
 from envs.files import resolve
@@ -48,6 +48,34 @@ class Weights:
     def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
         """Return the reward terms of a step: each quantity of the task, in the field's unit, times its weight."""
         return {name: getattr(self, name) * quantities[name] for name in self.names()}
+
+
+class Terms:
+    """Weights of reward terms by name: each quantity of a task that has one counts as often."""
+
+    def __init__(self, weights: Mapping[str, float], changes: Any = None) -> None:
+        """Take the weights, and changes of some, which may be `module:attribute` of a mapping.
+
+        Raises:
+            ValueError: if there is no such term, or a weight is not finite.
+        """
+        changes = resolve(changes, {}, "reward") or {}
+        if not isinstance(changes, Mapping):
+            raise ValueError(f"reward must be a mapping of the terms {list(weights)}, got {changes!r}")
+        if unknown := sorted(set(changes) - set(weights)):
+            raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(weights)}")
+        self._weights = {**weights, **changes}
+        for name, weight in self._weights.items():
+            if not is_number(weight):
+                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the terms, in the order in which they are summed."""
+        return tuple(self._weights)
+
+    def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
+        """Return the reward terms of a step: each quantity of the task, in the field's unit, times its weight."""
+        return {name: weight * quantities[name] for name, weight in self._weights.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """In which world an episode runs, and where robots start."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
@@ -17,6 +17,8 @@ from envs.robots import RobotParams
 from envs.slam import DEFAULT_SLAM, make_slam
 from envs.task import Task
 from envs.worlds import FAMILIES, ExplorableArea, World, explorable_area, world_sampler
+
+from .rewards import Terms
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
@@ -43,11 +45,15 @@ class WorldTask(Task):
     """`"random"`, `"spawn"`, a pose (x, y, theta), or one for each robot of a team; world frame."""
     map_resolution: float = 0.05
     """Side of a map cell [m]."""
+    reward: Any = None
+    """Weights of the reward's terms, for those that are to have others than the task's."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
+        if isinstance(self.weights, Mapping):
+            self.weights = Terms(self.weights, self.reward)
         self._start = read_start(self.start, self.num_robots)
         self._sample = world_sampler(self.world, split=self.split, size=self.world_size, radius=robot.radius)
 

@@ -90,8 +90,14 @@ def test_a_sensor_of_ones_own_measures_distances_with_noise():
     module = load("own_sensor")
     measured = module.main(steps=20)
     assert measured.shape == (21, 3)
-    assert ((measured > 0.0) & (measured < 0.5)).all()
+    assert ((measured > 0.2) & (measured < 8.0)).all()
     np.testing.assert_array_equal(measured, module.main(steps=20))
+
+
+def test_a_task_of_ones_own_is_driven(monkeypatch):
+    monkeypatch.chdir(EXAMPLES)
+    info = load("own_task").main(seconds=10.0)
+    assert info["way_to_goal"] < 4.3
 
 
 def test_explorers_of_ones_own_explore():

@@ -1,0 +1,80 @@
+"""A task of one's own, outside of the checkout: drive to a goal in an unknown world. See docs/own_task.md."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+import tyro
+
+from envs import register
+from envs.geometry import Pose2D
+from envs.observations import Goal
+from envs.robot import Robot
+from envs.simulation import Simulator
+from envs.tasks.goals import GeodesicDistance, draw_goal
+from envs.tasks.measures import GOAL
+from envs.tasks.rewards import NavigateRewards
+from envs.tasks.starts import UnknownWorldTask
+
+
+@dataclass(kw_only=True, eq=False)
+class ReachGoal(UnknownWorldTask):
+    """Drive to a goal that is given in the map frame, which begins where the robot starts."""
+
+    measures = GOAL
+    progress = "progress"
+    weights = NavigateRewards()
+    goal_tolerance: float = 0.3
+
+    def observation_parts(self) -> Mapping[str, Any]:
+        """Return the goal, by the robot's own estimate of its pose."""
+        return {"goal": partial(Goal, lambda: self.goal)}
+
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        """Draw a goal, and return the time limit [s]."""
+        goal = draw_goal(self.area, self.starts[0], rng)  # world frame
+        self.goal: Pose2D = self.map_pose.between(goal)
+        self._distance = GeodesicDistance(self.area, goal)
+        self._shortest = self._left = self._distance.length(self.starts[0])
+        self.end_reason = None
+        return 30.0 + 4.0 * self._left / self.robot.max_v
+
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
+        """See how far it is now."""
+        before, self._left = self._left, self._distance.length(simulator.states[0].pose)
+        self.end_reason = "reached" if self._left <= self.goal_tolerance else None
+        self._step = {"progress": before - self._left, "time": period, "reached": float(self.end_reason is not None)}
+        self._step["collision"] = period * robots[0].reading.bumper
+
+    def quantities(self) -> dict[str, float]:
+        """Return what is rewarded, by the names of the terms."""
+        return self._step
+
+    def metrics(self) -> dict[str, Any]:
+        """Return what `info` tells."""
+        share = 1.0 - self._left / max(self._shortest, self._left, 1e-9)
+        return {"way_to_goal": self._left, "progress": share, "is_success": self.end_reason is not None}
+
+
+register("own_task/ReachGoal-v0", "own_task:ReachGoal", world="rooms")
+
+
+def main(seconds: float = 30.0) -> dict[str, Any]:
+    """Turn towards the goal and drive, whatever is in between; return the last `info`."""
+    env = gymnasium.make("own_task/ReachGoal-v0", physics="kinematic")
+    observation, info = env.reset(seed=0)
+    while info["time"] < seconds and not info["is_success"]:
+        _, ahead, left, *_ = observation["goal"]
+        observation, *_, info = env.step(np.array([max(ahead, 0.0), left], dtype=np.float32))
+    env.close()
+    print(f"{info['way_to_goal']:.1f} m to go after {info['time']:.0f} s")
+    return info
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
