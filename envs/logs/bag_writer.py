@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +43,12 @@ _LATCHED_TOPICS = ("/map", "/tf_static")
 class BagWriter:
     """Writes a bag under a temporary name, which `close` replaces by its own: there is a whole bag, or none."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, further: Mapping[str, str] = {}) -> None:
         """Start a bag.
 
         Args:
             path: of the file, `NAME.mcap`; a file that is there is replaced in the end.
+            further: types of messages by topic, beside `TOPICS`.
 
         Raises:
             ValueError: for another suffix.
@@ -62,6 +64,7 @@ class BagWriter:
         self._writer = Writer(self._folder / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._writer.open()
+        self._topics = {**TOPICS, **further}
         self._connections = {
             topic: self._writer.add_connection(
                 topic,
@@ -69,12 +72,12 @@ class BagWriter:
                 typestore=typestore(),
                 offered_qos_profiles=[_LATCHED] if topic in _LATCHED_TOPICS else [],
             )
-            for topic, kind in TOPICS.items()
+            for topic, kind in self._topics.items()
         }
 
     def write(self, topic: str, time: float, message: Any) -> None:
         """Write a message at a time [s]."""
-        data = typestore().serialize_cdr(message, TOPICS[topic])
+        data = typestore().serialize_cdr(message, self._topics[topic])
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:

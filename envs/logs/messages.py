@@ -89,6 +89,16 @@ def command(time: float, twist: Twist) -> Any:
     return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
 
 
+def numbers(values: np.ndarray) -> Any:
+    """Return a `std_msgs/Float64MultiArray` of an array of numbers."""
+    sizes = [
+        _make("std_msgs/msg/MultiArrayDimension", "", size, math.prod(values.shape[k:]))
+        for k, size in enumerate(values.shape)
+    ]
+    layout = _make("std_msgs/msg/MultiArrayLayout", sizes, 0)
+    return _make("std_msgs/msg/Float64MultiArray", layout, np.asarray(values, dtype=np.float64).ravel())
+
+
 def _make(kind: str, *fields: Any) -> Any:
     return typestore().types[kind](*fields)
 

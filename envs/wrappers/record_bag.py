@@ -13,10 +13,13 @@ from envs.estimation import ORIGIN
 from envs.estimation.motion import make_motion_source
 from envs.logs import messages
 from envs.logs.bag_writer import BagWriter
+from envs.sensor import Sensor
 from envs.simulation import Twist
 
 MAP_PERIOD = 1.0
 """Least time between two maps in a bag [s]."""
+NUMBERS = "std_msgs/msg/Float64MultiArray"
+"""Type of what sensors of the user's own measured, on `/sensors/NAME`."""
 _NO_PATH = np.empty((0, 2))
 
 
@@ -25,7 +28,8 @@ class BagRecorder:
 
     Each control period, also within a decision, it writes `/clock`, `/scan`, `/odom` and `/tf`, and before them what
     drove the robot, `/cmd_vel` and `/plan`; once a second and at the end `/map`; once `/tf_static`. Times are since the
-    reset. It records what the robot reads, estimates and does, and no ground truth: `/odom` is its own odometry, also
+    reset; what sensors of the user's own measured is on `/sensors/NAME`. It records what the robot reads, estimates
+    and does, and no ground truth: `/odom` is its own odometry, also
     where the estimator uses true poses. Frames are `map`, `odom`, `base_footprint`, `base_link` and `laser`.
 
     As a context manager it finishes the bag at the end, and removes it after an exception.
@@ -55,7 +59,7 @@ class BagRecorder:
         self._motion = make_motion_source(inner.robot, inner.control_period)
         self._is_open, self._is_started = True, False
         self._odometry, self._time, self._map_time = ORIGIN, 0.0, 0.0
-        self._writer = BagWriter(Path(path))
+        self._writer = BagWriter(Path(path), dict.fromkeys(map(_topic, inner.sensors), NUMBERS))
         inner.on_period = self._record
 
     def close(self) -> None:
@@ -113,6 +117,8 @@ class BagRecorder:
         scan = messages.laser_scan(time, reading.ranges, self._robot.params.lidar, self._env.control_period)
         write("/clock", time, messages.clock(time))
         write("/scan", time, scan)
+        for sensor in self._env.sensors:
+            write(_topic(sensor), time, messages.numbers(np.asarray(reading.extra[sensor.name])))
         write("/odom", time, messages.odometry(time, self._odometry, twist))
         write("/tf", time, messages.transforms(time, map_odom, self._odometry))
         if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:
@@ -122,6 +128,10 @@ class BagRecorder:
         self._map_time = self._time
         known = self._robot.belief.grid.known_part()
         self._writer.write("/map", self._time, messages.occupancy_grid(self._time, known))
+
+
+def _topic(sensor: Sensor) -> str:
+    return f"/sensors/{sensor.name}"
 
 
 class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
