@@ -143,9 +143,10 @@ class EstimatePanel:
         for one in (scene, *scene.peers):
             if one.plan is not None:
                 draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
-            if not (one.has_known_map and one.belief.is_lost):
+            if not one.has_known_map:  # on one, the estimate jumps until it has converged
                 trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
                 draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
+            if not (one.has_known_map and one.belief.is_lost):
                 draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
             draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
         return surface

@@ -80,7 +80,7 @@ def drive_both(hall, uses_truth, steps):
     actions = make_actions(1)
     for _ in range(steps):
         new = naive.update(reading.ranges, motion)
-        belief = own.update(reading.ranges, motion)
+        belief = own.update(reading, motion)
         assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.update.new_cells.tolist()}
         truth = simulator.states[0].pose
         v, w = next(actions)[0].tolist()

@@ -85,7 +85,7 @@ def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
     )  # fmt: skip
     unwrapped, explorer = env.unwrapped, OracleExplorer()
     _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
-    explorer.reveal(unwrapped.coverage, 0.5)
+    explorer.reveal(unwrapped.task.coverage, 0.5)
     while "end_reason" not in info and explorer.end_reason is None:
         *_, info = env.step(to_action(explorer.act(unwrapped.reading, unwrapped.belief), unwrapped.robot))
     env.close()
