@@ -30,7 +30,7 @@ from envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL for a map that a SLAM made: such maps are off by centimetres, and explain a little less of a scan."""
-PICTURE_SIZE = (1100, 640)
+PICTURE_SIZE = (1280, 720)
 """Width and height of the GIF [px]."""
 FRAME_TIMES = {True: 0.1, False: 1.0}
 """Simulated time between two frames while the robot is lost, and while it is localized [s]."""
