@@ -1,6 +1,7 @@
-"""Compare explorers in the same worlds with the same seeds.
+"""Compare policies in the same worlds with the same seeds.
 
 python evaluate.py --policies ppo:runs/RUN my_package.explorers:Mine --worlds turtlebot3_house rooms --out runs/a
+python evaluate.py --id lidarnaut/Navigate-v0 --policies pursuit dwb random --arguments.localizer truth --out runs/b
 python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs
 
 Run again, the same command goes on where it stopped.
@@ -12,11 +13,12 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+import yaml
 from rich.console import Console
 
 from benchmarks.arena.publish import print_results, publish, run_with_progress
@@ -59,7 +61,7 @@ class Command:
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line, evaluate and publish; return the exit status."""
     messages = Console(stderr=True)
-    arguments = sys.argv[1:] if arguments is None else arguments
+    arguments = said = sys.argv[1:] if arguments is None else arguments
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--config")
     file = first.parse_known_args(arguments)[0].config
@@ -67,7 +69,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
+        arguments, further = split_arguments(arguments)
         command = read_options(Command, arguments, default=default, description=__doc__)
+        if further:
+            further = {**command.settings.arguments, **further}
+            command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
         shard = Shard() if command.shard is None else Shard.parse(command.shard)
         evaluation = Evaluation(command.settings, command.out, shard)
         failures = []
@@ -81,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0
-        summary = publish(evaluation, command=shown_command(arguments, command), docs=command.publish)
+        summary = publish(evaluation, command=shown_command(said, command), docs=command.publish)
     except KeyboardInterrupt:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
@@ -94,6 +100,21 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         print_results(evaluation, summary, messages)
     return 1 if evaluation.missing() else 0
+
+
+def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
+    """Take `--arguments.NAME VALUE` out of a command line; return the rest, and the values by name, read as YAML."""
+    rest, found, words = list[str](), dict[str, Any](), list(words)
+    while words:
+        word = words.pop(0)
+        if not word.startswith("--arguments."):
+            rest.append(word)
+            continue
+        name, equals, value = word.removeprefix("--arguments.").partition("=")
+        if not equals and not words:
+            raise ValueError(f"{word} needs a value")
+        found[name.replace("-", "_")] = yaml.safe_load(value if equals else words.pop(0))
+    return rest, found
 
 
 def shown_command(arguments: Sequence[str], command: Command) -> str:

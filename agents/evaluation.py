@@ -15,9 +15,11 @@ from agents.config import TrainingConfig
 from agents.policies import make_policy
 from agents.ppo import mean_action
 from agents.vec_env import Observations, make_env, make_vector
-from baselines.episode import exploration_of, first_at, run_episode
-from baselines.explorer import Explorer, ObservationPolicy
+from baselines.episode import run_episode
+from baselines.explorer import Policy
+from envs.core import lidar_env_of
 from envs.files import resolve
+from envs.measures import first_at
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +87,18 @@ class Evaluator:
         for seed in range(self._config.evaluation.episodes):
             explorer = self._make(name, env)
             episode = run_episode(env, explorer, seed)
-            exploration = exploration_of(env)
-            area = exploration.task.coverage.area.area
-            gained = (episode.explored_fraction - float(episode.curve.explored_fraction[0])) * area
+            task: Any = lidar_env_of(env).task
+            area, fraction = task.coverage.area.area, episode.course.of("explored_fraction")
+            gained = (episode.explored_fraction - float(fraction[0])) * area
             names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
             measures = {name: float(getattr(episode, name)) for name in names}
             measures |= {"explored_area": episode.explored_fraction * area, "gained_area": gained}
-            curve, target = episode.curve, exploration.task.target_coverage
-            time = min(first_at(curve.time, curve.explored_fraction, target), episode.time_limit)
+            time = min(first_at(episode.course.of("time"), fraction, task.target_coverage), episode.time_limit)
             episodes.append(Episode(time_to_target=time, **measures))
         env.close()
         return episodes
 
-    def _make(self, name: str, env: gymnasium.Env[Any, Any]) -> Explorer | ObservationPolicy:
+    def _make(self, name: str, env: gymnasium.Env[Any, Any]) -> Policy:
         # These bring scikit-learn, which a training without references need not load.
         from agents.frontiers.rules import make_reference
         from baselines import EXPLORERS

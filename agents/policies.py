@@ -1,25 +1,27 @@
-"""Explorers and policies of the user's own, from any library, adapted to the episode loop."""
+"""Policies of the user's own, from any library, adapted to the episode loop."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
 
-from baselines.explorer import Explorer, ObservationPolicy
+from baselines.explorer import OnePerRobot, Policy
 from baselines.frontier.explorer import RuleExplorer
+from envs.observations import Observations
 from envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
-"""What a policy decides: twists in `Explore-v0`, or which frontier to go to in `ExploreFrontiers-v0`."""
+"""What a policy decides: twists, or which frontier to go to in `ExploreFrontiers-v0`."""
 
 
-def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | ObservationPolicy:
+def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     """Return what drives, made from an explorer, a policy, or a class or function that makes one.
 
     - A frontier rule: a callable of two arguments, `rule(candidates, belief)`, which returns the index of a candidate.
-    - An `Explorer`: has `reset`, `act(reading, belief)`, `end_reason` and `plan`.
+    - An `Explorer`: has `reset`, `act(reading, belief)`, `end_reason` and `plan`. In a team, each robot gets a copy,
+      unless it has `is_team` and drives all of them.
     - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in
       stable-baselines3. It is asked for `deterministic=True`, and given `action_masks` and `state`, if it takes them.
     - Any other callable of one argument: gets the observation and returns the action.
@@ -39,7 +41,8 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Explorer | Obs
         protocol = ("reset", "act", "end_reason", "plan")
         if missing := [name for name in protocol if name not in dir(value)]:  # properties may need a reset
             raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
-        return value
+        is_team = space is not None and len(space.shape or ()) > 1
+        return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
     if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
@@ -59,24 +62,22 @@ def level_of(value: Any) -> Level:
     return level
 
 
-def observations_of(value: Any) -> tuple[str, ...] | None:
+def observations_of(value: Any) -> Observations | None:
     """Return the parts of the observation that a policy needs, as its attribute `observations` says; None if nothing.
 
     Raises:
-        ValueError: if it is not a sequence of names.
+        ValueError: if they are not by name.
     """
     parts = getattr(value, "observations", None)
-    if parts is None:
-        return None
-    if isinstance(parts, str) or not all(isinstance(part, str) for part in parts):
+    if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
         raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")
-    return tuple(parts)
+    return parts if parts is None or isinstance(parts, Mapping) else tuple(parts)
 
 
 class CalledPolicy:
     """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3.
 
-    `reset`, `end_reason` and `plan` are passed on where it has them.
+    `reset`, `end_reason`, `plan` and `control_hz` are passed on where it has them.
     """
 
     def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
@@ -95,6 +96,11 @@ class CalledPolicy:
     def plan(self) -> np.ndarray | None:
         """Its planned path, shape (n, 2), map frame [m]; None without one."""
         return getattr(self._policy, "plan", None)
+
+    @property
+    def control_hz(self) -> float | None:
+        """How often it decides; None for as often as the environment steps."""
+        return getattr(self._policy, "control_hz", None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._state = None

@@ -1,13 +1,19 @@
-"""Classic explorers."""
+"""Classic policies, by the tasks that they can do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
-from envs.files import resolve
+import gymnasium
+from gymnasium import spaces
 
-from .explorer import Explorer, Omniscient
+from envs.core import lidar_env_of
+from envs.files import explain_unknown, resolve
+
+from .explorer import Explorer, Omniscient, OnePerRobot, Policy
 from .frontier import explore_lite, next_best_view
 from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
+from .frontier.explorer import RuleExplorer
 from .frontier.gain_over_cost import GainOverCostExplorer, GainOverCostParams
 from .frontier.greedy_gain import GreedyGainExplorer
 from .frontier.nearest import NearestExplorer, NearestParams
@@ -15,10 +21,13 @@ from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
 from .frontier.pursuit import PursuitExplorer
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
+from .navigation import GoalDriver, MapNavigatorParams
 from .oracle.explorer import OracleExplorer
-from .random import RandomExplorer
+from .random import RandomChooser, RandomExplorer
+from .route_follower import RouteFollower
 from .rrt.explorer import RrtExplorer
 from .rrt.params import RrtParams
+from .rrt.team import RrtTeam
 from .wall_following import WallFollower
 
 EXPLORERS: dict[str, Callable[[], Explorer]] = {
@@ -38,6 +47,52 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "oracle": OracleExplorer,
 }
 """Explorers by name; `:published` have the parameters of their sources, the others tuned ones."""
+Makers = Mapping[str, Callable[[], Any]]
+"""What makes policies, by their names."""
+ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
+"""Of robots that are driven by twists, whatever their task."""
+OFFERED: Mapping[str, Makers] = {
+    "coverage": EXPLORERS,
+    "goal": {"pursuit": GoalDriver, "dwb": partial(GoalDriver, MapNavigatorParams(local_planner="dwb"))},
+    "route": {"route_follower": RouteFollower},
+}
+"""Of tasks that offer something: attributes of the task; see `policies_for`."""
+TEAMS: Mapping[str, Makers] = {"coverage": {"rrt_team": RrtTeam}}
+"""The same of tasks of teams, where actions have an axis for the robots."""
+CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
+"""Names of all classic policies."""
+
+
+def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
+    """Return the classic policies that can do the task of an environment, by name; it must have been reset.
+
+    What the task offers decides, and how the environment is driven: a task of your own with a `goal` is driven by
+    `pursuit`, too. The same name may mean another policy where the task is another.
+    """
+    inner = lidar_env_of(env)
+    if isinstance(env.action_space, spaces.Discrete):
+        rules = {name: make for name, make in EXPLORERS.items() if isinstance(make(), RuleExplorer)}
+        return {"random": RandomChooser, **rules}
+    is_team = len(inner.action_space.shape or ()) > 1
+    offered = [makers for name, makers in (TEAMS if is_team else OFFERED).items() if hasattr(inner.task, name)]
+    alone = {name: partial(_one_per_robot, make) for name, make in ANY.items()} if is_team else ANY
+    return {name: make for makers in (*offered, alone) for name, make in makers.items()}
+
+
+def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
+    return OnePerRobot(make())
+
+
+def find_policy(name: str, env: gymnasium.Env[Any, Any]) -> Callable[[], Any]:
+    """Return what makes the classic policy of a name for an environment, which must have been reset.
+
+    Raises:
+        ValueError: there is none of this name for its task; lists those that there are.
+    """
+    makers = policies_for(env)
+    if name not in makers:
+        raise ValueError(f"unknown policy {explain_unknown(name, makers)}, which can do this task")
+    return makers[name]
 
 
 def make_explorer(name: str) -> Explorer:
@@ -51,6 +106,7 @@ def make_explorer(name: str) -> Explorer:
 
 
 __all__ = [
+    "CLASSIC",
     "EXPLORERS",
     "ExploreLiteExplorer",
     "ExploreLiteParams",
@@ -59,19 +115,26 @@ __all__ = [
     "FrontierParams",
     "GainOverCostExplorer",
     "GainOverCostParams",
+    "GoalDriver",
     "GreedyGainExplorer",
     "NearestExplorer",
     "NearestParams",
     "NextBestViewExplorer",
     "NextBestViewParams",
     "Omniscient",
+    "OnePerRobot",
     "OracleExplorer",
+    "Policy",
     "PursuitExplorer",
     "RandomExplorer",
+    "RouteFollower",
     "RrtExplorer",
     "RrtParams",
+    "RrtTeam",
     "TourExplorer",
     "TourParams",
     "WallFollower",
+    "find_policy",
     "make_explorer",
+    "policies_for",
 ]

@@ -1,19 +1,22 @@
-"""Episodes: one loop that lets anything drive in any environment, and the measures of an exploration."""
+"""Episodes: one loop that lets anything drive in any environment, and what is measured of it."""
 
 import math
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 
-from envs.core import LidarEnv
+from envs.core import LidarEnv, lidar_env_of
+from envs.files import explain_unknown
+from envs.measures import Course, CourseRecorder, measures_of
 from envs.navigation.home import HomeNavigator
-from envs.tasks.coverage import map_iou
 
-from .explorer import Explorer, ObservationPolicy, Omniscient, to_action
+from .explorer import Omniscient, Policy, to_action
 
 Info = dict[str, Any]
 """What an environment returns beside the observation."""
@@ -64,30 +67,13 @@ def run(
         action = decide(observation)
         decision_times.append(clock() - began)
         if isinstance(action, str):
-            return Ended(observation, {**info, "end_reason": action}, decision_times)
+            info = {**info, **lidar_env_of(env).task.final_metrics(), "end_reason": action}
+            break
         observation, _, terminated, truncated, info = env.step(action)
         watch(info)
         if terminated or truncated:
             break
     return Ended(observation, info, decision_times)
-
-
-def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` (shape (n,)) where `fraction` (shape (n,)) first reaches `mark`; infinite if it never does."""
-    reached = fraction >= mark
-    return float(quantity[reached.argmax()]) if reached.any() else math.inf
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """The course of an episode, shape (n,), float64: one sample at the reset and one after every step."""
-
-    time: np.ndarray
-    """Since the reset [s]."""
-    path_length: np.ndarray
-    """True distance driven [m]."""
-    explored_fraction: np.ndarray
-    """Explored share of the explorable area."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,138 +84,168 @@ class Episode:
     `distance_limit` instead, so that ending early never counts as fast.
     """
 
-    explored_fraction: float
-    """Share of the explorable area that was explored at the end."""
-    time_to_90: float
-    time_to_95: float
-    time_to_99: float
-    """Times until 90, 95 and 99 % were explored [s]."""
-    distance_to_95: float
-    """Distance driven until 95 % was explored [m]."""
-    area_under_curve: float
-    """Mean explored fraction over the whole time limit; after an early end the last value holds."""
-    path_length: float
-    """Distance driven [m]."""
-    collisions: int
-    """Contacts begun."""
-    position_rmse: float
-    heading_rmse: float
-    """Root mean square errors of the estimated position [m] and heading [rad]."""
-    map_iou: float
-    """Agreement of the map's occupied cells with the visible walls, from 0 to 1 (`envs.tasks.coverage.map_iou`)."""
-    decision_ms: float
-    """Mean processor time of a decision, of all threads [ms]: other processes of the machine do not count."""
-    success: bool
-    """Whether the environment's target coverage was reached."""
+    values: Mapping[str, float]
+    """By the names of the task's measures, and of those of all tasks (`envs.measures.measures_of`)."""
+    course: Course
+    """Samples of `info`, from which they were computed."""
+    decision_times: np.ndarray
+    """Shape (k,), processor time of each decision, of all threads [s]: other processes of the machine do not count."""
     end_reason: str
-    """Why it ended: "covered", "returned", "time_limit", or why the explorer stopped ("no_reachable_frontier", ...)."""
+    """Why it ended: what the task says, "time_limit", or why the policy stopped ("no_reachable_frontier", ...)."""
     duration: float
     """Time at the end [s]."""
     time_limit: float
     """Time limit [s]."""
     distance_limit: float
-    """Distance that the robot can drive within the time limit, at full speed [m]."""
-    area_left: float
-    """Explorable area that was not explored at the end [m2]."""
-    curve: Curve
-    """The explored fraction over time and distance."""
+    """Distance that a robot can drive within the time limit, at full speed [m]."""
 
+    @property
+    def decision_ms(self) -> float:
+        """Mean time of a decision [ms]."""
+        return 1000.0 * float(np.mean(self.decision_times))
 
-def exploration_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
-    """Return the exploration in an environment, whatever wraps it, and be it driven by twists or by decisions."""
-    return cast(LidarEnv, getattr(env.unwrapped, "explore", env.unwrapped))
+    def __getattr__(self, name: str) -> float:
+        """Return a measure by its name, as in `episode.time_to_95`."""
+        if name.startswith("_") or name not in self.values:
+            raise AttributeError(f"unknown measure of the task, {explain_unknown(name, self.values)}")
+        return self.values[name]
 
 
 def begin_episode(
-    env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, rng: np.random.Generator
+    env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment by a seed, and then the explorer, which draws from `rng`; returns what the reset does.
+    """Reset an environment by a seed, and then the policy, which draws from `rng`; returns what the reset does.
 
-    Only an `Omniscient` explorer gets ground truth.
+    A policy that has `set_goal` or `set_route` gets the task's goal or route, an `Omniscient` one ground truth.
     """
-    inner = exploration_of(env)
     observation, info = env.reset(seed=seed)
-    explorer.reset(inner.robot, inner.control_period, rng)
-    if isinstance(explorer, Omniscient):
-        explorer.reveal(inner.task.coverage, inner.task.target_coverage)
+    inner = lidar_env_of(env)
+    period = inner.control_period * _repeats(policy, env)
+    rate = getattr(policy, "control_hz", None)
+    if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
+        warnings.warn(f"{policy!r} states control_hz {rate:g}: it decides every {period:.3g} s here", stacklevel=2)
+    policy.reset(inner.robot, period, rng)
+    if isinstance(policy, Omniscient) and hasattr(inner.task, "coverage"):
+        policy.reveal(inner.task.coverage, inner.task.target_coverage)
+    if hasattr(policy, "set_route"):
+        policy.set_route(inner.task.route)
     return observation, info
 
 
-def decide_with(explorer: Explorer | ObservationPolicy, env: LidarEnv) -> Decide:
-    """Return the decisions of an explorer or a policy in an environment, which also gets its plan to draw.
+def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
+    """Return the decisions of a policy in an environment, which also gets its plans to draw.
 
-    With `return_home=True` a navigator drives once the explorer has stopped, or the environment calls the robot back.
+    A policy that states another rate than the environment's (`control_hz`) repeats its actions. Where robots are to
+    come back after exploring, a navigator drives once the policy has stopped, or the task calls the robot back.
     """
-    home = HomeNavigator(env.robot, env.control_period) if getattr(env.task, "return_home", False) else None
+    inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
+    decide_once, task = _decide_once(policy, env), inner.task
+    is_called_back = getattr(task, "return_home", False) and not _chooses(env)
+    home = HomeNavigator(inner.robot, inner.control_period) if is_called_back else None
+    action: Any = None
 
     def decide(observation: Observation) -> np.ndarray | np.integer | str:
-        if home is not None and env.task.is_returning:
-            twist = home.act(env.reading, env.belief)
-            env.plan = home.plan
-            return home.end_reason or to_action(twist, env.robot)
-        action: np.ndarray | np.integer
-        if hasattr(explorer, "act"):
-            action = to_action(explorer.act(env.reading, env.belief), env.robot)
-        else:
-            action = explorer(observation)
-        env.plan = explorer.plan
-        if home is not None and explorer.end_reason is not None:
-            env.task.call_back()
+        nonlocal action, calls
+        if home is not None and task.is_returning:
+            twist = home.act(inner.reading, inner.belief)
+            inner.plan = home.plan
+            return home.end_reason or to_action(twist, inner.robot)
+        if calls % repeats == 0:
+            action = decide_once(observation)
+        calls += 1
+        if home is not None and policy.end_reason is not None:
+            task.call_back()
             return decide(observation)
-        return explorer.end_reason or action
+        return policy.end_reason or action
 
     return decide
 
 
-def run_episode(
-    env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, on_step: Watch | None = None
-) -> Episode:
-    """Let an explorer explore until the target coverage or the time limit is reached, or the explorer stops.
+def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
+    """Return what asks a policy for an action, in the way that it wants to be asked.
+
+    Raises:
+        ValueError: it drives one robot and the environment has a team, or the other way round; or it does not choose.
+    """
+    inner, name = lidar_env_of(env), type(policy).__name__
+    if _chooses(env):
+        if not hasattr(policy, "choose") and hasattr(policy, "act"):
+            raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
+        return _choose_once(policy, env.unwrapped) if hasattr(policy, "choose") else policy
+    if not hasattr(policy, "act"):
+        return lambda observation: _plan(inner, [policy.plan], policy(observation))
+    is_team = len(inner.action_space.shape or ()) > 1
+    if is_team != getattr(policy, "is_team", False):
+        hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
+        raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, and not {inner.action_space}{hint}")
+    goal = None
+
+    def act(_: Observation) -> np.ndarray:
+        nonlocal goal
+        if hasattr(policy, "set_goal") and goal is not inner.task.goal:
+            goal = inner.task.goal
+            policy.set_goal(goal)
+        if is_team:
+            twists = policy.act([robot.reading for robot in inner.robots], [robot.belief for robot in inner.robots])
+            return _plan(inner, policy.plans, np.stack([to_action(twist, inner.robot) for twist in twists]))
+        action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
+        return _plan(inner, [policy.plan], action)
+
+    return act
+
+
+def _choose_once(policy: Any, env: Any) -> Callable[[Observation], np.integer]:
+    """Return what asks a policy for a candidate of an environment of decisions; without any, 0 looks around."""
+    return lambda _: np.int64(policy.choose(env.navigator, env.belief) if len(env.candidates) else 0)
+
+
+def _plan(env: LidarEnv, plans: list[np.ndarray | None], action: Any) -> Any:
+    """Give an environment the plans of its robots to draw; return the action."""
+    env.plans[:] = plans
+    return action
+
+
+def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
+    """Tell whether actions choose frontiers."""
+    return isinstance(env.action_space, spaces.Discrete)
+
+
+def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
+    """Return for how many steps a policy's action is taken, by the rate that it states."""
+    rate = getattr(policy, "control_hz", None)
+    if rate is None or _chooses(env):
+        return 1
+    return max(1, round(1.0 / (rate * lidar_env_of(env).control_period)))
+
+
+def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
+    """Let a policy drive until the task or the time limit ends the episode, or the policy stops.
 
     Args:
-        env: an `ExploreEnv`, wrapped or not.
-        explorer: decides; it gets readings and beliefs only, unless it is `Omniscient`.
-        seed: of everything: world, start, noise, and the explorer's own draws.
+        env: any environment of this package, or of a task of your own, wrapped or not.
+        policy: an explorer, a team, or what is called with observations; see `baselines.explorer`. It gets what the
+            robots sense and estimate only, unless it is `Omniscient`.
+        seed: of everything: world, start, noise, and the policy's own draws.
         on_step: called with `info` after the reset and after every step, to record pictures.
     """
-    inner = exploration_of(env)
+    inner, recorder = lidar_env_of(env), CourseRecorder()
     # The environment spawns its generators from the seed; the pair is a root of its own beside them.
-    observation, info = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
-    samples: list[tuple[float, ...]] = []
+    observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
     def watch(info: Info) -> None:
-        samples.append((info["time"], info["path_length"], info["explored_fraction"], *info["pose_error"]))
+        recorder.watch(info)
         if on_step:
             on_step(info)
 
-    decide = decide_with(explorer, inner)
+    decide = decide_with(policy, env)
     _, info, decision_times = run(env, decide, observation, info, watch, clock=time.process_time)
-    columns = np.array(samples)
-    curve, limit = Curve(*columns[:, :3].T), inner.time_limit
-    position_rmse, heading_rmse = np.sqrt(np.mean(columns[:, 3:] ** 2, axis=0))
-    known = np.trapezoid(curve.explored_fraction, curve.time)
-    known += curve.explored_fraction[-1] * max(0.0, limit - curve.time[-1])
-    overlap = (
-        info["map_iou"] if "map_iou" in info else map_iou(inner.belief.grid, inner.task.coverage.area, inner.map_pose)
-    )
+    course = recorder.course(info, inner.time_limit, inner.robot.max_v)
     return Episode(
-        explored_fraction=info["explored_fraction"],
-        time_to_90=first_at(curve.time, curve.explored_fraction, 0.90),
-        time_to_95=first_at(curve.time, curve.explored_fraction, 0.95),
-        time_to_99=first_at(curve.time, curve.explored_fraction, 0.99),
-        distance_to_95=first_at(curve.path_length, curve.explored_fraction, 0.95),
-        area_under_curve=float(known / max(limit, curve.time[-1])),
-        path_length=info["path_length"],
-        collisions=int(info["collisions"]),
-        position_rmse=float(position_rmse),
-        heading_rmse=float(heading_rmse),
-        map_iou=float(overlap),
-        decision_ms=1000.0 * float(np.mean(decision_times)),
-        success=bool(info["is_success"]),
+        values={measure.name: float(measure.compute(course)) for measure in measures_of(inner.task.measures)},
+        course=course,
+        decision_times=np.array(decision_times),
         end_reason=info["end_reason"],
         duration=info["time"],
-        time_limit=limit,
-        distance_limit=inner.robot.max_v * limit,
-        area_left=inner.task.coverage.area.area - info["explored_area"],
-        curve=curve,
+        time_limit=inner.time_limit,
+        distance_limit=inner.robot.max_v * inner.time_limit,
     )

@@ -1,5 +1,7 @@
-"""The protocols of explorers, classic or learned."""
+"""The protocols of policies, classic or learned."""
 
+import copy
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -10,12 +12,18 @@ from envs.simulation import Reading, Twist
 from envs.tasks.coverage import Coverage
 
 
-class Agent(Protocol):
-    """What an explorer and a policy have in common."""
+class Policy(Protocol):
+    """What all that drive have in common.
+
+    Further attributes say more: `observations` (the parts of the observation that it needs, as environments take them),
+    `control_hz` (how often it decides: where the environment steps more often, actions are repeated), `level`
+    ("decision" if it chooses frontiers). A method `set_goal(goal)` is given the goal of a task that has one, a pose in
+    the map frame, at the start and whenever it changes; `set_route(route)` a task's route.
+    """
 
     @property
     def end_reason(self) -> str | None:
-        """Why the explorer has stopped exploring ("no_reachable_frontier", ...); None while it has not."""
+        """Why the policy has stopped ("no_reachable_frontier", ...); None while it has not."""
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -31,8 +39,8 @@ class Agent(Protocol):
         """
 
 
-class Explorer(Agent, Protocol):
-    """Decides, from sensor readings and the SLAM's estimates, how to drive. Metres in, metres per second out.
+class Explorer(Policy, Protocol):
+    """Decides, from sensor readings and pose and map estimates, how to drive. Metres in, metres per second out.
 
     Never sees ground truth. `baselines.episode.run_episode` also takes policies (`ObservationPolicy`).
     """
@@ -46,7 +54,7 @@ class Explorer(Agent, Protocol):
         """
 
 
-class ObservationPolicy(Agent, Protocol):
+class ObservationPolicy(Policy, Protocol):
     """Chooses actions from an environment's observations, as learned policies do."""
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray | np.integer:
@@ -58,12 +66,48 @@ class Omniscient(Protocol):
     """An explorer that uses ground truth: no competitor, but the bound that the others are measured against."""
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
-        """Take the ground truth of an episode; called after `Agent.reset`.
+        """Take the ground truth of an episode; called after `Policy.reset`.
 
         Args:
             coverage: what there is to explore and what is explored, kept up to date by the environment.
             target_coverage: share of the area that ends the episode.
         """
+
+
+class OnePerRobot:
+    """A team in which every robot is driven by a copy of the same explorer, by itself.
+
+    Teams have `is_team`, `plans`, a path per robot, and an `act` that takes readings and beliefs of all robots.
+    """
+
+    is_team = True
+    plan = None
+
+    def __init__(self, explorer: Explorer) -> None:
+        self._explorer, self._explorers = explorer, list[Explorer]()
+
+    @property
+    def end_reason(self) -> str | None:
+        """Why the first of the explorers has stopped; None while one of them has not."""
+        reasons = [explorer.end_reason for explorer in self._explorers]
+        return None if None in reasons or not reasons else reasons[0]
+
+    @property
+    def plans(self) -> list[np.ndarray | None]:
+        """The planned path of each robot for drawing, shape (n, 2), map frame [m]; None without one."""
+        return [explorer.plan for explorer in self._explorers]
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        self._arguments, self._explorers = (robot, control_period, rng), []
+
+    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
+        """Return the twists of all robots."""
+        robot, period, rng = self._arguments
+        if not self._explorers:
+            self._explorers = [copy.deepcopy(self._explorer) for _ in readings]
+            for explorer, own in zip(self._explorers, rng.spawn(len(readings)), strict=True):
+                explorer.reset(robot, period, own)
+        return [one.act(*seen) for one, seen in zip(self._explorers, zip(readings, beliefs), strict=True)]
 
 
 def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:

@@ -15,9 +15,8 @@ from PIL import Image
 from rich.console import Console
 
 from baselines import make_explorer
-from baselines.episode import Info, run, run_episode
-from baselines.navigation import MapNavigatorParams
-from baselines.navigation.episode import decide_with_navigator, make_navigator
+from baselines.episode import Info, begin_episode, decide_with, run, run_episode
+from baselines.navigation import GoalDriver, MapNavigatorParams
 from envs.command_line import run_command
 from envs.core import LidarEnv
 from envs.localization import load_preset
@@ -119,8 +118,9 @@ def map_and_navigate(
         amcl=AMCL,
         time_limit=TIME_PER_GOAL * max(goals, 1),
     )
-    observation, info = env.reset(seed=seed + 1)
-    navigator = make_navigator(env, seed, MapNavigatorParams(lost_time=0.5 * TIME_PER_GOAL))
+    driver = GoalDriver(MapNavigatorParams(lost_time=0.5 * TIME_PER_GOAL))
+    observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
+    decide = decide_with(driver, env)
     rng = np.random.default_rng([seed, 2])
     animation, outcomes, localized = Animation(), list[str](), (np.inf, np.nan)
 
@@ -135,12 +135,7 @@ def map_and_navigate(
         if k:
             here = env.map_pose.compose(env.belief.pose)
             env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
-        try:
-            navigator.set_goal(env.task.goal[:2])
-        except ValueError as error:
-            outcomes.append(f"refused: {error}")
-            continue
-        observation, info, _ = run(env, decide_with_navigator(navigator, env), observation, info, watch)
+        observation, info, _ = run(env, decide, observation, info, watch)
         outcomes.append(info["end_reason"])
         if outcomes[-1] == "lost":
             break

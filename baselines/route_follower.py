@@ -1,6 +1,8 @@
-"""Route following by the fused pose: the classic policy of `TrackEnv`."""
+"""Route following by the fused pose: the classic policy of `lidarnaut/Track-v0`, and of all tasks with a route."""
 
-from envs.geometry import Pose2D
+import numpy as np
+
+from envs.estimation import Belief
 from envs.navigation import FollowerParams, Navigator
 from envs.navigation.path_follower import PathFollower
 from envs.robots import RobotParams
@@ -16,19 +18,24 @@ ROTATE_FROM = 1.6
 
 
 class RouteFollower:
-    """Drives a route with the path follower, from the robot's readings and the fused pose."""
+    """Drives a route with the path follower, from the robot's readings and its estimated pose."""
 
-    def reset(self, robot: RobotParams, control_period: float, route: Route) -> None:
-        """Prepare to drive a robot along a route, map frame, with a call of `act` every `control_period` seconds."""
+    end_reason = plan = None
+    """The task ends the episode, and draws the route."""
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._navigator = Navigator(robot, control_period)
         self._has_begun = False
         params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
         self._follower = PathFollower(robot, control_period, params)
+
+    def set_route(self, route: Route) -> None:
+        """Drive along a route, map frame, from its beginning."""
         self._follower.set_path(route.points)
 
-    def act(self, reading: Reading, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period; `pose` is the fused one of the base, map frame."""
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
         navigator = self._navigator
         (navigator.sense if self._has_begun else navigator.reset)(reading)
         self._has_begun = True
-        return self._follower.command(pose, Twist(navigator.v, navigator.w), navigator.obstacles)
+        return self._follower.command(belief.pose, Twist(navigator.v, navigator.w), navigator.obstacles)

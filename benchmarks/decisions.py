@@ -7,18 +7,17 @@ all robots.
 """
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
 from rich.table import Table
 
-from baselines import EXPLORERS, make_explorer
-from baselines.episode import decide_with, run
-from baselines.rrt.team import RrtTeam
-from baselines.rrt.team_episode import decide_with_team
+import envs  # noqa: F401  (registers the environments)
+from baselines import EXPLORERS, RrtTeam, make_explorer
+from baselines.episode import begin_episode, decide_with, run
 from envs.command_line import Count, make_console, run_command
-from envs.core import LidarEnv
-from envs.tasks.explore import Explore, ExploreTeam
+from envs.core import lidar_env_of
 
 TEAM = "rrt_team"
 """What explores with several robots."""
@@ -41,19 +40,19 @@ class Decisions(NamedTuple):
 
 def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf, num_robots: int = 1) -> Decisions:
     """Let an explorer, or `TEAM`, explore with the world's usual robot for at most so long [s]; time its decisions."""
-    is_team, settings = name == TEAM, {"world": world, "physics": "kinematic", "split": "test"}
-    env = LidarEnv(ExploreTeam, num_robots=num_robots, **settings) if is_team else LidarEnv(Explore, **settings)
-    observation, info = env.reset(seed=seed)
-    explorer = RrtTeam() if is_team else make_explorer(name)
-    size = (num_robots,) if is_team else ()
-    explorer.reset(env.robot, env.control_period, *size, np.random.default_rng([seed, 1]))
-    decide = decide_with_team(explorer, env) if is_team else decide_with(explorer, env)
-    steps = max_time / env.control_period
-    ended = run(env, decide, observation, info, max_steps=steps, clock=time.thread_time)
+    settings: dict[str, Any] = {"world": world, "physics": "kinematic", "split": "test", "disable_env_checker": True}
+    explorer: Any = RrtTeam() if name == TEAM else make_explorer(name)
+    if name == TEAM:
+        env = gymnasium.make("lidarnaut/ExploreTeam-v0", num_robots=num_robots, **settings)
+    else:
+        env = gymnasium.make("lidarnaut/Explore-v0", **settings)
+    start = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
+    period = lidar_env_of(env).control_period
+    ended = run(env, decide_with(explorer, env), *start, max_steps=max_time / period, clock=time.thread_time)
     env.close()
     taken = np.array(ended.decision_times[WARM_UP:])
     times = (1e3 * float(time) for time in (taken.mean(), np.percentile(taken, 99), taken.max()))
-    missed = np.count_nonzero(taken >= env.control_period)
+    missed = np.count_nonzero(taken >= period)
     return Decisions(len(taken), *times, int(missed), ended.info["explored_fraction"])
 
 

@@ -107,7 +107,7 @@ def _demo(
     }
     lead = {caption: (work / name).read_bytes() for name, caption in captions.items()}
     summary = publish(evaluation, title="From an unknown house to a finished map", intro=INTRO, lead=lead)
-    print_case(console, summary, WORLD)
+    print_case(console, summary, WORLD, evaluation.measures)
     _replace(folder, work)
     say("Done")
     return f"{folder / 'report.html'}: {lesson} {_sentence(rows)}"

@@ -1,6 +1,6 @@
 """Animated pictures of the registered environments: `python -m benchmarks.films --out docs/images/environments`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +9,10 @@ import numpy as np
 from PIL import Image
 
 import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import Watch, run, run_episode
-from baselines.explorer import to_action
-from baselines.navigation.episode import drive
-from baselines.route_follower import RouteFollower
-from baselines.rrt.team import RrtTeam
-from baselines.rrt.team_episode import run_team_episode
+from baselines import find_policy
+from baselines.episode import run_episode
 from envs.command_line import run_command
+from envs.core import lidar_env_of
 
 NUM_FRAMES = 48
 """Frames of a film, besides the last one, at most; at least half as many in episodes that last."""
@@ -40,7 +36,7 @@ class Film:
     """Takes pictures of an episode at equal intervals of simulated time, also within decisions."""
 
     def __init__(self, env: gymnasium.Env) -> None:
-        self._env = getattr(env.unwrapped, "explore", env.unwrapped)
+        self._env: Any = lidar_env_of(env)
         self._interval = self._env.control_period
         self.frames: list[np.ndarray] = []
         self._env.on_period = self.shoot
@@ -63,41 +59,13 @@ class Film:
         first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, quality=QUALITY, method=4)
 
 
-def _explore(env: Any, seed: int, watch: Watch) -> None:
-    run_episode(env, make_explorer("gain_over_cost"), seed)
-
-
-def _explore_nearest(env: Any, seed: int, watch: Watch) -> None:
-    run_episode(env, make_explorer("nearest"), seed)
-
-
-def _explore_as_team(env: Any, seed: int, watch: Watch) -> None:
-    run_team_episode(env.unwrapped, RrtTeam(), seed)
-
-
-def _choose_nearest(env: Any, seed: int, watch: Watch) -> None:
-    observation, info = env.reset(seed=seed)
-    run(env, lambda _: np.int64(0), observation, info, watch)
-
-
-def _navigate(env: Any, seed: int, watch: Watch) -> None:
-    drive(env.unwrapped, seed)
-
-
-def _follow(env: Any, seed: int, watch: Watch) -> None:
-    observation, info = env.reset(seed=seed)
-    inner, follower = env.unwrapped, RouteFollower()
-    follower.reset(inner.robot, inner.control_period, inner.task.route)
-    run(env, lambda _: to_action(follower.act(inner.reading, inner.estimate.pose), inner.robot), observation, info)
-
-
-DRIVERS: Sequence[tuple[str, Callable[[Any, int, Watch], None]]] = (
-    ("lidarnaut/ExploreFrontiers", _choose_nearest),
-    ("lidarnaut/ExploreTeam", _explore_as_team),
-    ("lidarnaut/ExploreWarehouse", _explore_nearest),
-    ("lidarnaut/Explore", _explore),
-    ("lidarnaut/Navigate", _navigate),
-    ("lidarnaut/Track", _follow),
+DRIVERS: Sequence[tuple[str, str]] = (
+    ("lidarnaut/ExploreFrontiers", "nearest"),
+    ("lidarnaut/ExploreTeam", "rrt_team"),
+    ("lidarnaut/ExploreWarehouse", "nearest"),
+    ("lidarnaut/Explore", "gain_over_cost"),
+    ("lidarnaut/Navigate", "pursuit"),
+    ("lidarnaut/Track", "route_follower"),
 )
 """What drives, by the beginning of the id; the first that fits."""
 
@@ -114,9 +82,10 @@ def main(out: Path = Path("docs/images/environments"), only: str = "") -> None:
     for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # those that set no arguments come first
         arguments: dict[str, Any] = {"world": WORLDS[id]} if id in WORLDS else {}
         env = gymnasium.make(id, physics="kinematic", render_mode="rgb_array", disable_env_checker=True, **arguments)
-        driver = next(driver for start, driver in DRIVERS if id.startswith(start))
+        driver, seed = next(driver for start, driver in DRIVERS if id.startswith(start)), SEEDS.get(id, 0)
+        env.reset(seed=seed)
         film = Film(env)
-        driver(env, SEEDS.get(id, 0), film.shoot)
+        run_episode(env, find_policy(driver, env)(), seed)
         film.save(path := out / f"{id.partition('/')[2].lower()}.webp")
         env.close()
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

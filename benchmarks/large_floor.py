@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from baselines import make_explorer
-from baselines.episode import decide_with, run
+from baselines.episode import begin_episode, decide_with, run
 from envs.command_line import make_console, run_command
 from envs.core import LidarEnv
 from envs.tasks.explore import Explore
@@ -50,10 +50,9 @@ def main(
         physics="kinematic",
         time_limit=1e6,
     )
-    observation, info = env.reset(seed=seed)
-    reset_time = time.process_time() - began
     chosen = make_explorer(explorer)
-    chosen.reset(env.robot, env.control_period, np.random.default_rng([seed, 1]))
+    observation, info = begin_episode(env, chosen, seed, np.random.default_rng([seed, 1]))
+    reset_time = time.process_time() - began
     areas_known, times = [], []
 
     def watch(info: dict[str, Any]) -> None:

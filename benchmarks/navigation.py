@@ -1,7 +1,7 @@
 """How surely and how fast the classic navigator gets to random goals on known maps.
 
 Each goal is an episode of `lidarnaut/Navigate-v0`: a random start, a random goal, AMCL with an initial pose that is a
-little wrong, and `baselines.navigation.MapNavigator`. A goal counts as reached without collision only if the robot's
+little wrong, and `baselines.navigation.GoalDriver`. A goal counts as reached without collision only if the robot's
 true position came within 0.3 m of it and nothing was touched before that. Run `python -m benchmarks.navigation --help`.
 """
 
@@ -11,13 +11,13 @@ from collections import Counter
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
-from baselines.navigation import MapNavigatorParams
-from baselines.navigation.episode import Drive, drive
+from baselines.episode import Episode, run_episode
+from baselines.navigation import GoalDriver, MapNavigatorParams
 from benchmarks.parallel import run_each
 from benchmarks.simulation import measure
 from envs.command_line import Count, make_console, run_command
@@ -47,28 +47,48 @@ def _environment(world: str, physics: str, localizer: str) -> LidarEnv:
     return LidarEnv(Navigate, world=world, physics=physics, localizer=localizer)
 
 
+class Drive(NamedTuple):
+    """An episode, and what its policy says of it."""
+
+    seed: int
+    episode: Episode
+    recoveries: int
+
+    @property
+    def is_success(self) -> bool:
+        """Whether the goal was reached without a collision."""
+        return self.episode.end_reason == "reached" and self.episode.collisions == 0
+
+    @property
+    def geodesic_distance(self) -> float:
+        """True geodesic distance to the goal at the start [m]."""
+        return float(self.episode.course.of("way_to_goal")[0])
+
+
 def _drive(world: str, physics: str, localizer: str, local_planner: str, seed: int) -> Drive:
-    return drive(_environment(world, physics, localizer), seed, MapNavigatorParams(local_planner=local_planner))
+    driver = GoalDriver(MapNavigatorParams(local_planner=local_planner))
+    episode = run_episode(_environment(world, physics, localizer), driver, seed)
+    return Drive(seed, episode, driver.navigator.num_recoveries if driver.navigator else 0)
 
 
 def summary(drives: list[Drive], max_v: float) -> dict[str, Any]:
     """Summarise at least one drive; times are NaN where no goal was reached, `max_v` is the robot's limit [m/s]."""
     reached = [d for d in drives if d.is_success]
-    times = [d.duration for d in reached] or [math.nan]
+    times = [d.episode.duration for d in reached] or [math.nan]
     shortest = sum(d.geodesic_distance for d in reached)
     return {
         "goals": len(drives),
         "reached_without_collision_percent": 100.0 * len(reached) / len(drives),
-        "end_reasons": dict(Counter(d.end_reason for d in drives)),
-        "with_collision": sum(d.collisions > 0 for d in drives),
+        "end_reasons": dict(Counter(d.episode.end_reason for d in drives)),
+        "with_collision": sum(d.episode.collisions > 0 for d in drives),
         "time_median_s": float(np.median(times)),
         "time_p95_s": float(np.percentile(times, 95)),
         "share_of_full_speed_percent": 100.0 * shortest / max(sum(times) * max_v, 1e-9),
-        "path_over_way": sum(d.path_length for d in reached) / max(shortest, 1e-9),
-        "position_rmse_cm": 100.0 * float(np.sqrt(np.mean([d.position_rmse**2 for d in drives]))),
-        "heading_rmse_deg": math.degrees(float(np.sqrt(np.mean([d.heading_rmse**2 for d in drives])))),
+        "path_over_way": sum(d.episode.path_length for d in reached) / max(shortest, 1e-9),
+        "position_rmse_cm": 100.0 * float(np.sqrt(np.mean([d.episode.position_rmse**2 for d in drives]))),
+        "heading_rmse_deg": math.degrees(float(np.sqrt(np.mean([d.episode.heading_rmse**2 for d in drives])))),
         "recoveries": sum(d.recoveries for d in drives),
-        "control_us": float(np.median([d.control_us for d in drives])),
+        "control_us": 1e6 * float(np.median([np.median(d.episode.decision_times) for d in drives])),
         "failed_seeds": [d.seed for d in drives if not d.is_success],
     }
 

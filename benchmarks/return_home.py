@@ -10,7 +10,7 @@ import numpy as np
 
 import baselines
 import envs  # noqa: F401  (registers the environments)
-from baselines.episode import Info, begin_episode, decide_with, exploration_of, run
+from baselines.episode import Info, run_episode
 from envs.command_line import Count, run_command
 from envs.slam import DEFAULT_SLAM
 from envs.tasks.explore import HOME_RADIUS
@@ -21,11 +21,9 @@ def drive(explorer: str, world: str, physics: str, slam: str, seed: int) -> Info
     env = gymnasium.make(
         "lidarnaut/Explore-v0", world=world, physics=physics, slam=slam, split="test", return_home=True
     )
-    chosen = baselines.make_explorer(explorer)
-    start = begin_episode(env, chosen, seed, np.random.default_rng([seed, 1]))
-    info = run(env, decide_with(chosen, exploration_of(env)), *start).info
+    episode = run_episode(env, baselines.make_explorer(explorer), seed)
     env.close()
-    return info
+    return dict(episode.course.final)
 
 
 def main(

@@ -12,10 +12,10 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from scipy import ndimage
 
-from baselines.episode import first_at
 from benchmarks.arena.plots import extent_of, show_map, show_only
 from benchmarks.arena.theme import LIGHT
 from benchmarks.arena.trace import Trace
+from envs.measures import first_at
 
 MARK = 0.95
 """Explored fraction that counts."""
@@ -51,7 +51,7 @@ class Return:
 
 def find_return(trace: Trace) -> Return:
     """Find the longest drive through what was known, and the pocket that it led to."""
-    time, fraction = trace.curve.time, np.maximum.accumulate(trace.curve.explored_fraction)
+    time, fraction = trace.curve.time, np.maximum.accumulate(trace.curve.progress)
     begins = time[np.searchsorted(fraction, fraction - LEAST_GAIN, side="right")]
     lengths = np.where(time <= first_at(time, fraction, MARK), time - begins, 0.0)
     last = int(lengths.argmax())
@@ -100,7 +100,7 @@ class SideBySide:
         return figure
 
     def _title(self, name: str, trace: Trace, moment: float) -> str:
-        found, fraction = self._returns[name], trace.curve.explored_fraction
+        found, fraction = self._returns[name], trace.curve.progress
         reached = first_at(trace.curve.time, fraction, MARK)
         if moment < reached:
             first = f"{name}: {100 * np.interp(moment, trace.curve.time, fraction):.0f} %"
@@ -136,7 +136,7 @@ class SideBySide:
         colors = LIGHT.colors(list(self._traces))
         axes.axhline(100 * MARK, color=LIGHT.muted, linewidth=0.8, linestyle=(0, (2, 3)))
         for name, trace in self._traces.items():
-            time, percent, found = trace.curve.time, 100 * trace.curve.explored_fraction, self._returns[name]
+            time, percent, found = trace.curve.time, 100 * trace.curve.progress, self._returns[name]
             past = time <= moment
             axes.plot(time[past], percent[past], color=colors[name], linewidth=2.0, label=name)
             if found.is_over(moment):

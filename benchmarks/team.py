@@ -13,9 +13,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from baselines.rrt.team import RrtTeam
-from baselines.rrt.team_episode import run_team_episode
-from benchmarks.arena.measures import Measure
+from baselines import RrtTeam
+from baselines.episode import run_episode
+from benchmarks.arena.measures import texts
 from benchmarks.arena.plots import show_map, show_only
 from benchmarks.arena.records import Row, append_row, read_tables
 from benchmarks.arena.statistics import Estimate, estimate
@@ -24,8 +24,9 @@ from benchmarks.parallel import run_each
 from envs.command_line import Count, make_console, run_command
 from envs.core import LidarEnv
 from envs.estimation.map_pyramid import OCCUPIED_FROM
+from envs.measures import Measure
 from envs.slam import DEFAULT_SLAM
-from envs.tasks.explore import MAX_ROBOTS, ExploreTeam
+from envs.tasks.explore import MAX_ROBOTS, Explore, ExploreTeam
 from envs.worlds import FAMILIES
 
 WORLDS = ("rrt_house", "tugbot_warehouse", "rooms")
@@ -33,8 +34,8 @@ ROOMS_SIZE = (20.0, 20.0)
 """Outer size of the worlds of procedural families, whose test seeds are taken [m]."""
 MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""
-TIME = Measure("time_to_95", "time to 95 %", "s", False, 0, limit="time_limit")
-SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, 2)
+TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
+SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
 
 TASK = ("world", "num_robots", "seed", "physics", "slam")
 COLUMNS = (
@@ -63,14 +64,10 @@ def make_env(world: str, num_robots: int, physics: str, slam: str) -> LidarEnv:
 def measure(world: str, num_robots: int, seed: int, physics: str, slam: str) -> Row:
     """Run an episode."""
     env = make_env(world, num_robots, physics, slam)
-    episode = run_team_episode(env, RrtTeam(), seed)
+    episode = run_episode(env, RrtTeam(), seed)
     env.close()
-    own = dict(zip(TASK, (world, num_robots, seed, physics, slam))) | {
-        "path_length": float(episode.path_length.sum()),
-        "longest_path": float(episode.path_length.max()),
-        "collisions": int(episode.collisions.sum()),
-        "position_rmse": float(np.sqrt((episode.position_rmse**2).mean())),
-    }
+    own = dict(zip(TASK, (world, num_robots, seed, physics, slam)))
+    own |= {"longest_path": float(episode.course.final["path_length"].max()), "collisions": int(episode.collisions)}
     return {name: own[name] if name in own else getattr(episode, name) for name in COLUMNS}
 
 
@@ -123,8 +120,8 @@ def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> 
             shown.add_row(
                 pooled[0] if len(pooled) == 1 else "all",
                 str(num),
-                "{} [{}]".format(*TIME.texts(estimate(taken, reached))),
-                "{} [{}]".format(*SPEED_UP.texts(speed_up(rows, pooled, num))) if 1 in robots else "",
+                "{} [{}]".format(*texts(TIME, estimate(taken, reached))),
+                "{} [{}]".format(*texts(SPEED_UP, speed_up(rows, pooled, num))) if 1 in robots else "",
                 f"{np.concatenate(reached).sum()} of {len(paths)}",
                 f"{np.median(paths):.0f}",
                 f"{contacts.sum():.0f}",
@@ -184,7 +181,7 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     if picture is not None:
         env = make_env(picture, max(robots), physics, slam)
-        run_team_episode(env, RrtTeam(), seed)
+        run_episode(env, RrtTeam(), seed)
         draw(env, env.time).savefig(out / "team.png")
         env.close()
         return

@@ -58,8 +58,8 @@ class Measure:
     unit: str
     higher_is_better: bool | None
     """None where neither is better by itself."""
-    compute: Callable[[Course], float]
-    """Returns the number of an episode; infinite for a mark that was never reached."""
+    compute: Callable[[Course], float] = lambda course: math.nan
+    """Returns the number of an episode; infinite for a mark that was never reached. NaN: it comes from elsewhere."""
     digits: int = 1
     """Decimals in tables."""
     scale: float = 1.0
@@ -70,6 +70,10 @@ class Measure:
     """Column that counts where the mark was never reached; empty where there is no mark."""
     is_headline: bool = False
     """Whether policies are ranked by it; a task has one such measure, which every episode has."""
+    is_relative: bool = False
+    """Whether it is compared as a share of what the reference policy needed from the same start; with a `limit`."""
+    note: str = ""
+    """What a reader should know of it where policies are ranked by it, without a full stop at the end."""
 
     @property
     def title(self) -> str:
@@ -77,7 +81,9 @@ class Measure:
         return f"{self.label} {self.unit}".strip()
 
     def text(self, value: float, sign: str = "") -> str:
-        """Return the value in `unit`, rounded for a table; `sign="+"` marks it as a difference."""
+        """Return the value in `unit`, rounded for a table, or "never"; `sign="+"` marks it as a difference."""
+        if math.isinf(value):
+            return "never"
         rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
         return f"{rounded:{sign}.{self.digits}f}"
 
@@ -112,8 +118,8 @@ def mean_over_limit(course: Course, name: str) -> float:
 
 def root_mean_square(course: Course, name: str, column: int | None = None) -> float:
     """Return the root mean square of a number of `info`, or of a column of it; of all robots of a team."""
-    samples = course.samples[name]
-    return float(np.sqrt(np.mean(np.square(samples if column is None else samples[..., column]))))
+    means = np.mean(np.square(course.samples[name]), axis=0)
+    return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)

@@ -6,7 +6,8 @@ import tyro
 
 import envs  # noqa: F401  (registers the environments)
 from baselines import make_explorer
-from baselines.episode import exploration_of, run_episode
+from baselines.episode import run_episode
+from envs.core import lidar_env_of
 from envs.robots import load_robot
 
 ROBOT = load_robot("turtlebot3_burger")
@@ -36,7 +37,7 @@ def main(episodes: int = 4, seconds: float = 60.0) -> np.ndarray:
     explorer, rows = make_explorer("nearest"), []
     for seed in range(episodes):
         episode = run_episode(env, explorer, seed)
-        drawn = exploration_of(env).randomized
+        drawn = lidar_env_of(env).randomized
         print({name: round(value, 4) for name, value in drawn.items()})
         print(f"explored {100 * episode.explored_fraction:.0f} %, position off by {episode.position_rmse:.3f} m")
         rows.append((drawn["drive.wheel_radius"], episode.position_rmse))

@@ -9,12 +9,11 @@ import tyro
 
 from baselines import make_explorer
 from baselines.episode import run_episode
-from baselines.navigation import MapNavigatorParams
-from baselines.navigation.episode import drive
+from baselines.navigation import GoalDriver, MapNavigatorParams
 from envs.core import LidarEnv
+from envs.navigation import crop_to_known
 from envs.tasks.explore import Explore
 from envs.tasks.navigate import Navigate
-from envs.navigation import crop_to_known
 from envs.worlds import save_map
 
 
@@ -38,11 +37,11 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
     env = LidarEnv(
         Navigate, world=world, physics="kinematic", map=map_path, map_pose=exploration.map_pose, initial_pose="unknown"
     )
-    driven = drive(env, seed + 1, MapNavigatorParams(lost_time=120.0))
+    driven = run_episode(env, GoalDriver(MapNavigatorParams(lost_time=120.0)), seed + 1)
     env.close()
     print(
-        f"goal {driven.geodesic_distance:.1f} m away: {driven.end_reason} after {driven.duration:.0f} s and "
-        f"{driven.path_length:.1f} m, localization included; {driven.collisions} collisions"
+        f"goal {driven.course.of('way_to_goal')[0]:.1f} m away: {driven.end_reason} after {driven.duration:.0f} s and "
+        f"{driven.path_length:.1f} m, localization included; {driven.collisions:.0f} collisions"
     )
     return driven.end_reason
 

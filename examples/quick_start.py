@@ -46,7 +46,7 @@ def main(seconds: float = 60.0, film: Path | None = None, seed: int = 0) -> floa
         print(f"film: {film}")
     print(
         f"explored {100 * episode.explored_fraction:.0f} % in {episode.duration:.0f} s, {episode.path_length:.0f} m; "
-        f"position error {100 * episode.position_rmse:.1f} cm (RMSE), {episode.collisions} collisions"
+        f"position error {100 * episode.position_rmse:.1f} cm (RMSE), {episode.collisions:.0f} collisions"
     )
     return episode.explored_fraction
 

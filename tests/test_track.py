@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from baselines.explorer import to_action
+from baselines.episode import begin_episode, decide_with
 from baselines.route_follower import RouteFollower
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
@@ -46,11 +46,11 @@ HALL = {
 
 def follow(env, seed=0, max_steps=2000):
     """Drive with the classic tracker; return everything that comes out."""
-    out = [env.reset(seed=seed)]
     tracker = RouteFollower()
-    tracker.reset(env.robot, env.control_period, env.task.route)
+    out = [begin_episode(env, tracker, seed, np.random.default_rng(0))]
+    decide = decide_with(tracker, env)
     for _ in range(max_steps):
-        out.append(env.step(to_action(tracker.act(env.reading, env.belief.pose), env.robot)))
+        out.append(env.step(decide(out[-1][0])))
         if out[-1][2] or out[-1][3]:
             break
     return out

@@ -43,7 +43,7 @@ class ScoreExplorer(RuleExplorer):
         """Scores of the candidates at the last choice, shape (k,), float64."""
         return self.score.rate(self._observation)[1]
 
-    def _decide(self, navigator: FrontierNavigator, belief: Belief) -> int:
+    def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
         seen = self._observation
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
         seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)

@@ -50,6 +50,7 @@ class RuleExplorer:
         self.end_reason: str | None = None
         """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
         self._navigator: FrontierNavigator | None = None
+        self._offered: Candidates | None = None
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -63,12 +64,12 @@ class RuleExplorer:
 
     @property
     def scores(self) -> np.ndarray | None:
-        """Values of the navigator's candidates, the greatest of which the rule chooses, shape (k,), float64.
+        """Values of the last candidates, the greatest of which the rule chose, shape (k,), float64.
 
         None where the rule has no method `rate(candidates)`.
         """
         rate = getattr(self.rule, "rate", None)
-        return rate(self._navigator.candidates) if rate is not None and self._navigator is not None else None
+        return rate(self._offered) if rate is not None and self._offered is not None else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._navigator = FrontierNavigator(
@@ -82,6 +83,7 @@ class RuleExplorer:
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
         self._has_begun = False
+        self._offered = None
         self.end_reason = None
         # Frontiers that the robot has turned away from since the last drive that came to an end.
         self._left: list[np.ndarray] = []
@@ -105,17 +107,18 @@ class RuleExplorer:
             if len(navigator.candidates) == 0:
                 self.end_reason = navigator.end_reason
                 return Twist(0.0, 0.0)
-            navigator.choose(self._choose(navigator, belief, outcome))
+            navigator.choose(self._stick(navigator, belief, outcome))
         return navigator.command(belief)
 
-    def _decide(self, navigator: FrontierNavigator, belief: Belief) -> int:
-        """Return the candidate to drive to."""
+    def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
+        """Return which of a navigator's candidates to drive to; asked directly in environments of decisions."""
+        self._offered = navigator.candidates
         return self.rule(navigator.candidates, belief)
 
-    def _choose(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
+    def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
         """Ask the rule; during a drive a goal that the robot has turned away from is not turned to again."""
         candidates = navigator.candidates
-        choice, current = self._decide(navigator, belief), candidates.chosen
+        choice, current = self.choose(navigator, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:
             self._left.clear()
         elif current >= 0 and choice != current:

@@ -1,6 +1,7 @@
-"""Navigation on a known map: the classic policy of `lidarnaut/Navigate-v0`, and reactive driving while it is lost."""
+"""Navigation to goals: the classic policies of `lidarnaut/Navigate-v0`, reactive driving while the robot is lost."""
 
+from .goal_driver import GoalDriver
 from .map_navigator import MapNavigator
 from .params import MapNavigatorParams
 
-__all__ = ["MapNavigator", "MapNavigatorParams"]
+__all__ = ["GoalDriver", "MapNavigator", "MapNavigatorParams"]

@@ -100,6 +100,10 @@ class MapNavigator:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._planner.remaining if self.is_driving and self._has_path else None
 
+    def set_map(self, grid: OccupancyGrid) -> None:
+        """Go on with another map in the same frame, which must not change; forget what scans marked."""
+        self.layers = LayeredCostmap(grid, self._costs)
+
     def set_goal(self, goal: tuple[float, float], heading: float | None = None) -> None:
         """Drive to another goal (x, y), map frame [m], from now on, and take a heading [rad] there; None for any.
 

@@ -49,7 +49,7 @@ class RrtExplorer:
         return self._team.points
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self._team.reset(robot, control_period, 1, rng)
+        self._team.reset(robot, control_period, rng)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         return self._team.act([reading], [belief])[0]

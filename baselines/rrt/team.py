@@ -37,22 +37,20 @@ SAME_POINT = 0.4
 class RrtTeam:
     """Explores with one or several robots."""
 
+    is_team = True
+    plan = None
+    """Each robot has its own, see `plans`."""
+
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         self._params = params
         self._team: list[RrtRobot] = []
+        self._detector: RrtDetector | None = None
 
-    def reset(self, robot: RobotParams, control_period: float, num_robots: int, rng: np.random.Generator) -> None:
-        """Prepare for a new episode.
-
-        Args:
-            robot: the robots that will be driven.
-            control_period: time between two calls of `act` [s].
-            num_robots: how many there are.
-            rng: source of every random draw of the episode.
-        """
-        self._robot = robot
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for a new episode; see `baselines.explorer.Policy`."""
+        self._robot, self._period = robot, control_period
         self._detector = RrtDetector(self._params, rng)
-        self._team = [RrtRobot(robot, control_period, self._params, k) for k in range(num_robots)]
+        self._team = []
         self._peer_filter = PeerFilter(robot)
 
     @property
@@ -71,7 +69,7 @@ class RrtTeam:
     @property
     def points(self) -> np.ndarray:
         """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
-        return self._detector.points
+        return NO_POINTS if self._detector is None else self._detector.points
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
@@ -88,8 +86,10 @@ class RrtTeam:
         Raises:
             RuntimeError: before the first `reset`.
         """
-        if not self._team:
+        if self._detector is None:
             raise RuntimeError("call reset before act")
+        if not self._team:
+            self._team = [RrtRobot(self._robot, self._period, self._params, k) for k in range(len(readings))]
         if self.end_reason is not None:
             return [Twist(0.0, 0.0) for _ in self._team]
         self._poses = [belief.pose for belief in beliefs]

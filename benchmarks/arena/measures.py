@@ -1,81 +1,121 @@
-"""The measures that the arena reports, in the order in which it reports them."""
+"""The measures that the arena reports of a task's episodes, in the order in which it reports them."""
 
-import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from benchmarks.arena.statistics import Estimate
+from envs.measures import COMMON, SUCCESS, Measure, headline_of
+from envs.task import Task
+
+DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
+MARK = "time to "
+"""How labels begin of times that marks are reached after."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measure:
-    """How a number of an episode is named, read and printed."""
+@dataclass(frozen=True)
+class Measures:
+    """What is measured of the episodes of a task, and which of it is shown where."""
 
-    name: str
-    """Key in `summary.json`."""
-    label: str
-    unit: str
-    higher_is_better: bool | None
-    """None where neither is better by itself."""
-    digits: int = 1
-    """Decimals in tables."""
-    scale: float = 1.0
-    """Factor from the SI unit of the data to `unit`."""
-    is_share: bool = False
-    """Whether it is 0 or 1, so that its mean is a share."""
-    limit: str = ""
-    """Column that counts where the mark was never reached; empty where there is no mark."""
+    own: tuple[Measure, ...]
+    """Those that the task declares."""
+    progress: str
+    """Entry of `info` whose course is shown; see `Task`."""
 
-    @property
-    def column(self) -> str:
-        """Name of the column of `episodes.csv` that it is computed from."""
-        return "success" if self.name == "success_rate" else self.name
+    @classmethod
+    def of(cls, task: Task) -> "Measures":
+        """Return the measures of a task's episodes."""
+        return cls(tuple(task.measures), task.progress)
 
     @property
-    def title(self) -> str:
-        """Label and unit, the heading of a column."""
-        return f"{self.label} {self.unit}".strip()
+    def all(self) -> tuple[Measure, ...]:
+        """Columns of `episodes.csv`, and rows of tables: those of the task, and of all tasks."""
+        return (*self.own, *COMMON, DECISION, SUCCESS)
 
-    def text(self, value: float, sign: str = "") -> str:
-        """Return the value in `unit`, rounded for a table; `sign="+"` marks it as a difference."""
-        rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
-        return f"{rounded:{sign}.{self.digits}f}"
+    @property
+    def headline(self) -> Measure:
+        """What policies are ranked by: it has no threshold, and every episode has one."""
+        return headline_of(self.own)
 
-    def texts(self, estimate: Estimate, sign: str = "") -> tuple[str, str]:
-        """Return an estimate and what to print small beside it.
+    @property
+    def marks(self) -> tuple[Measure, ...]:
+        """Times and distances that are compared as shares of what the reference needed from the same start."""
+        return tuple(measure for measure in self.own if measure.is_relative)
 
-        That is its interval, ("41", "35 to 47"), of which some ends may be lower bounds, ("> 310 s", "250 to > 320");
-        how many episodes got to the mark where all of it is a lower bound, ("> 310 s", "1 of 8"); and the limit that
-        the episodes count as where none did, ("never", "> 300 s"); ("> 6.0", "never") for what has no limit of its own.
-        """
-        numbers = (self.text(value, sign) for value in estimate[:3])
-        middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
-        if estimate.is_bound[0]:
-            middle = f"{middle} {self.unit}".strip()
-        if estimate.never == estimate.n:
-            return ("never", middle) if self.limit else (middle, "never")
-        return middle, f"{estimate.n - estimate.never} of {estimate.n}" if estimate.is_bound[1] else f"{low} to {high}"
+    @property
+    def relative(self) -> tuple[Measure, ...]:
+        """These shares (`benchmarks.arena.pairs.relate`): seconds in a maze and in a warehouse are not of a kind."""
+        return tuple(map(share_of, self.marks))
+
+    @property
+    def reached(self) -> tuple[Measure, ...]:
+        """Whether the first of the marks was reached; none without marks."""
+        label = next((f"{mark.label.removeprefix(MARK)} reached" for mark in self.marks), "")
+        return (Measure("reached", label, "%", True, digits=0, scale=100.0, is_share=True),) if label else ()
+
+    @property
+    def decisive(self) -> Measure:
+        """What the verdict is about: the first of the shares, or else the headline."""
+        return next(iter(self.relative), self.headline)
+
+    @property
+    def timed(self) -> Measure:
+        """What is shown world by world: the first of the marks, or else the headline."""
+        return next(iter(self.marks), self.headline)
+
+    @property
+    def gaps(self) -> tuple[Measure, ...]:
+        """In which policies are compared pair by pair over several worlds."""
+        return self.headline, *(self.relative or self._others)
+
+    @property
+    def compared(self) -> tuple[Measure, ...]:
+        """In which they are compared in one world."""
+        return self.headline, *(self.marks or self._others)
+
+    @property
+    def shown(self) -> tuple[Measure, ...]:
+        """Columns of the leaderboard."""
+        main = [measure for measure in self.own if measure.name == self.progress] if self.marks else self._others
+        last = self._named("collisions", "decision_ms")
+        return self.headline, *main, *self.relative, *self.reached, SUCCESS, *last
+
+    @property
+    def on_axes(self) -> tuple[Measure, ...]:
+        """What is shown as it is where the values of an axis are compared."""
+        return self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
+
+    @property
+    def label(self) -> str:
+        """What the course of `progress` is called."""
+        return next((measure.label for measure in self.own if measure.name == self.progress), "progress")
+
+    @property
+    def _others(self) -> list[Measure]:
+        return [measure for measure in self.own if not measure.is_headline]
+
+    def _named(self, *names: str) -> Iterable[Measure]:
+        return (measure for name in names for measure in self.all if measure.name == name)
 
 
-MEASURES = (
-    Measure("explored_fraction", "explored", "%", True, 1, 100.0),
-    Measure("time_to_90", "time to 90 %", "s", False, 0, limit="time_limit"),
-    Measure("time_to_95", "time to 95 %", "s", False, 0, limit="time_limit"),
-    Measure("time_to_99", "time to 99 %", "s", False, 0, limit="time_limit"),
-    Measure("distance_to_95", "distance to 95 %", "m", False, limit="distance_limit"),
-    Measure("area_under_curve", "area under curve", "%", True, 1, 100.0),
-    Measure("path_length", "path", "m", None),
-    Measure("collisions", "collisions", "", False),
-    Measure("position_rmse", "position error", "cm", False, 1, 100.0),
-    Measure("heading_rmse", "heading error", "deg", False, 2, math.degrees(1.0)),
-    Measure("map_iou", "map IoU", "%", True, 1, 100.0),
-    Measure("decision_ms", "decision", "ms", False, 2),
-    Measure("success_rate", "success", "%", True, 0, 100.0, is_share=True),
-)
-RELATIVE = (
-    Measure("relative_time", "time to 95 %, relative", "", False, 2, limit="relative_time_limit"),
-    Measure("relative_distance", "distance to 95 %, relative", "", False, 2, limit="relative_distance_limit"),
-)
-"""Shares of what the reference needed from the same start (`benchmarks.arena.pairs.relate`): seconds and metres in a
-maze and in a warehouse are not of a kind, these are."""
-REACHED = Measure("reached_95", "95 % reached", "%", True, 0, 100.0, is_share=True)
-BY_NAME = {measure.name: measure for measure in (*MEASURES, *RELATIVE, REACHED)}
+def share_of(mark: Measure) -> Measure:
+    """Return the measure of a mark as a share of what the reference needed."""
+    limit = f"relative_{mark.name}_limit"
+    return replace(
+        mark, name=f"relative_{mark.name}", label=f"{mark.label}, relative", unit="", digits=2, scale=1.0, limit=limit
+    )
+
+
+def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
+    """Return an estimate of a measure and what to print small beside it; `sign="+"` marks it as a difference.
+
+    That is its interval, ("41", "35 to 47"), of which some ends may be lower bounds, ("> 310 s", "250 to > 320"); how
+    many episodes got to the mark where all of it is a lower bound, ("> 310 s", "1 of 8"); and the limit that the
+    episodes count as where none did, ("never", "> 300 s"); ("> 6.0", "never") for what has no limit of its own.
+    """
+    numbers = (measure.text(value, sign) for value in estimate[:3])
+    middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
+    if estimate.is_bound[0]:
+        middle = f"{middle} {measure.unit}".strip()
+    if estimate.never == estimate.n:
+        return ("never", middle) if measure.limit else (middle, "never")
+    return middle, f"{estimate.n - estimate.never} of {estimate.n}" if estimate.is_bound[1] else f"{low} to {high}"

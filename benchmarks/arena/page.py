@@ -11,10 +11,11 @@ import rich.table
 from rich import box
 from rich.text import Text
 
-from benchmarks.arena.measures import Measure
+from benchmarks.arena.measures import texts
 from benchmarks.arena.statistics import Estimate
 from benchmarks.arena.theme import Picture
 from envs.files import write_file
+from envs.measures import Measure
 
 MAX_OPEN_LINES = 10
 """Tables with more lines are folded away."""
@@ -34,7 +35,7 @@ class Cell:
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
         """Show an estimate with its interval; `sign="+"` shows it as a difference."""
-        return cls(*measure.texts(value, sign), is_best)
+        return cls(*texts(measure, value, sign), is_best)
 
 
 @dataclass(frozen=True, slots=True)

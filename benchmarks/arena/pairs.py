@@ -1,4 +1,4 @@
-"""Episodes that share a start: what makes explorers comparable with each other, and worlds with each other."""
+"""Episodes that share a start: what makes policies comparable with each other, and worlds with each other."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -6,18 +6,19 @@ from functools import partial
 import numpy as np
 
 from agents.frontiers.tasks import is_held_out
-from benchmarks.arena.measures import BY_NAME, Measure
+from benchmarks.arena.measures import Measures, share_of
 from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, estimate, success_rate
+from envs.measures import Measure
 
-REFERENCES = ("nearest", "frontier")
+REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 """Policies that the others are compared with: the first of these that takes part, or else the first policy."""
 PAIRED_AXES = ("physics", "slam")
 """Columns along which starts stay the same. Robots differ in which cells they can traverse."""
 
 Case = tuple[str, str, str, str]
-"""World, robot, physics and SLAM: a stratum of the statistics."""
+"""World, robot, physics and SLAM (or localizer): a stratum of the statistics."""
 Start = tuple[Case, int]
 """Case and seed."""
 
@@ -90,8 +91,8 @@ def common_starts(rows: Sequence[Row]) -> list[Row]:
     return from_shared_starts(rows, [name for name in policies if not is_bound(name)] or policies) if policies else []
 
 
-def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
-    """Return the rows with `REACHED` added, and `RELATIVE` where the reference has an episode from the same start.
+def relate(rows: Sequence[Row], measures: Measures, reference: str | None = None) -> list[Row]:
+    """Return the rows with `Measures.reached` added, and `Measures.relative` where the reference has the same start.
 
     Where the reference never reached the mark, its limit is what others are divided by. None takes the usual reference.
     """
@@ -100,22 +101,20 @@ def relate(rows: Sequence[Row], reference: str | None = None) -> list[Row]:
     references = by_start(rows, reference or reference_of(policies_of(rows)))
     related = []
     for row in rows:
-        row = row | {"reached_95": int(row["explored_fraction"] >= 0.95)}
+        row = row | {reached.name: int(np.isfinite(row[measures.marks[0].name])) for reached in measures.reached}
         same_start = references.get(start_of(row))
-        for name, column in (("relative_time", "time_to_95"), ("relative_distance", "distance_to_95")):
-            if same_start is not None:
-                measure = BY_NAME[column]
-                unit = value_of(same_start, measure)
-                for share, value in ((name, row[column]), (BY_NAME[name].limit, row[measure.limit])):
-                    # Zero where the first scan shows 95 %: it shows that to everyone.
-                    row[share] = value / unit if unit > 0.0 else 1.0
+        for mark in measures.marks if same_start else ():
+            unit, share = value_of(same_start, mark), share_of(mark)
+            for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
+                # Zero where the first scan shows 95 %: it shows that to everyone.
+                row[name] = value / unit if unit > 0.0 else 1.0
         related.append(row)
     return related
 
 
 def value_of(row: Row, measure: Measure) -> float:
     """Return what an episode counts as: its limit where it never reached the mark."""
-    return float(min(row[measure.column], row[measure.limit]) if measure.limit else row[measure.column])
+    return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
 
 
 def values_of(rows: Iterable[Row], policy: str, measure: Measure) -> list[np.ndarray]:
@@ -133,7 +132,7 @@ def pool(rows: Iterable[Row], policy: str, measure: Measure) -> Estimate:
     strata = _by_case(mine, partial(value_of, measure=measure))
     if measure.is_share:
         return success_rate(strata)
-    return estimate(strata, _by_case(mine, lambda row: bool(np.isfinite(row[measure.column]))))
+    return estimate(strata, _by_case(mine, lambda row: bool(np.isfinite(row[measure.name]))))
 
 
 def paired_values(rows: Sequence[Row], a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -144,7 +143,7 @@ def paired_values(rows: Sequence[Row], a: str, b: str, measure: Measure) -> tupl
 
 
 def _with(rows: Iterable[Row], policy: str, measure: Measure) -> list[Row]:
-    return [row for row in rows if row["policy"] == policy and measure.column in row]
+    return [row for row in rows if row["policy"] == policy and measure.name in row]
 
 
 def _by_case(rows: Iterable[Row], value: Callable[[Row], float]) -> list[np.ndarray]:

@@ -13,10 +13,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.transforms import Affine2D
 
-from baselines.episode import Curve
 from benchmarks.arena.statistics import Band, curve_band
 from benchmarks.arena.theme import LIGHT, Theme, short
-from benchmarks.arena.trace import Trace
+from benchmarks.arena.trace import Curve, Trace
 from envs.geometry import OccupancyGrid, Pose2D
 
 Extent = tuple[float, float, float, float]
@@ -38,7 +37,7 @@ def sample_curves(
     over: Literal["time", "path_length"],
     end: float | None = None,
 ) -> Bands:
-    """Average the explored fraction over each policy's episodes; one that has ended keeps its last value.
+    """Average the progress over each policy's episodes; one that has ended keeps its last value.
 
     Curves are given by policy and stratum, and sampled up to `end`; None takes the longest episode's end.
     """
@@ -48,15 +47,14 @@ def sample_curves(
     bands = {}
     for policy, strata in curves.items():
         sampled = [
-            np.array([np.interp(grid, getattr(curve, over), curve.explored_fraction) for curve in stratum])
-            for stratum in strata
+            np.array([np.interp(grid, getattr(curve, over), curve.progress) for curve in stratum]) for stratum in strata
         ]
         bands[policy] = curve_band(sampled)
     return Bands(grid, bands)
 
 
-def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
-    """Draw the explored fraction of each policy over a quantity, with its 95 % interval as a band."""
+def draw_curves(bands: Bands, quantity: str, label: str, theme: Theme = LIGHT) -> Figure:
+    """Draw the progress of each policy, called `label`, over a quantity, with its 95 % interval as a band."""
     figure, axes = _figure(theme)
     for mark in (90, 95, 99):
         axes.axhline(mark, color=theme.muted, linewidth=0.6, linestyle=(0, (2, 3)))
@@ -66,7 +64,7 @@ def draw_curves(bands: Bands, quantity: str, theme: Theme = LIGHT) -> Figure:
     axes.set_xscale("function", functions=(np.sqrt, np.square))
     axes.set(xticks=_root_ticks(end), xlim=(0.0, end), ylim=(0.0, 102.0), yticks=[0, 25, 50, 75, 90, 100])
     axes.set_xlabel(f"{quantity}, square-root scale", color=theme.ink)
-    axes.set_ylabel("explored [%]", color=theme.ink)
+    axes.set_ylabel(f"{label} [%]", color=theme.ink)
     _legend(figure, axes, theme)
     return figure
 
@@ -159,7 +157,7 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
             shown_end = ended
             moment = min(moment, trace.curve.time[-1])
             _draw_map(axes, trace, moment, max(ends), extent, theme)
-            fraction = float(np.interp(moment, trace.curve.time, trace.curve.explored_fraction))
+            fraction = float(np.interp(moment, trace.curve.time, trace.curve.progress))
             title = f"{'end, ' if ended else ''}{moment:.0f} s: {100 * fraction:.0f} %"
             axes.set_title(title, color=theme.ink, fontsize=9, pad=3)
         row[0].set_ylabel(short(policy), color=theme.ink, fontsize=10)

@@ -9,7 +9,7 @@ import yaml
 from rich.console import Console
 
 from benchmarks.arena import leaderboard
-from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.overview import curves_section, gallery_section, worst_section
 from benchmarks.arena.page import Section, to_terminal, write_markdown
 from benchmarks.arena.pairs import common_starts, held_out, relate, split
@@ -25,27 +25,27 @@ from benchmarks.arena.verdict import verdict_section
 from benchmarks.arena.workers import Result
 from envs.command_line import make_console
 from envs.files import write_file
+from envs.measures import SUCCESS
 from envs.progress import Progress
 
 TITLE = "The arena"
 TEXT = (
-    "Explorers meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
+    "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees. "
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
-PRINTED = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", "reached_95"))
-"""Columns of the ranking in the terminal."""
 
 
 def run_with_progress(
     evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None, record: bool = False
 ) -> list[Result]:
     """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
+    headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
         def on_result(result: Result) -> None:
-            came = f"{100 * result.row['explored_fraction']:.0f} %" if result.row else "could not be run"
+            came = f"{headline.text(result.row[headline.name])} {headline.unit}" if result.row else "could not be run"
             bar.set_postfix_str(f"{short(result.key.policy)} in {result.key.world}: {came}", refresh=False)
             bar.update()
 
@@ -68,12 +68,13 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
     Raises:
         ValueError: if the folder holds nothing yet.
     """
-    rows, folder, settings = evaluation.rows(), evaluation.folder, evaluation.settings
+    rows, folder, settings, measures = evaluation.rows(), evaluation.folder, evaluation.settings, evaluation.measures
     if not rows:
         raise ValueError(f"{folder} holds no episode yet")
-    summary, cases = summarise(rows), split(rows)
+    summary, cases = summarise(rows, measures), split(rows)
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    pictures = {case: draw_case(folder, here) for case, here in cases.items() if settings.world_sections}
+    shown_cases = cases if settings.world_sections else {}
+    pictures = {case: draw_case(folder, here, measures.label) for case, here in shown_cases.items()}
     for case, drawn in pictures.items():
         for name, picture in drawn.items():
             write_file(folder / f"{name.format(slug(case))}.png", picture.light)
@@ -81,32 +82,40 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None,
     all_rows = list({key_of(row): row for row in (*rows, *evaluation.slam_axis_rows())}.values())
     has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
     sections = _leaderboard(evaluation, rows, all_rows, command) if has_more else []
-    players = players_section(folder, rows)  # in the report alone: other pages lie elsewhere
+    players = players_section(folder, rows, measures.headline)  # in the report alone: other pages lie elsewhere
     shown = [*sections[:1], players, *sections[1:]] if players else sections
-    write_file(folder / "report.html", build_report(rows, summary, settings, pictures, shown, **report))
+    write_file(folder / "report.html", build_report(rows, summary, settings, measures, pictures, shown, **report))
     if sections:
         write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown(TITLE, TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
-        write_rows(docs / "arena" / "episodes.csv", all_rows)
+        write_rows(docs / "arena" / "episodes.csv", evaluation.columns, all_rows)
     return summary
 
 
 def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
-    fair = relate(common_starts(rows))
+    folder, measures = evaluation.folder, evaluation.measures
+    fair = relate(common_starts(rows), measures)
+    about_fair = (
+        [
+            verdict_section(fair, measures),
+            leaderboard.ranking_section(fair, measures),
+            worst_section(folder, fair, measures),
+            curves_section(folder, fair, measures),
+            leaderboard.gap_section(fair, measures),
+            leaderboard.pairs_section(fair, measures.gaps),
+            leaderboard.measures_section(fair, measures),
+        ]
+        if fair
+        else []
+    )
     sections = [
-        verdict_section(fair),
-        leaderboard.ranking_section(fair) if fair else None,
-        worst_section(evaluation.folder, fair) if fair else None,
-        curves_section(evaluation.folder, fair) if fair else None,
-        leaderboard.gap_section(fair),
-        leaderboard.pairs_section(fair) if fair else None,
-        leaderboard.measures_section(fair) if fair else None,
-        *leaderboard.axis_sections(all_rows),
-        leaderboard.worlds_section(rows),
-        unfinished_section(rows),
+        *about_fair,
+        *leaderboard.axis_sections(all_rows, measures),
+        leaderboard.worlds_section(rows, measures.timed),
+        unfinished_section(rows, measures),
         missing_section(evaluation.missing(), len(rows), len(fair)),
-        gallery_section(evaluation.folder, rows),
+        gallery_section(folder, rows, measures),
         _origin_section(evaluation, command),
     ]
     return [section for section in sections if section]
@@ -124,27 +133,28 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
     return Section("How it was made", parts)
 
 
-def print_case(console: Console, summary: Summary, case: str) -> None:
+def print_case(console: Console, summary: Summary, case: str, measures: Measures) -> None:
     """Print a case's estimates: a row per measure, a column per policy."""
     estimates = {policy: cases[case] for policy, cases in summary.items() if case in cases}
-    episodes = max(values["explored_fraction"].n for values in estimates.values())
-    console.print(to_terminal(leaderboard.measures_table(estimates), f"{case}, {episodes} episodes"))
+    episodes = max(values["success"].n for values in estimates.values())
+    console.print(to_terminal(leaderboard.measures_table(estimates, measures), f"{case}, {episodes} episodes"))
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
     """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
-    console, folder = make_console(), evaluation.folder
+    console, folder, measures = make_console(), evaluation.folder, evaluation.measures
     cases = list(split(evaluation.rows()))
     for case in cases if evaluation.settings.world_sections else ():
-        print_case(console, summary, case)
+        print_case(console, summary, case, measures)
     if len(cases) > 1:
-        rows = relate(common_starts(evaluation.rows()))
+        rows = relate(common_starts(evaluation.rows()), measures)
+        printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
         for title, part in {
             "Worlds or robots that no training of the package saw": held_out(rows),
             "All worlds": rows,
         }.items():
             if part:
-                console.print(to_terminal(leaderboard.ranking_table(part, PRINTED), title))
+                console.print(to_terminal(leaderboard.ranking_table(part, measures.headline, printed), title))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.", markup=False)
     messages.print(

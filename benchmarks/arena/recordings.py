@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from benchmarks.arena.measures import MEASURES
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.records import Row
 from benchmarks.arena.trace import episode_name
 
 RECORDINGS = "recordings"
 """Folder of the recordings."""
-LEFT_OUT = ("decision_ms", "success_rate")
+LEFT_OUT = ("decision_ms", "success")
 """Measures that a recording does not hold: the first one differs from run to run, the second is told by the end."""
 
 
@@ -18,16 +18,16 @@ def recording_path(folder: Path, row: Row) -> Path:
     return folder / RECORDINGS / f"{episode_name(row)}.npz"
 
 
-def describe(row: Row) -> dict[str, Any]:
+def describe(row: Row, measures: Measures) -> dict[str, Any]:
     """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
     from benchmarks.arena.theme import short  # brings matplotlib, which processes that record nothing need not load
 
-    measures = [measure for measure in MEASURES if measure.name not in LEFT_OUT]
-    values = [(measure, row[measure.column]) for measure in measures]
-    texts = [str(value) if isinstance(value, int) else measure.text(value) for measure, value in values]
-    texts = ["never" if text == "inf" else text for text in texts]
-    titles = [f"{measure.label} [{measure.unit}]" if measure.unit else measure.label for measure in measures]
-    figures = dict(zip(titles, texts, strict=True))
+    figures = {}
+    for measure in measures.all:
+        if measure.name not in LEFT_OUT:
+            title = f"{measure.label} [{measure.unit}]" if measure.unit else measure.label
+            figures[title] = measure.text(row[measure.name]).removesuffix(".0" if measure.name == "collisions" else "-")
     about = {"explorer": short(row["policy"])} | {name: row[name] for name in ("world", "robot", "seed")}
+    about["progress"] = measures.label
     ended = {"duration [s]": f"{row['duration']:.0f}", "ended by": row["end_reason"].replace("_", " ")}
     return about | {"end_reason": row["end_reason"], "figures": figures | ended}

@@ -8,13 +8,13 @@ import os
 import platform
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.run_folder import commit
 from baselines.episode import Episode
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.policies import Policy
 from envs.files import naming, read_mapping, sweep, write_file
 
@@ -31,7 +31,7 @@ SETTINGS_FILE = "settings.json"
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
-"""One episode, by the names of `COLUMNS`."""
+"""One episode, by the names of `columns_of`."""
 Readers = Mapping[str, Callable[[str], Any]]
 """Columns of a table and how to read their values."""
 
@@ -45,20 +45,27 @@ class Key(NamedTuple):
     robot: str
     physics: str
     slam: str
+    """Of an environment with a localizer instead, that one."""
 
 
-_MEASURES: dict[str, Any] = {f.name: int if f.type is bool else f.type for f in fields(Episode) if f.name != "curve"}
-COLUMNS: Readers = Key.__annotations__ | {"model": str} | _MEASURES
-"""Columns of the rows: which episode, the fingerprint of a learned policy's weights, the fields of `Episode`."""
+ENDING: Readers = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
+"""Fields of `Episode` that are the same for all tasks."""
 FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
 WORLD_COLUMNS: Readers = {"world": str, "source": str, "content": str}
 """Columns of `WORLDS`: what a world is called, its path or `module:attribute`, and the fingerprint of its file."""
 
 
-def make_row(policy: Policy, key: Key, episode: Episode) -> Row:
+def columns_of(measures: Measures) -> Readers:
+    """Return the columns of rows: which episode, fingerprint of a learned policy's weights, measures, how it ended."""
+    own = {measure.name: int if measure.is_share else float for measure in measures.all}
+    return Key.__annotations__ | {"model": str} | own | ENDING
+
+
+def make_row(policy: Policy, key: Key, episode: Episode, columns: Readers) -> Row:
     """Lay out an episode as a row."""
-    row = key._asdict() | {"model": policy.fingerprint[:12]}
-    return row | {name: COLUMNS[name](getattr(episode, name)) for name in COLUMNS if name not in row}
+    known = key._asdict() | {"model": policy.fingerprint[:12]}
+    known |= {name: getattr(episode, name) for name in columns if name not in known}
+    return {name: read(known[name]) for name, read in columns.items()}
 
 
 def key_of(row: Row) -> Key:
@@ -73,12 +80,18 @@ class Records:
     """
 
     def __init__(
-        self, folder: Path, settings: dict[str, Any], shard: str = "", worlds: Mapping[str, str] | None = None
+        self,
+        folder: Path,
+        columns: Readers,
+        settings: dict[str, Any],
+        shard: str = "",
+        worlds: Mapping[str, str] | None = None,
     ) -> None:
         """Open a folder, new or from an evaluation that is to be continued.
 
         Args:
             folder: where.
+            columns: of the rows; see `columns_of`.
             settings: what all rows must have in common.
             shard: name of the part of the evaluation that will be added, such as `1of4`; empty if it is the whole.
             worlds: paths and `module:attribute` of the user's own worlds, by what they are called in rows.
@@ -87,7 +100,7 @@ class Records:
             ValueError: if the folder holds an evaluation with other settings or worlds, or rows that this version
                 cannot read.
         """
-        self.folder, self._settings, self._shard = folder, settings, shard
+        self.folder, self._columns, self._settings, self._shard = folder, columns, settings, shard
         self._worlds: dict[str, Row] = {
             world: {"world": world, "source": source, "content": _fingerprint(source)}
             for world, source in (worlds or {}).items()
@@ -124,7 +137,7 @@ class Records:
         self._check_settings()  # another shard may have begun at the same time, with others
 
     def _read(self) -> None:
-        self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, COLUMNS)}
+        self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, self._columns)}
         failures = read_tables(self.folder, FAILURES, FAILURE_COLUMNS)
         self._failures = {key_of(row): row["reason"] for row in failures}
         self._known_worlds = {row["world"]: row for row in read_tables(self.folder, WORLDS, WORLD_COLUMNS)}
@@ -163,7 +176,7 @@ class Records:
         if own and self._known_worlds.get(row["world"]) != own:
             append_row(self._worlds_file, WORLD_COLUMNS, own)
             self._known_worlds[row["world"]] = own
-        append_row(self._rows_file, COLUMNS, row)
+        append_row(self._rows_file, self._columns, row)
         self._rows[key_of(row)] = row
 
     def add_failure(self, key: Key, reason: str) -> None:
@@ -191,9 +204,9 @@ class Records:
                 )
 
 
-def write_rows(path: Path, rows: Iterable[Row]) -> None:
+def write_rows(path: Path, columns: Iterable[str], rows: Iterable[Row]) -> None:
     """Write rows as one table."""
-    write_file(path, "".join(map(_line, (COLUMNS, *([row[name] for name in COLUMNS] for row in rows)))))
+    write_file(path, "".join(map(_line, (columns, *([row[name] for name in columns] for row in rows)))))
 
 
 def append_row(path: Path, columns: Readers, row: Row) -> None:

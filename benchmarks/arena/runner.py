@@ -1,21 +1,26 @@
-"""Run explorers in the same worlds with the same seeds."""
+"""Run policies in the same worlds with the same seeds."""
 
 import contextlib
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from agents.policies import Level
+from gymnasium import spaces
+
 from agents.run_folder import CheckpointError
-from baselines.episode import exploration_of
-from benchmarks.arena.policies import is_bound, parse_policy
+from baselines import policies_for
+from benchmarks.arena.ids import CHOOSE
+from benchmarks.arena.measures import Measures
+from benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from benchmarks.arena.recordings import recording_path
-from benchmarks.arena.records import Key, Records, Row
-from benchmarks.arena.settings import Case, Settings
+from benchmarks.arena.records import Key, Records, Row, columns_of
+from benchmarks.arena.settings import USUAL, Case, Settings
 from benchmarks.arena.trace import episode_name, trace_path
 from benchmarks.arena.workers import FAULTS, Result, Task, explain_fault, prepare, run_all, run_on_ray
+from envs.core import lidar_env_of
 from envs.files import Lock, write_file
 from envs.worlds import FAMILIES, WORLD_NAMES
 
@@ -84,14 +89,15 @@ class Evaluation:
         self.settings = settings
         self.folder = folder
         self._given = dict(given or {})
+        self._robots: dict[Case, str] = {}
+        classic = self._look_around()
         self.policies = {}
         for name in settings.all_policies:
             with _blaming(name):
-                self.policies[name] = parse_policy(name, self._given)
+                self.policies[name] = parse_policy(name, classic, self._given)
         names = [policy.name for policy in self.policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
-        self._robots = self._find_robots()
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
         # Pairs stay together, so that a part of an evaluation is a fair one.
@@ -101,8 +107,10 @@ class Evaluation:
         self._check_fit(list(tasks.values()))
         self._shard = shard
         cases = {task.case.world_name: task.case.world for task in tasks.values()}
-        own_worlds = {name: world for name, world in cases.items() if world not in {*WORLD_NAMES, *FAMILIES}}
-        self._records = Records(folder, {"time_limit": settings.time_limit}, shard.name, own_worlds)
+        own_worlds = {name: world for name, world in cases.items() if world not in {USUAL, *WORLD_NAMES, *FAMILIES}}
+        common = {"time_limit": settings.time_limit, "id": settings.id}
+        common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
+        self._records = Records(folder, self.columns, common, shard.name, own_worlds)
         self._missing = [task for task in own if self._find(task) is None]
         self.total = len(own)
         """Number of the episodes of this shard."""
@@ -198,9 +206,11 @@ class Evaluation:
         tasks: dict[Key, Task] = {}
         for case, seed, policies in starts:
             for policy in (self.policies[name] for name in policies):
-                key = Key(policy.name, case.world_name, seed, self._robots[case], case.physics, case.slam)
-                # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
-                run_case = replace(case, slam="truth") if is_bound(policy.name) else case
+                key = Key(policy.name, case.world_name, seed, self._robots[case], case.physics_name, case.slam_name)
+                run_case = replace(case, id=self._id_for(policy))
+                if is_bound(policy.name):
+                    # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
+                    run_case = replace(run_case, slam="truth")
                 # Where the usual robot is also named, it drives once.
                 tasks.setdefault(key, Task(key, policy, run_case, self.settings.time_limit, self._objects(run_case)))
         return list(tasks.values())
@@ -210,9 +220,9 @@ class Evaluation:
 
     def _check_fit(self, tasks: Sequence[Task]) -> None:
         """See that every policy gets along with one of its environments; in others, its episodes will say so."""
-        groups: dict[tuple[Case, Level, tuple[str, ...] | None], list[Task]] = {}
+        groups: dict[tuple[Any, ...], list[Task]] = {}
         for task in tasks:
-            groups.setdefault((task.case, task.policy.level, task.policy.observations), []).append(task)
+            groups.setdefault(task.conditions, []).append(task)
         pending = {task.policy.name for task in tasks}
         first: Exception | None = None
         for here in groups.values():
@@ -236,13 +246,47 @@ class Evaluation:
         """Return those of the given objects that the environment of a case is made of."""
         return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
 
-    def _find_robots(self) -> dict[Case, str]:
-        """Make the environment of every case, which refuses what it does not know; return the names of the robots."""
-        robots: dict[Case, str] = {}
-        for case, _, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
-            if case not in robots:
-                with _blaming(f"{case.slam} in {case.world_name}"):
-                    env = case.make_env(self.settings.time_limit, given=self._objects(case))
-                with contextlib.closing(env):
-                    robots[case] = exploration_of(env).robot.name
-        return robots
+    def _look_around(self) -> Makers:
+        """Make the environment of every case, which refuses what it does not know; return the policies that fit.
+
+        The task tells them, and its measures, once an episode has begun in one of the cases.
+        """
+        classic: Makers | None = None
+        first: Exception | None = None
+        for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
+            if case in self._robots:
+                continue
+            with _blaming(f"{case.slam} in {case.world_name}"):
+                env = case.make_env(self.settings.time_limit, given=self._objects(case))
+            with contextlib.closing(env):
+                inner = lidar_env_of(env)
+                self._robots[case] = inner.robot.name
+                self.measures = Measures.of(inner.task)
+                try:
+                    if classic is None:
+                        env.reset(seed=seed)
+                        classic = policies_for(env)
+                        self._chooses = isinstance(env.action_space, spaces.Discrete)
+                        self._explores = hasattr(inner.task, "coverage") and len(inner.robots) == 1
+                except FAULTS as error:  # of this world; its episodes will tell
+                    first = first or error
+        if classic is None:
+            assert first is not None
+            with _blaming(self.settings.id):
+                raise first
+        self.columns = columns_of(self.measures)
+        return classic
+
+    def _id_for(self, policy: Policy) -> str:
+        """Return the environment in which a policy acts: one that chooses frontiers explores by decisions.
+
+        Raises:
+            ValueError: it decides something else than the environment asks for.
+        """
+        id = self.settings.id
+        if policy.level is None or (policy.level == "decision") == self._chooses:
+            return id
+        if policy.level == "decision" and self._explores:
+            return CHOOSE
+        wanted = "frontiers" if self._chooses else "twists"
+        raise ValueError(f"{policy.name} decides by {policy.level}s, and {id} takes {wanted}")

@@ -1,8 +1,8 @@
 """What an evaluation consists of."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import product
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -11,64 +11,83 @@ import gymnasium
 import tyro
 from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 
-import envs  # noqa: F401  registers the environments
 from agents.config import Section
-from agents.policies import Level
+from benchmarks.arena.ids import EXPLORE, arguments_of
+from envs.observations import Observations
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
-"""Stands for the robot that a world is usually explored with."""
-IDS: dict[Level, str] = {"twist": "lidarnaut/Explore-v0", "decision": "lidarnaut/ExploreFrontiers-v0"}
-"""Environments by what policies decide in them."""
+"""Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
+ESTIMATORS = ("slam", "localizer")
+"""Arguments of environments that name what estimates poses; an environment has one of them, or neither."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
 """Words that stand for many worlds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """World, robot, physics and SLAM of an episode, as the environment takes them, or names of those that are given."""
+    """World, robot, physics and SLAM of an episode, as the environment takes them, or names of those that are given.
+
+    Each of them may be `usual`.
+    """
 
     world: str
     robot: str
-    """May be `usual`."""
     physics: str
     slam: str
+    """SLAM, or the localizer where the environment has one instead."""
     label: str = ""
     """What the world is called in tables and files; empty if that is `world`."""
+    id: str = EXPLORE
+    """Of the environment."""
+    arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Further arguments of the environment, the same for all cases of an evaluation."""
 
     @property
     def world_name(self) -> str:
         """What the world is called in tables and files."""
-        return self.label or self.world
+        return self.label or self._named("world", self.world)
+
+    @property
+    def physics_name(self) -> str:
+        """The physics."""
+        return self._named("physics", self.physics)
+
+    @property
+    def slam_name(self) -> str:
+        """The SLAM or localizer; empty where the environment has neither."""
+        return self._named(self._estimator, self.slam)
+
+    @property
+    def _estimator(self) -> str:
+        return next((name for name in ESTIMATORS if name in arguments_of(self.id)), "")
+
+    def _named(self, argument: str, value: str) -> str:
+        """Return a value of an argument, or for the usual one what that is."""
+        usual = {**arguments_of(self.id), **self.arguments}.get(argument, "")
+        return value if value != USUAL else str(getattr(usual, "name", usual))
 
     def make_env(
         self,
-        time_limit: float | None,
+        time_limit: float | None = None,
         render_mode: str | None = None,
-        level: Level = "twist",
         given: Mapping[str, Any] = MappingProxyType({}),
-        observations: tuple[str, ...] | None = None,
+        observations: Observations | None = None,
     ) -> gymnasium.Env[Any, Any]:
-        """Make the environment, in which policies decide at a level; procedural families draw from their test split.
+        """Make the environment; procedural families draw from their test split.
 
         `time_limit` is the length of an episode [s], None lets the environment choose it for the world. `given` holds
         worlds, robots and SLAMs of the user's own that names stand for. `observations` are the parts of the
         observation, None for the environment's own.
         """
-        parts: dict[str, Any] = {} if observations is None else {"observations": observations}
-        return gymnasium.make(
-            IDS[level],
-            world=given.get(self.world, self.world),
-            robot=None if self.robot == USUAL else given.get(self.robot, self.robot),
-            physics=self.physics,
-            slam=given.get(self.slam, self.slam),
-            time_limit=time_limit,
-            split="test",
-            render_mode=render_mode,
-            disable_env_checker=True,
-            **parts,
-        )
+        taken = arguments_of(self.id)
+        parts = {"world": self.world, "robot": self.robot, "physics": self.physics, self._estimator: self.slam}
+        own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
+        more = {"time_limit": time_limit, "observations": observations, "render_mode": render_mode}
+        own |= {name: value for name, value in more.items() if value is not None}
+        usual = {"split": "test"} if "split" in taken else {}
+        return gymnasium.make(self.id, **{**usual, **self.arguments, **own}, disable_env_checker=True)
 
 
 def parse_world(name: str) -> tuple[str, str]:
@@ -86,12 +105,6 @@ def parse_world(name: str) -> tuple[str, str]:
             "those of the library or of a procedural family"
         )
     return label, world
-
-
-def _cases(worlds: Iterable[str], *conditions: Iterable[str]) -> Iterator[Case]:
-    for name, robot, physics, slam in product(worlds, *conditions):
-        label, world = parse_world(name)
-        yield Case(world, robot, physics, slam, label if label != world else "")
 
 
 Episodes = Annotated[int, Field(ge=1, le=100_000)]
@@ -113,11 +126,17 @@ class Settings(Section):
     """What an evaluation consists of. Robots, physics and SLAM are axes: every combination is run in every world."""
 
     policies: tuple[str, ...] = Field(min_length=1)
-    """Classic explorers by name, learned ones as `ppo:PATH` of a run folder, explorers and policies of your own as
-    `module:attribute`; a name for tables goes before, as `LABEL=ppo:PATH`."""
-    worlds: tuple[str, ...] = Field(min_length=1)
+    """Classic policies that can do the task by name, learned ones as `ppo:PATH` of a run folder, explorers and policies
+    of your own as `module:attribute`; a name for tables goes before, as `LABEL=ppo:PATH`."""
+    id: str = EXPLORE
+    """Environment: an id of the package, or `module:id` of your own."""
+    arguments: tyro.conf.Suppress[dict[str, Any]] = Field(default_factory=dict)
+    """Further arguments of the environment, as `gymnasium.make` takes them; on the command line one by one, as
+    `--arguments.goal_tolerance 0.2`."""
+    worlds: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Library worlds, procedural families (their test split), paths of world files or of ROS maps, `module:attribute`;
-    `library` and `families` stand for all of them. A name for tables goes before the latter two, as `LABEL=PATH`."""
+    `library` and `families` stand for all of them,
+    `usual` for the environment's own. A name for tables goes before the latter two, as `LABEL=PATH`."""
     episodes: Episodes = 10
     """Episodes of each policy in each world."""
     family_episodes: Episodes | None = None
@@ -126,10 +145,11 @@ class Settings(Section):
     """Seed of the first episode, the next ones count up: same world, start and noise for every policy."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
     """Robots by name, path or `module:attribute`; `usual` takes each world's own."""
-    physics: tuple[str, ...] = Field(default=("bullet",), min_length=1)
-    """`bullet`, `kinematic`."""
-    slam: tuple[str, ...] = Field(default=(DEFAULT_SLAM,), min_length=1)
-    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`."""
+    physics: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
+    """`bullet`, `kinematic`; `usual` takes the environment's own."""
+    slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
+    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`; of an environment with a
+    localizer, `amcl`, `odometry` or `truth`."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True
@@ -163,14 +183,19 @@ class Settings(Section):
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield every case and seed, and the policies that start there."""
-        for case in _cases(self.worlds, self.robots, self.physics, self.slam):
-            episodes = (case.world in FAMILIES and self.family_episodes) or self.episodes
+        for case in self._cases(self.worlds, self.robots, self.physics, self.slam):
+            episodes = (case.world_name in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
+
+    def _cases(self, worlds: tuple[str, ...], *conditions: tuple[str, ...]) -> Iterator[Case]:
+        for name, robot, physics, slam in product(worlds, *conditions):
+            label, world = parse_world(name)
+            yield Case(world, robot, physics, slam, label if label != world else "", self.id, self.arguments)
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the same for the SLAM axis; those of the evaluation may be among them."""
         axis = self.slam_axis
-        for case in _cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
+        for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
             for seed in range(self.seed, self.seed + axis.episodes):
                 yield case, seed, axis.policies

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.arena.measures import BY_NAME, MEASURES, Measure
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.pairs import (
     bound_of,
     from_shared_starts,
@@ -16,23 +16,22 @@ from benchmarks.arena.pairs import (
 from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, gap_closed
+from envs.measures import Measure
 
 Summary = dict[str, dict[str, dict[str, Estimate]]]
 """Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
 JSON = ("iqm", "low", "high", "n", "never")
 """Fields of an estimate that `summary.json` holds."""
-PRIMARY = BY_NAME["area_under_curve"]
-"""What the explorers are ranked by: it has no threshold, and every episode has one."""
-GAPS = tuple(BY_NAME[name] for name in ("area_under_curve", "relative_time", "relative_distance"))
-"""Measures in which the gap between the reference and the bound is closed, more or less."""
 
 
-def summarise(rows: Sequence[Row]) -> Summary:
+def summarise(rows: Sequence[Row], measures: Measures) -> Summary:
     """Estimate every measure for every policy in every case."""
     summary: Summary = {}
     for label, here in split(rows).items():
         for policy in policies_of(here):
-            summary.setdefault(policy, {})[label] = {measure.name: pool(here, policy, measure) for measure in MEASURES}
+            summary.setdefault(policy, {})[label] = {
+                measure.name: pool(here, policy, measure) for measure in measures.all
+            }
     return summary
 
 
@@ -65,32 +64,30 @@ def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
     return winners if len(winners) < len(shown) else set()
 
 
-def rank(rows: Sequence[Row]) -> list[str]:
-    """Return the policies, best first by `PRIMARY`, and bounds, which do not compete, at the end."""
-    areas = {policy: pool(rows, policy, PRIMARY).iqm for policy in policies_of(rows)}
-    return sorted(areas, key=lambda policy: (is_bound(policy), -areas[policy]))
+def standing(rows: Sequence[Row], measure: Measure) -> dict[str, Estimate]:
+    """Return a measure of the policies, best first, and bounds, which do not compete, at the end.
 
-
-def by_relative_time(rows: Sequence[Row]) -> dict[str, Estimate]:
-    """Return the time to 95 % of the competitors, as a share of the reference's from the same start; fastest first.
-
-    Args:
-        rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
+    A lower bound comes after the same number reached; policies without that measure are left out.
     """
-    relative = BY_NAME["relative_time"]
-    known = policies_of(row for row in rows if relative.column in row and not is_bound(row["policy"]))
-    times = {policy: pool(rows, policy, relative) for policy in known}
-    return dict(sorted(times.items(), key=lambda item: (item[1].iqm, item[1].is_bound[0])))
+    found = {policy: pool(rows, policy, measure) for policy in policies_of(row for row in rows if measure.name in row)}
+    sign = -1.0 if measure.higher_is_better else 1.0
+    return dict(sorted(found.items(), key=lambda item: (is_bound(item[0]), sign * item[1].iqm, item[1].is_bound[0])))
 
 
-def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
-    """Return which share of the gap from the reference to the bound a policy closes, by the names of `GAPS`.
+def competitors(rows: Sequence[Row], measure: Measure) -> dict[str, Estimate]:
+    """Return a measure of the policies that compete, best first."""
+    return {policy: value for policy, value in standing(rows, measure).items() if not is_bound(policy)}
+
+
+def gaps(rows: Sequence[Row], policy: str, measures: Measures) -> dict[str, Estimate]:
+    """Return which share of the gap from the reference to the bound a policy closes, by the names of `Measures.gaps`.
 
     Only starts count from which all three have an episode. Empty where one of them takes no part, or is the policy.
 
     Args:
-        rows: episodes with `RELATIVE` (`benchmarks.arena.pairs.relate`).
+        rows: related episodes (`benchmarks.arena.pairs.relate`).
         policy: name of the policy.
+        measures: of the task.
     """
     policies = policies_of(rows)
     reference, bound = reference_of(policies), bound_of(policies)
@@ -98,7 +95,7 @@ def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
         return {}
     shared = from_shared_starts(rows, (policy, reference, bound))
     found = {}
-    for measure in GAPS if shared else ():
+    for measure in measures.gaps if shared else ():
         sign = 1.0 if measure.higher_is_better else -1.0
         pairs = (zip(*paired_values(shared, name, reference, measure), strict=True) for name in (policy, bound))
         gains, bounds = ([sign * (ours - theirs) for ours, theirs in one] for one in pairs)
@@ -106,7 +103,7 @@ def gaps(rows: Sequence[Row], policy: str) -> dict[str, Estimate]:
     return found
 
 
-def typical_and_worst(rows: Sequence[Row], policy: str) -> tuple[Row, Row]:
-    """Return a policy's median episode and its worst one, by `PRIMARY`."""
-    mine = sorted((row for row in rows if row["policy"] == policy), key=lambda row: row[PRIMARY.column])
-    return mine[len(mine) // 2], mine[0]
+def typical_and_worst(rows: Sequence[Row], policy: str, measure: Measure) -> tuple[Row, Row]:
+    """Return a policy's median episode and its worst one, by a measure."""
+    mine = sorted((row for row in rows if row["policy"] == policy), key=lambda row: row[measure.name])
+    return mine[len(mine) // 2], mine[0 if measure.higher_is_better else -1]

@@ -5,14 +5,25 @@ import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.episode import Curve
+from baselines.episode import Episode
 from benchmarks.arena.records import Row
 from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
+
+
+class Curve(NamedTuple):
+    """The course of an episode, shape (n,), float64: one sample at the reset and one after every step."""
+
+    time: np.ndarray
+    """Since the reset [s]."""
+    path_length: np.ndarray
+    """True distance driven, by all robots [m]."""
+    progress: np.ndarray
+    """How much of the task is done, from 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,26 +31,32 @@ class Trace:
     """The course of an episode. Trail and map are in the map frame, walls and the start in the world frame."""
 
     curve: Curve
-    """The explored fraction over time and distance, n samples."""
+    """Progress over time and distance, n samples."""
     trail: np.ndarray
-    """Shape (n, 2), float32, estimated positions of the robot at the samples [m]."""
+    """Shape (n, 2), float32, estimated positions of the (first) robot at the samples [m]."""
     grid: OccupancyGrid
     """The final map, cut to what is known."""
     known_since: np.ndarray
     """Shape of the map, float32, time at which a cell became known [s]; infinite where it did not."""
     start: Pose2D
-    """True pose at the reset: where the map frame lies."""
+    """Pose of the map frame; in explorations the true one of the robot at the reset."""
     segments: np.ndarray
     """Shape (k, 4), float32, true walls as (x0, y0, x1, y1) [m]."""
     circles: np.ndarray
     """Shape (m, 3), float32, true static cylinders as (x, y, radius) [m]."""
 
+    @property
+    def has_grown(self) -> bool:
+        """Whether cells became known after the start: the map was made meanwhile."""
+        known = self.known_since[np.isfinite(self.known_since)]
+        return bool(known.size and known.max() > known.min())
+
     def to_bytes(self) -> bytes:
         """Return the trace as a compressed NumPy archive."""
-        curve, archive = self.curve, io.BytesIO()
+        archive = io.BytesIO()
         np.savez_compressed(
             archive,
-            curve=np.stack([curve.time, curve.path_length, curve.explored_fraction]).astype(np.float32),
+            curve=np.stack(self.curve).astype(np.float32),
             trail=self.trail,
             map=self.grid.data,
             resolution=self.grid.resolution,
@@ -76,15 +93,17 @@ class Recorder:
         belief = self._env.belief
         self._trail.append((belief.pose.x, belief.pose.y))
         self._fit(belief.grid)
-        if "decision_steps" in info:  # the belief's new cells are those of the decision's last step
+        # The belief's new cells are those of the decision's last step, or of one robot; a known map has none.
+        if len(self._trail) == 1 or "decision_steps" in info or len(self._env.robots) > 1:
             rows, cols = np.nonzero((belief.grid.data >= 0) & np.isinf(self._known_since))
         else:
             rows, cols = belief.update.new_cells.T
         self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
 
-    def trace(self, curve: Curve) -> Trace:
-        """Return the course of the episode that has ended with `curve`."""
-        env = self._env
+    def trace(self, episode: Episode) -> Trace:
+        """Return the course of the episode that has ended."""
+        env, course = self._env, episode.course
+        curve = Curve(course.of("time"), course.of("path_length"), course.samples[env.task.progress])
         known = env.belief.grid.data >= 0
         rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
         cut = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]

@@ -1,10 +1,11 @@
-"""Episodes that did not explore everything or could not be run, and why, as far as the data tell."""
+"""Episodes that did not do all of their task or could not be run, and why, as far as the data tell."""
 
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import policies_of, split
 from benchmarks.arena.records import Row
@@ -23,37 +24,45 @@ REASONS = {
     "stuck": "could not move any more",
 }
 """What end reasons mean."""
+COVERING = f"Every episode that explored less than {100 * MARKS[1]:.0f} %", "Every episode explored 99 % or more."
+FAILING = "Every episode without success", "Every episode succeeded."
+"""What is listed, and what is said where there is nothing to list."""
+DRIFTED = f"A map counts as drifted where the root mean square position error exceeds {DRIFT:.1f} m."
 HEAD = ("world", "episodes", "below 95 %", "below 99 %", "least explored %", "left on average m²", "why it ended")
 
 
 def explain(row: Row) -> str:
-    """Say in a few words why an episode ended before everything was explored."""
+    """Say in a few words why an episode ended before its task was done."""
     reason = REASONS.get(row["end_reason"], row["end_reason"].replace("_", " "))
     return f"{reason}, and the map had drifted" if row["position_rmse"] > DRIFT else reason
 
 
-def unfinished_section(rows: Sequence[Row]) -> Section:
-    """Return which episodes did not get to the marks, where, and why."""
-    parts: list[str | Table] = [
-        f"Every episode that explored less than {100 * MARKS[1]:.0f} %, by explorer and world. A map counts as drifted "
-        f"where the root mean square position error exceeds {DRIFT:.1f} m."
-    ]
+def unfinished_section(rows: Sequence[Row], measures: Measures) -> Section:
+    """Return which episodes did not get to the marks, where, and why; of tasks without coverage, which ones failed."""
+    is_covering = "area_left" in {measure.name for measure in measures.own}
+    parts: list[str | Table] = [f"{(COVERING if is_covering else FAILING)[0]}, by policy and world. {DRIFTED}"]
     for policy in policies_of(rows):
         mine = [row for row in rows if row["policy"] == policy]
         lines = []
         for case, here in split(mine).items():
-            if left := [row for row in here if row["explored_fraction"] < MARKS[1]]:
-                least = 100 * min(row["explored_fraction"] for row in left)
-                area = np.mean([row["area_left"] for row in left])
+            if left := [
+                row for row in here if (row["explored_fraction"] < MARKS[1] if is_covering else not row["success"])
+            ]:
                 why = "; ".join(f"{reason} ({count})" for reason, count in Counter(map(explain, left)).most_common())
-                line = (case, str(len(here)), *map(str, _below(here)), f"{least:.1f}", f"{area:.1f}", why)
+                line = [case, str(len(here)), str(len(left)), why]
+                if is_covering:
+                    least = 100 * min(row["explored_fraction"] for row in left)
+                    area = np.mean([row["area_left"] for row in left])
+                    line[2:3] = [*map(str, _below(here)), f"{least:.1f}", f"{area:.1f}"]
                 lines.append([Cell(text) for text in line])
         if lines:
-            done, finished = _below(mine)
-            title = f"{short(policy)}: of {len(mine)} episodes {done} below 95 %, {finished} below 99 %"
-            parts.append(Table(HEAD, lines, words=(6,), title=title))
+            counts = "{} below 95 %, {} below 99 %".format(*_below(mine)) if is_covering else ""
+            counts = counts or f"{sum(not row['success'] for row in mine)} failed"
+            head = HEAD if is_covering else ("world", "episodes", "failed", "why they ended")
+            title = f"{short(policy)}: of {len(mine)} episodes {counts}"
+            parts.append(Table(head, lines, words=(len(head) - 1,), title=title))
     if len(parts) == 1:
-        parts = ["Every episode explored 99 % or more."]
+        parts = [(COVERING if is_covering else FAILING)[1]]
     return Section("Not finished", tuple(parts))
 
 
@@ -87,5 +96,5 @@ def missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> 
     untried = sum(one.reason == NOT_RUN for one in missing)
     text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
     text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
-    table = Table(("world and robot", "episodes", "explorers", "why"), lines, words=(2, 3))
+    table = Table(("world and robot", "episodes", "policies", "why"), lines, words=(2, 3))
     return Section("Not run", (text, table) if lines else (text,))

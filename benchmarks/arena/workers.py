@@ -14,15 +14,16 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agents.policies import Level
 from agents.run_folder import CheckpointError
-from baselines.episode import begin_episode, decide_with, exploration_of, run, run_episode
-from baselines.explorer import Explorer, ObservationPolicy
+from baselines.episode import begin_episode, decide_with, run, run_episode
+from baselines.explorer import Policy as Driver
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.policies import Policy
 from benchmarks.arena.recordings import describe
-from benchmarks.arena.records import Key, Row, make_row
+from benchmarks.arena.records import Key, Row, columns_of, make_row
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
+from envs.core import lidar_env_of
 from envs.player import EpisodeRecorder
 from envs.processes import interrupts_held, start_worker, stop_workers
 from envs.wrappers import BagRecorder
@@ -60,10 +61,12 @@ class Task:
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Make the environment."""
-        policy = self.policy
-        return self.case.make_env(
-            self.time_limit, level=policy.level, given=self.given, observations=policy.observations
-        )
+        return self.case.make_env(self.time_limit, given=self.given, observations=self.policy.observations)
+
+    @property
+    def conditions(self) -> tuple[Any, ...]:
+        """What decides which environment it is."""
+        return self.case, self.time_limit, repr(self.policy.observations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,17 +146,17 @@ def run_on_ray(tasks: list[Task], address: str) -> Iterator[Result]:
 
 
 def run_in_worker(task: Task) -> Result:
-    """Run a task in a process that keeps its environment and explorers for the next one."""
+    """Run a task in a process that keeps its environment and policies for the next one."""
     return _worker.run(task)
 
 
 class _Worker:
-    """Keeps one environment and the explorers between the episodes of a process."""
+    """Keeps one environment and the policies between the episodes of a process."""
 
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
-        self._env_key: tuple[Case, float | None, Level, tuple[str, ...] | None] | None = None
-        self._explorers: dict[str, Explorer | ObservationPolicy] = {}
+        self._conditions: tuple[Any, ...] | None = None
+        self._policies: dict[str, Driver] = {}
 
     def run(self, task: Task) -> Result:
         """Run an episode. What goes wrong in it is its own result: the others go on."""
@@ -165,22 +168,22 @@ class _Worker:
             return Result(task.key, reason=explain_fault(error))
 
     def _run(self, task: Task) -> Result:
-        env_key = (task.case, task.time_limit, task.policy.level, task.policy.observations)
-        if self._env is None or env_key != self._env_key:
+        if self._env is None or task.conditions != self._conditions:
             self.close()
-            self._env, self._env_key = task.make_env(), env_key
-        env = self._env
-        explorer = self._explorers.get(task.policy.name)
-        if explorer is None:
-            explorer = task.policy.make(env.action_space)
-            prepare(env, explorer, task.key.seed, WARM_UP_STEPS)
-            self._explorers[task.policy.name] = explorer
-        recorder = Recorder(exploration_of(env))
-        film = EpisodeRecorder(env, explorer) if task.has_recording else None
+            self._env, self._conditions = task.make_env(), task.conditions
+        env, policy = self._env, self._policies.get(task.policy.name)
+        if policy is None:
+            policy = task.policy.make(env.action_space)
+            prepare(env, policy, task.key.seed, WARM_UP_STEPS)
+            self._policies[task.policy.name] = policy
+        inner = lidar_env_of(env)
+        recorder, measures = Recorder(inner), Measures.of(inner.task)
+        film = EpisodeRecorder(env, policy) if task.has_recording else None
         with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext(), film or contextlib.nullcontext():
-            episode = run_episode(env, explorer, task.key.seed, recorder.watch)
-        trace, row = recorder.trace(episode.curve).to_bytes(), make_row(task.policy, task.key, episode)
-        return Result(task.key, row, trace, film.recording(describe(row)).to_bytes() if film else b"")
+            episode = run_episode(env, policy, task.key.seed, recorder.watch)
+        row = make_row(task.policy, task.key, episode, columns_of(measures))
+        recording = film.recording(describe(row, measures)).to_bytes() if film else b""
+        return Result(task.key, row, recorder.trace(episode).to_bytes(), recording)
 
     def close(self) -> None:
         """Close the environment."""
@@ -189,10 +192,10 @@ class _Worker:
             self._env = None
 
 
-def prepare(env: gymnasium.Env[Any, Any], explorer: Explorer | ObservationPolicy, seed: int, steps: int = 0) -> None:
-    """Let an explorer get ready for an environment, and drive it for a few steps that are not measured."""
-    observation, info = begin_episode(env, explorer, seed, np.random.default_rng(seed))
-    run(env, decide_with(explorer, exploration_of(env)), observation, info, max_steps=steps)
+def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
+    """Let a policy get ready for an environment, and drive it for a few steps that are not measured."""
+    observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
+    run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
 _worker = _Worker()

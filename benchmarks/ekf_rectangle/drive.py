@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 import envs  # noqa: F401  (registers the environments)
-from baselines.explorer import to_action
+from baselines.episode import begin_episode, decide_with
 from baselines.route_follower import RouteFollower
 from benchmarks.parallel import run_each
 from envs.core import LidarEnv, lidar_env_of
@@ -89,14 +89,12 @@ def make_started_filter(env: LidarEnv) -> Ekf:
 
 def follow_route(env: LidarEnv, seed: int) -> Iterator[dict[str, Any]]:
     """Drive a route to its end by the fused pose; yield `info` after each control period. Closes the environment."""
-    env.reset(seed=seed)
     follower = RouteFollower()
-    follower.reset(env.robot, env.control_period, env.task.route)
-    ended = False
+    observation, _ = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
+    decide, ended = decide_with(follower, env), False
     try:
         while not ended:
-            twist = follower.act(env.reading, env.belief.pose)
-            _, _, terminated, truncated, info = env.step(to_action(twist, env.robot))
+            observation, _, terminated, truncated, info = env.step(decide(observation))
             ended = terminated or truncated
             yield info
     finally:

@@ -49,11 +49,21 @@ class Episode {
     this.mapSample = -1; // the sample that `kinds` shows
     this.worldPoses = new Float32Array(3 * this.count);
     this.errors = new Float32Array(this.count);
+    this.worldRoute = [];
+    for (let k = 0; k < this.route.length; k += 2) {
+      this.worldRoute.push(compose(about.start, this.route[k], this.route[k + 1]));
+    }
     for (let i = 0; i < this.count; i++) {
       const pose = compose(about.start, ...this.poses.subarray(3 * i, 3 * i + 3));
       this.worldPoses.set(pose, 3 * i);
       this.errors[i] = Math.hypot(pose[0] - this.true_poses[3 * i], pose[1] - this.true_poses[3 * i + 1]);
     }
+  }
+
+  /** Return where to go at a sample, in the world frame; null in tasks without a goal. */
+  goal(i) {
+    const [x, y] = this.goals.subarray(2 * i, 2 * i + 2);
+    return Number.isNaN(x) ? null : compose(this.about.start, x, y).slice(0, 2);
   }
 
   /** Return the last sample at or before a time [s]. */

@@ -73,8 +73,19 @@ class Panels {
       const x = 2 * (sample * episode.mover_radii.length + k);
       view.disc(context, episode.movers[x], episode.movers[x + 1], episode.mover_radii[k], colors.mover, 3);
     }
+    this.drawTask(context, sample);
     view.path(context, episode.true_poses, sample, pose, colors.true, 2);
     view.robot(context, pose, episode.about.radius, colors.true, colors.paper);
+  }
+
+  /** Draw the route and the goal, where the task has them. */
+  drawTask(context, sample) {
+    const { colors, view, episode } = this, goal = episode.goal(sample);
+    view.line(context, episode.worldRoute, colors.goal, 2);
+    if (!goal) return;
+    view.disc(context, ...goal, 0, colors.goal, 8);
+    view.disc(context, ...goal, 0, colors.paper, 5);
+    view.disc(context, ...goal, 0, colors.goal, 2.5);
   }
 
   /** Draw the area that the last scan saw, from the pose at which it was taken. */
@@ -105,6 +116,7 @@ class Panels {
     context.fillStyle = colors.unknown;
     context.fillRect(0, 0, this.width, this.height);
     view.raster(context, image, episode.about.start, episode.about.map);
+    this.drawTask(context, sample);
     view.path(context, episode.worldPoses, sample, pose, colors.estimated, 2);
     view.line(context, episode.plan(sample), colors.plan, 2.5, [6, 4]);
     this.drawCandidates(context);

@@ -2,9 +2,11 @@
 
 const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
 const PLAY_TIME = 45; // the first choice of the speed plays the whole in about this time [s]
+const hasCandidates = (episode) => episode.decision_times.length;
 const LEGEND = [
+  ["goal", "goal", "dot", (episode) => episode.goal(0)], ["route", "goal", "", (episode) => episode.worldRoute.length],
   ["true path", "true"], ["scan", "lidar", "dot"], ["estimated path", "estimated"], ["frontier", "frontier"],
-  ["candidate", "frontier", "dot"], ["plan", "plan"], ["chosen candidate", "plan", "dot"],
+  ["candidate", "frontier", "dot", hasCandidates], ["plan", "plan"], ["chosen candidate", "plan", "dot", hasCandidates],
 ];
 
 /** Return a new element with attributes, and texts or elements in it. */
@@ -14,6 +16,7 @@ function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+const capitalised = (text) => text[0].toUpperCase() + text.slice(1);
 const byId = (id) => document.getElementById(id);
 
 /** One episode: heading, figures of the moment, two panels. */
@@ -33,7 +36,7 @@ class Row {
       element("figure", {}, truth, element("figcaption", {}, "Ground truth")),
       element("figure", {}, map, tip, element("figcaption", {}, "Map and estimates")),
     ];
-    this.now = ["explored", "pose error", "path", "contacts"].map((title) => [title, element("b")]);
+    this.now = [about.progress, "pose error", "path", "contacts"].map((title) => [title, element("b")]);
     this.decision = element("p", { className: "decision" });
     const facts = [about.world, about.robot, about.seed === undefined ? "" : `seed ${about.seed}`].filter(Boolean);
     this.element = element(
@@ -56,7 +59,7 @@ class Row {
   draw(time, shown) {
     const { episode } = this, i = episode.sampleAt(time);
     const texts = [
-      `${(100 * episode.explored[i]).toFixed(1)} %`,
+      `${(100 * episode.progress[i]).toFixed(1)} %`,
       `${(100 * episode.errors[i]).toFixed(1)} cm`,
       `${episode.path_length[i].toFixed(1)} m`,
       String(episode.contacts[i]),
@@ -74,7 +77,7 @@ class Row {
   /** Say what was decided last. */
   decided(time) {
     const { episode } = this, k = episode.decisionAt(time), candidates = episode.candidatesOf(k);
-    if (k < 0) return episode.decision_times.length ? "" : "This explorer shows no candidates.";
+    if (k < 0) return episode.decision_times.length ? "" : "This policy shows no candidates.";
     const chosen = candidates.findIndex((one) => one.isChosen);
     const when = `Decision ${k + 1} of ${episode.decision_times.length}, ${clockText(episode.decision_times[k])}`;
     if (chosen < 0) return `${when}: none of ${candidates.length} candidates`;
@@ -91,16 +94,17 @@ class Player {
     this.rows = episodes.map((episode, k) => new Row(episode, k));
     byId("episodes").append(...this.rows.map((row) => row.element));
     byId("episodes").className = episodes.length > 1 ? "two" : "";
-    for (const [text, color, kind] of LEGEND) {
+    for (const [text, color, kind, isShown] of LEGEND) {
+      if (isShown && !episodes.some(isShown)) continue;
       const mark = element("span");
       mark.style.background = `var(--${color})`;
       byId("legend").append(element("li", { className: kind || "" }, mark, text));
     }
-    const seek = (time) => this.seek(time);
-    const percent = (episode) => episode.explored.map((value) => 100 * value);
+    const seek = (time) => this.seek(time), title = capitalised(episodes[0].about.progress);
+    const percent = (episode) => episode.progress.map((value) => 100 * value);
     const centimetres = (episode) => episode.errors.map((value) => 100 * value);
     this.plots = [
-      new Plot(byId("plot-explored"), "Explored [%]", episodes, percent, this.end, seek),
+      new Plot(byId("plot-progress"), `${title} [%]`, episodes, percent, this.end, seek),
       new Plot(byId("plot-error"), "Position error [cm]", episodes, centimetres, this.end, seek),
     ];
     this.fillFigures(episodes);

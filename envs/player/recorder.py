@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.core import LidarEnv
-from envs.navigation import Candidates, FrontierNavigator
+from envs.core import lidar_env_of
+from envs.navigation import NO_POINTS, Candidates, FrontierNavigator
 from envs.simulation import Twist
 
 from .map_history import MapHistory, ends_of
@@ -19,12 +19,14 @@ PERIOD = 0.5
 """Time between two samples [s]."""
 MAX_BEAMS = 90
 """Beams of a scan that are kept at most."""
+NOWHERE = (math.nan, math.nan)
+"""The goal of tasks that have none."""
 PLAN_TOLERANCE = 0.03
 """How far the corners that are kept may lead off a planned path [m]."""
 
 
 class EpisodeRecorder:
-    """Records one episode of an exploration by one robot, from its reset on.
+    """Records one episode, from its reset on; of a team the first robot, and the others as bodies that move.
 
     A context manager: within it, the environment's `on_period` also records. It watches, and changes nothing.
     """
@@ -33,17 +35,15 @@ class EpisodeRecorder:
         """Prepare to record; the next reset must follow.
 
         Args:
-            env: an `ExploreEnv` or `ExploreFrontiersEnv`, wrapped or not.
+            env: any environment of this package or of a task of your own, wrapped or not.
             explorer: what drives. Candidates are recorded of explorers whose `navigator` is a `FrontierNavigator`, and
                 scores where `scores` has them (`baselines.frontier.explorer.RuleExplorer`).
             period: time between two samples [s].
 
         Raises:
-            ValueError: the environment is another one, or has several robots.
+            TypeError: the environment is another one.
         """
-        inner = getattr(env.unwrapped, "explore", env.unwrapped)
-        if not isinstance(inner, LidarEnv) or len(inner.robots) > 1:
-            raise ValueError(f"only explorations by one robot can be recorded for the player, got {env.unwrapped}")
+        inner = lidar_env_of(env)
         self._env, self._explorer, self._period = inner, explorer, period
         self._chooser = next((one for one in (env.unwrapped, explorer) if hasattr(one, "navigator")), None)
         angles = inner.robot.lidar.angles
@@ -76,6 +76,7 @@ class EpisodeRecorder:
         self._scans: list[np.ndarray] = []
         self._plans: list[np.ndarray] = []
         self._movers: list[list[float]] = []
+        self._goals: list[tuple[float, float]] = []
         self._map = MapHistory(self._env.belief.grid)
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         # Those of an episode before are not told from new ones otherwise.
@@ -103,13 +104,16 @@ class EpisodeRecorder:
     def _sample(self) -> None:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
-        counts = env.task.coverage.explored_fraction, truth.path_length, robot.collisions
+        counts = float(env.task.metrics()[env.task.progress]), truth.path_length, robot.collisions
         self._samples.append((env.time, *truth.state.pose, *pose, *counts))
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
         steps = np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)
         self._scans.append(np.rint(steps).astype(np.uint8))
         self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
-        self._movers.append([x for mover in env.world.movers for x in mover.position(env.time)])
+        positions = [mover.position(env.time) for mover in env.world.movers]
+        positions += [peer.state.pose[:2] for peer in env.truths[1:]]
+        self._movers.append([x for position in positions for x in position])
+        self._goals.append(tuple(getattr(env.task, "goal", NOWHERE)[:2]))
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
@@ -121,7 +125,10 @@ class EpisodeRecorder:
         env = self._env
         if env.time > self._samples[-1][0]:
             self._sample()
-        lidar, area = env.robot.lidar, env.task.coverage.area
+        lidar, area = env.robot.lidar, getattr(env.task, "area", None)
+        floor = np.zeros((1, 1)) if area is None else area.explorable
+        frame = (1.0, (0.0, 0.0)) if area is None else (area.walls.resolution, tuple(map(float, area.walls.origin)))
+        radii = [mover.radius for mover in env.world.movers] + [env.robot.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
             "explorer": type(self._explorer).__name__ if self._explorer is not None else "",
@@ -134,9 +141,10 @@ class EpisodeRecorder:
                 "angles": np.round(lidar.angles[self._beams], 6).tolist(),
                 "is_full_turn": lidar.fov > 2 * math.pi - 1e-6,
             },
+            "progress": env.task.progress.replace("_", " "),
             "start": list(env.map_pose),
             "map": {"shape": map_shape, "resolution": env.belief.grid.resolution, "origin": map_origin},
-            "floor": {"resolution": area.walls.resolution, "origin": list(map(float, area.walls.origin))},
+            "floor": {"resolution": frame[0], "origin": list(frame[1])},
             "figures": {},
         }
         samples = np.array(self._samples)
@@ -147,7 +155,8 @@ class EpisodeRecorder:
             time=samples[:, 0].astype(np.float32),
             true_poses=samples[:, 1:4].astype(np.float32),
             poses=samples[:, 4:7].astype(np.float32),
-            explored=samples[:, 7].astype(np.float32),
+            goals=np.array(self._goals, dtype=np.float32),
+            progress=samples[:, 7].astype(np.float32),
             path_length=samples[:, 8].astype(np.float32),
             contacts=samples[:, 9].astype(np.int32),
             scans=np.stack(self._scans),
@@ -162,9 +171,10 @@ class EpisodeRecorder:
             candidate_ends=ends_of(rows),
             segments=world.segments.astype(np.float32).reshape(-1, 4),
             circles=world.circles.astype(np.float32).reshape(-1, 3),
-            mover_radii=np.array([mover.radius for mover in world.movers], dtype=np.float32),
+            route=np.array(getattr(getattr(env.task, "route", None), "points", NO_POINTS), dtype=np.float32),
+            mover_radii=np.array(radii, dtype=np.float32),
             movers=np.array(self._movers, dtype=np.float32).reshape(len(samples), -1),
-            floor=area.explorable.astype(np.uint8),
+            floor=floor.astype(np.uint8),
         )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from envs.files import open_archive
 
-FORMAT = 1
+FORMAT = 2
 """Number of this layout."""
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """Kinds of map cells."""
@@ -27,7 +27,8 @@ _LAYOUT: Mapping[str, tuple[type, int]] = {
     "time": (np.float32, 1),
     "true_poses": (np.float32, 2),
     "poses": (np.float32, 2),
-    "explored": (np.float32, 1),
+    "goals": (np.float32, 2),
+    "progress": (np.float32, 1),
     "path_length": (np.float32, 1),
     "contacts": (np.int32, 1),
     "scans": (np.uint8, 2),
@@ -42,15 +43,17 @@ _LAYOUT: Mapping[str, tuple[type, int]] = {
     "candidate_ends": (np.int32, 1),
     "segments": (np.float32, 2),
     "circles": (np.float32, 2),
+    "route": (np.float32, 2),
     "mover_radii": (np.float32, 1),
     "movers": (np.float32, 2),
     "floor": (np.uint8, 2),
 }
 """Type and dimensions of every array."""
-_WIDTHS = {"true_poses": 3, "poses": 3, "plans": 2, "candidates": len(CANDIDATE_COLUMNS), "segments": 4, "circles": 3}
+_WIDTHS = {"true_poses": 3, "poses": 3, "goals": 2, "plans": 2, "route": 2, "segments": 4, "circles": 3}
+_WIDTHS["candidates"] = len(CANDIDATE_COLUMNS)
 _RAGGED = {"map_ends": "map_cells", "plan_ends": "plans", "candidate_ends": "candidates"}
 """Ends of what belongs to each sample, or decision, and the array that they count in."""
-_SAMPLED = ("true_poses", "poses", "explored", "path_length", "contacts", "scans", "map_ends", "plan_ends", "movers")
+_SAMPLED = ("true_poses", "poses", "goals", "progress", "path_length", "contacts", "scans", "map_ends", "plan_ends")
 _DECIDED = ("decision_chosen", "candidate_ends")
 
 
@@ -59,7 +62,8 @@ class Recording:
     """The course of an episode, n samples of one robot and m decisions. Frames and units are in each field."""
 
     about: dict[str, Any]
-    """What is said once, as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `radius` [m]; `lidar` with
+    """What is said once, as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; what `progress` is called;
+    `radius` [m]; `lidar` with
     `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, the pose of the map frame in the
     world frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` [m] in the map frame; `floor` with
     `resolution` and `origin` in the world frame; `figures`, final measures as texts by their names."""
@@ -69,8 +73,10 @@ class Recording:
     """Shape (n, 3), float32: x, y, heading, world frame [m, m, rad]."""
     poses: np.ndarray
     """Shape (n, 3), float32: estimated poses, map frame [m, m, rad]."""
-    explored: np.ndarray
-    """Shape (n,), float32: explored share of the explorable area."""
+    goals: np.ndarray
+    """Shape (n, 2), float32: where to go, map frame [m]; NaN in tasks without a goal."""
+    progress: np.ndarray
+    """Shape (n,), float32: how much of the task is done, from 0 to 1; of explorations the explored fraction."""
     path_length: np.ndarray
     """Shape (n,), float32: true distance driven [m]."""
     contacts: np.ndarray
@@ -99,12 +105,14 @@ class Recording:
     """Shape (k, 4), float32: true walls as (x0, y0, x1, y1), world frame [m]."""
     circles: np.ndarray
     """Shape (j, 3), float32: true static cylinders as (x, y, radius), world frame [m]."""
+    route: np.ndarray
+    """Shape (r, 2), float32: points of the route to follow, map frame [m]; none in tasks without one."""
     mover_radii: np.ndarray
-    """Shape (l,), float32: of the bodies that move [m]."""
+    """Shape (l,), float32: of the bodies that move, the other robots of a team among them [m]."""
     movers: np.ndarray
     """Shape (n, 2 l), float32: their positions x, y one after the other, world frame [m]."""
     floor: np.ndarray
-    """Shape (rows, columns), uint8: 1 where the world is explorable."""
+    """Shape (rows, columns), uint8: 1 where a robot can get to or see; a single 0 where the task does not tell."""
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
@@ -152,7 +160,9 @@ class Recording:
                 raise ValueError(f"{name} has {array.shape[1]} columns")
         if not len(self.time):
             raise ValueError("it has no samples")
-        lengths = {name: len(self.time) for name in _SAMPLED} | {name: len(self.decision_times) for name in _DECIDED}
+        lengths = {name: len(self.time) for name in (*_SAMPLED, "movers")} | {
+            name: len(self.decision_times) for name in _DECIDED
+        }
         lengths |= {"map_changes": len(self.map_cells)}
         for name, length in lengths.items():
             if len(getattr(self, name)) != length:

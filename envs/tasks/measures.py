@@ -5,18 +5,20 @@ from functools import partial
 from envs.measures import Course, Measure, final, mean_over_limit, root_mean_square, when, when_successful
 
 _explored_at = partial(when, name="explored_fraction")
+_reached_95 = partial(_explored_at, mark=0.95)
 EXPLORATION = (
     Measure("explored_fraction", "explored", "%", True, partial(final, name="explored_fraction"), 1, 100.0),
     Measure("time_to_90", "time to 90 %", "s", False, partial(_explored_at, mark=0.90), 0, limit="time_limit"),
-    Measure("time_to_95", "time to 95 %", "s", False, partial(_explored_at, mark=0.95), 0, limit="time_limit"),
+    Measure("time_to_95", "time to 95 %", "s", False, _reached_95, 0, limit="time_limit", is_relative=True),
     Measure("time_to_99", "time to 99 %", "s", False, partial(_explored_at, mark=0.99), 0, limit="time_limit"),
     Measure(
         "distance_to_95",
         "distance to 95 %",
         "m",
         False,
-        partial(_explored_at, mark=0.95, quantity="path_length"),
+        partial(_reached_95, quantity="path_length"),
         limit="distance_limit",
+        is_relative=True,
     ),
     Measure(
         "area_under_curve",
@@ -27,6 +29,7 @@ EXPLORATION = (
         1,
         100.0,
         is_headline=True,
+        note="the mean explored share over the whole time limit, which rewards being early as well as being complete",
     ),
     Measure("map_iou", "map IoU", "%", True, partial(final, name="map_iou"), 1, 100.0),
     Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
@@ -50,8 +53,14 @@ GOAL = (
 )
 """Whether a goal was reached, how directly and when; `info` needs `way_to_goal`, the geodesic distance to it [m]."""
 
+
+def route_driven(course: Course) -> float:
+    """Return the share of the route that was driven; it ends a little before the end of its line."""
+    return max(final(course, "progress"), float(course.final["is_success"]))
+
+
 ROUTE = (
-    Measure("progress", "route driven", "%", True, partial(final, name="progress"), 1, 100.0),
+    Measure("progress", "route driven", "%", True, route_driven, 1, 100.0, is_headline=True),
     Measure(
         "deviation_rmse",
         "deviation from the route",
@@ -60,7 +69,6 @@ ROUTE = (
         partial(root_mean_square, name="deviation"),
         1,
         100.0,
-        is_headline=True,
     ),
     Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
 )

@@ -19,8 +19,9 @@ from agents.frontiers.tasks import HELD_OUT, training_world, validation_world
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
 from agents.vec_env import make_env, make_vector
-from baselines.episode import first_at, run_episode
+from baselines.episode import run_episode
 from envs.files import parse_record
+from envs.measures import first_at
 from envs.worlds import WORLD_NAMES
 
 DATA = {
@@ -168,7 +169,7 @@ def test_an_evaluation_gives_what_single_episodes_give():
 
     for seed, episode in enumerate(together):
         alone = run_episode(env, First(), seed)
-        time = first_at(alone.curve.time, alone.curve.explored_fraction, 0.9)
+        time = first_at(alone.course.of("time"), alone.course.of("explored_fraction"), 0.9)
         assert episode.time_to_target == pytest.approx(min(time, alone.time_limit))
         assert episode.explored_fraction == alone.explored_fraction
         assert episode.area_under_curve == pytest.approx(alone.area_under_curve, abs=0.02)

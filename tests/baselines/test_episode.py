@@ -5,28 +5,33 @@ import gymnasium
 import numpy as np
 import pytest
 
-import baselines.episode
-from baselines.episode import run, run_episode
+import envs  # noqa: F401  (registers the environments)
+from baselines import policies_for
+from baselines.episode import begin_episode, decide_with, run, run_episode
+from baselines.explorer import OnePerRobot
+from envs.core import LidarEnv
 from envs.simulation import Twist
+from envs.tasks.explore import Explore
 
 
-class ScriptedEnv(gymnasium.Env):
+class ScriptedEnv(LidarEnv):
     """Explores by itself: 2 s and 0.5 m per step, a fraction from a list per step, position errors of 3 and 4 cm."""
 
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
     robot = SimpleNamespace(max_v=0.5, max_w=1.0)
     control_period = 2.0
-    plan = None
-    reading = None
+    reading = belief = None
 
     def __init__(self, fractions, time_limit, target=0.99):
         self.fractions, self.time_limit, self.target = fractions, time_limit, target
-        self.coverage = SimpleNamespace(area=SimpleNamespace(area=50.0))
-        self.belief = SimpleNamespace(grid=None)
-        self.start = None
+        self.plans = [None]
+        self.task = SimpleNamespace(measures=Explore.measures, final_metrics=self._final)
+
+    def _final(self):
+        return {"map_iou": 0.8, "area_left": 50.0 * (1.0 - self.fractions[self.step_number])}
 
     def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
+        gymnasium.Env.reset(self, seed=seed)
         self.step_number = 0
         return {}, self._info()
 
@@ -36,7 +41,7 @@ class ScriptedEnv(gymnasium.Env):
         truncated = not terminated and 2.0 * self.step_number >= self.time_limit
         info = self._info()
         if terminated or truncated:
-            info |= {"map_iou": 0.8, "end_reason": "covered" if terminated else "time_limit"}
+            info |= self._final() | {"end_reason": "covered" if terminated else "time_limit"}
         return {}, 0.0, terminated, truncated, info
 
     def _info(self):
@@ -85,7 +90,7 @@ def test_measures_of_a_scripted_episode():
     assert episode.heading_rmse == pytest.approx(0.1)
     assert (episode.success, episode.end_reason, episode.map_iou) == (True, "covered", 0.8)
     assert (episode.duration, episode.time_limit, episode.area_left) == (8.0, 20.0, 0.0)
-    assert seen == [0.0, 2.0, 4.0, 6.0, 8.0] == episode.curve.time.tolist()
+    assert seen == [0.0, 2.0, 4.0, 6.0, 8.0] == episode.course.of("time").tolist()
     assert 0.0 < episode.decision_ms < 50.0
 
 
@@ -97,12 +102,11 @@ def test_a_mark_that_is_never_reached_is_recorded_as_such():
     assert episode.area_left == pytest.approx(4.0)
 
 
-def test_an_explorer_that_gives_up_ends_the_episode_and_says_why(monkeypatch):
-    monkeypatch.setattr(baselines.episode, "map_iou", lambda grid, area, start: 0.3)
+def test_an_explorer_that_gives_up_ends_the_episode_and_says_why():
     env = ScriptedEnv([0.2, 0.4, 0.5, 0.9, 0.9], time_limit=100.0)
     episode = run_episode(env, ScriptedExplorer(stop_at=3), seed=1)
     assert (episode.end_reason, episode.duration, episode.explored_fraction) == ("no_reachable_frontier", 4.0, 0.5)
-    assert (episode.time_to_90, episode.success, episode.map_iou) == (math.inf, False, 0.3)
+    assert (episode.time_to_90, episode.success, episode.map_iou) == (math.inf, False, 0.8)
     assert episode.area_under_curve == pytest.approx((0.6 + 0.9 + 0.5 * 96.0) / 100.0)
     assert episode.area_left == pytest.approx(25.0)
 
@@ -128,3 +132,50 @@ def test_the_loop_ends_with_the_episode_or_the_driver_or_after_max_steps():
     assert (ended.info["time"], len(ended.decision_times)) == (6.0, 1)
     ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info)
     assert (ended.info["end_reason"], ended.info["time"]) == ("time_limit", 8.0)
+
+
+@pytest.mark.parametrize(
+    ("id", "arguments", "names"),
+    [
+        ("Explore", {"world": "pimouse_arena"}, ("nearest", "random", "oracle", "wall_follower")),
+        ("ExploreFrontiers", {"world": "pimouse_arena"}, ("nearest", "random", "gain_over_cost")),
+        ("ExploreTeam", {"world": "turtlebot3_world"}, ("rrt_team", "random", "wall_follower")),
+        ("Navigate", {"localizer": "truth"}, ("pursuit", "dwb", "random", "wall_follower")),
+    ],
+)
+def test_classic_policies_do_the_tasks_that_they_are_offered_for(id, arguments, names):
+    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", time_limit=4.0, **arguments)
+    env.reset(seed=0)
+    makers = policies_for(env)
+    assert set(names) <= set(makers)
+    for name in names:
+        episode = run_episode(env, makers[name](), 0)
+        assert episode.end_reason in ("covered", "reached", "time_limit"), name
+        assert episode.values.keys() >= {"path_length", "success"}
+        assert episode.duration == episode.course.of("time")[-1] <= 4.0 + 4.0
+    assert "tour" not in makers or "Explore" in id
+    env.close()
+
+
+def test_actions_are_repeated_where_a_policy_decides_less_often():
+    class Slow(ScriptedExplorer):
+        control_hz = 0.25  # every 4 s, and the environment steps every 2 s
+
+        def reset(self, robot, control_period, rng):
+            super().reset(robot, control_period, rng)
+            self.period = control_period
+
+    explorer = Slow()
+    run_episode(ScriptedEnv([0.2] * 6, time_limit=10.0), explorer, seed=1)
+    assert (explorer.decisions, explorer.period) == (3, 4.0)
+    explorer.control_hz = 0.3
+    with pytest.warns(UserWarning, match="states control_hz 0.3: it decides every 4 s here"):
+        begin_episode(ScriptedEnv([0.2, 0.2], time_limit=10.0), explorer, 1, np.random.default_rng(0))
+
+
+def test_who_drives_one_robot_says_how_it_drives_a_team():
+    env = gymnasium.make("lidarnaut/ExploreTeam-v0", physics="kinematic", world="turtlebot3_world")
+    with pytest.raises(ValueError, match=r"ScriptedExplorer drives one robot.*OnePerRobot\(ScriptedExplorer\(\)\)"):
+        decide_with(ScriptedExplorer(), env)
+    decide_with(OnePerRobot(ScriptedExplorer()), env)
+    env.close()

@@ -7,14 +7,15 @@ import pytest
 from scipy import stats
 
 from benchmarks.arena.leaderboard import axis_section, gap_section, ranking_section, worlds_section
-from benchmarks.arena.measures import BY_NAME
+from benchmarks.arena.measures import texts
 from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
-from benchmarks.arena.records import COLUMNS
 from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.summary import best_of, gaps, rank, typical_and_worst
+from benchmarks.arena.summary import best_of, gaps, standing, typical_and_worst
 from benchmarks.arena.unfinished import unfinished_section
 from evaluate import main
+from tests.benchmarks.explorations import BY_NAME, COLUMNS, MEASURES
 
+RELATIVE = BY_NAME["relative_time_to_95"]
 DEFAULTS = {str: "x", int: 0, float: 0.0}
 
 
@@ -44,27 +45,27 @@ ROWS = [
 
 
 def test_relative_measures_are_shares_of_the_same_starts_reference():
-    related = relate([*ROWS, row("quick", 9)])
-    shares = {r["policy"]: (r["relative_time"], r["relative_distance"]) for r in related[:-1]}
+    related = relate([*ROWS, row("quick", 9)], MEASURES)
+    shares = {r["policy"]: (r["relative_time_to_95"], r["relative_distance_to_95"]) for r in related[:-1]}
     assert shares == {
         "oracle (ground truth)": (0.5, 0.5),
         "nearest": (1.0, 1.0),
         "quick": (0.8, 0.8),
         "slow": (1.5, 1.5),
     }
-    assert "relative_time" not in related[-1]  # nearest has no such start
-    assert [r["reached_95"] for r in relate([row("a"), row("b", explored=0.94)])] == [1, 0]
-    assert relate([row("nearest", time=0.0)])[0]["relative_time"] == 1.0  # all was seen at once
+    assert "relative_time_to_95" not in related[-1]  # nearest has no such start
+    assert [r["reached"] for r in relate([row("a"), row("b", time=math.inf)], MEASURES)] == [1, 0]
+    assert relate([row("nearest", time=0.0)], MEASURES)[0]["relative_time_to_95"] == 1.0  # all was seen at once
 
 
 def test_the_ranking_is_by_area_and_leaves_the_bound_out():
-    related = relate(ROWS)
-    assert rank(related) == ["quick", "nearest", "slow", "oracle (ground truth)"]
-    head, lines = ranking_section(related).parts[1].head, ranking_section(related).parts[1].lines
+    related = relate(ROWS, MEASURES)
+    assert list(standing(related, MEASURES.headline)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
+    head, lines = ranking_section(related, MEASURES).parts[1].head, ranking_section(related, MEASURES).parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
     assert pool(related, "quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
-    assert pool(related, "quick", BY_NAME["relative_time"])[:3] == pytest.approx((0.8, 0.8, 0.8))
+    assert pool(related, "quick", BY_NAME["relative_time_to_95"])[:3] == pytest.approx((0.8, 0.8, 0.8))
     assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
     best = [cell.is_best for line in lines for cell in line]
     columns = len(best) // 4
@@ -73,17 +74,17 @@ def test_the_ranking_is_by_area_and_leaves_the_bound_out():
 
 
 def test_the_gap_to_the_bound_is_closed_by_known_shares():
-    related = relate(ROWS)
-    found = {name: value.iqm for name, value in gaps(related, "quick").items()}
-    assert found == pytest.approx({"area_under_curve": 0.5, "relative_time": 0.4, "relative_distance": 0.4})
-    assert gaps(related, "slow")["relative_time"].iqm == pytest.approx(-1.0)
-    assert gaps(related, "nearest") == gaps(related, "oracle (ground truth)") == {}
-    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle (ground truth)"])) is None
-    shown = gap_section(related).parts[1].lines
+    related = relate(ROWS, MEASURES)
+    found = {name: value.iqm for name, value in gaps(related, "quick", MEASURES).items()}
+    assert found == pytest.approx({"area_under_curve": 0.5, "relative_time_to_95": 0.4, "relative_distance_to_95": 0.4})
+    assert gaps(related, "slow", MEASURES)["relative_time_to_95"].iqm == pytest.approx(-1.0)
+    assert gaps(related, "nearest", MEASURES) == gaps(related, "oracle (ground truth)", MEASURES) == {}
+    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle (ground truth)"], MEASURES), MEASURES) is None
+    shown = gap_section(related, MEASURES).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
     # Where the bound gains nothing there is no gap.
     level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
-    assert gap_section(relate(level)).parts[1].lines[0][1].text == "-"
+    assert gap_section(relate(level, MEASURES), MEASURES).parts[1].lines[0][1].text == "-"
 
 
 def test_only_starts_that_all_competitors_share_count():
@@ -105,7 +106,7 @@ def test_an_axis_is_compared_pair_by_pair():
     ]
     # These have no partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
-    section = axis_section(rows, "slam")
+    section = axis_section(rows, "slam", MEASURES)
     text, table = section.parts
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
@@ -121,7 +122,7 @@ def test_an_axis_is_compared_pair_by_pair():
     assert shown["a, truth"][4:] == ["-", "-", "-"]
     assert shown["a, tinyslam"][4:6] == ["-10.0", "+0.20"]
     assert shown["a, odometry"][5] == "+2.00"
-    assert axis_section(rows, "physics") is None
+    assert axis_section(rows, "physics", MEASURES) is None
 
 
 def test_what_was_not_finished_is_listed_with_why():
@@ -131,7 +132,7 @@ def test_what_was_not_finished_is_listed_with_why():
         row("a", 2, explored=0.5, end_reason="time_limit", area_left=8.0, position_rmse=0.9),
         row("b", 0, explored=0.98, end_reason="stuck", area_left=1.0),
     ]
-    tables = unfinished_section(rows).parts[1:]
+    tables = unfinished_section(rows, MEASURES).parts[1:]
     (first,), (second,) = ([[cell.text for cell in line] for line in table.lines] for table in tables)
     assert first[:4] == ["maze", "3", "1", "2"]
     assert first[4:6] == ["50.0", "5.0"]
@@ -151,23 +152,23 @@ def reached_in(policy, *times):
 def test_worlds_tell_how_many_reached_the_mark():
     rows = [*reached_in("a", 60.0, 80.0, math.inf), *reached_in("b", math.inf, math.inf, math.inf)]
     rows += reached_in("c", 400.0, 400.0, 400.0)
-    ((name, *cells),) = worlds_section(rows).parts[1].lines
+    ((name, *cells),) = worlds_section(rows, BY_NAME["time_to_95"]).parts[1].lines
     assert name.text == "maze"
     assert [(cell.text, cell.note) for cell in cells] == [("> 180 s", "2 of 3"), ("never", "> 400 s"), ("400", "")]
 
 
 def test_what_was_never_reached_does_not_look_reached():
     rows = [*reached_in("nearest", 100.0, 200.0), *reached_in("a", math.inf, 400.0), *reached_in("b", *[math.inf] * 2)]
-    related = relate(rows)
-    assert [r["relative_time"] for r in related] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
-    shown = {policy: BY_NAME["relative_time"].texts(pool(related, policy, BY_NAME["relative_time"])) for policy in "ab"}
+    related = relate(rows, MEASURES)
+    assert [r["relative_time_to_95"] for r in related] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
+    shown = {policy: texts(RELATIVE, pool(related, policy, RELATIVE)) for policy in "ab"}
     assert shown == {"a": ("> 3.00", "2.00 to > 4.00"), "b": ("never", "> 3.00")}
     rows = [*reached_in("a", 100.0, *[math.inf] * 7)]
     time = BY_NAME["time_to_95"]
-    assert time.texts(pool(rows, "a", time)) == ("> 400 s", "1 of 8")
+    assert texts(time, pool(rows, "a", time)) == ("> 400 s", "1 of 8")
     # Where the reference never got there, its limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
-    assert [r["relative_time"] for r in relate(rows)] == [math.inf, 0.25]
+    assert [r["relative_time_to_95"] for r in relate(rows, MEASURES)] == [math.inf, 0.25]
 
 
 def test_a_lower_bound_is_not_the_best():
@@ -177,7 +178,7 @@ def test_a_lower_bound_is_not_the_best():
 
 def test_typical_is_the_median_and_worst_the_lowest():
     rows = [row("a", k, area=area) for k, area in enumerate([0.9, 0.1, 0.5])]
-    assert [r["area_under_curve"] for r in typical_and_worst(rows, "a")] == [0.5, 0.1]
+    assert [r["area_under_curve"] for r in typical_and_worst(rows, "a", BY_NAME["area_under_curve"])] == [0.5, 0.1]
 
 
 def test_the_published_numbers_are_those_of_the_table(tmp_path):

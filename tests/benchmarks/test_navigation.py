@@ -1,32 +1,24 @@
 """The navigation benchmark: what it makes of drives, and that its command runs."""
 
-import dataclasses
 import json
 
+import numpy as np
 import pytest
 
-from baselines.navigation.episode import Drive
-from benchmarks.navigation import main, summary
+from baselines.episode import Episode
+from benchmarks.navigation import Drive, main, summary
+from envs.measures import Course
 
-GOOD = Drive(
-    seed=0,
-    end_reason="reached",
-    collisions=0,
-    duration=20.0,
-    geodesic_distance=4.0,
-    path_length=4.4,
-    position_rmse=0.03,
-    heading_rmse=0.01,
-    recoveries=1,
-    control_us=100.0,
-    plan_ms=2.0,
-)
+
+def drive(seed=0, end_reason="reached", collisions=0, duration=20.0):
+    course = Course({"way_to_goal": np.array([4.0, 0.0])}, {}, 60.0, 0.5)
+    values = {"collisions": collisions, "path_length": 4.4, "position_rmse": 0.03, "heading_rmse": 0.01}
+    return Drive(seed, Episode(values, course, np.ones(3), end_reason, duration, 60.0, 30.0), recoveries=1)
 
 
 def test_only_goals_reached_without_a_touch_count():
-    touched = dataclasses.replace(GOOD, seed=1, collisions=2)
-    lost = dataclasses.replace(GOOD, seed=2, end_reason="lost")
-    measures = summary([GOOD, touched, lost, dataclasses.replace(GOOD, seed=3, duration=40.0)], max_v=0.5)
+    drives = [drive(), drive(1, collisions=2), drive(2, "lost"), drive(3, duration=40.0)]
+    measures = summary(drives, max_v=0.5)
     assert measures["reached_without_collision_percent"] == 50.0
     assert measures["end_reasons"] == {"reached": 3, "lost": 1}
     assert measures["with_collision"] == 1

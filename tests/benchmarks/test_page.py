@@ -102,7 +102,7 @@ def test_labels_name_worlds_and_nothing_else():
     named = dict.fromkeys((case.world, case.world_name) for case in cases)
     assert list(named) == [("maps/home.yaml", "home"), ("maze", "maze")]
     axis = {"policies": ("nearest",), "worlds": ("home=maps/home.yaml",)}
-    both = Settings(policies=("nearest",), worlds=("home=maps/home.yaml",), slam_axis=axis)
+    both = Settings(policies=("nearest",), worlds=("home=maps/home.yaml",), slam=("hector",), slam_axis=axis)
     (here,), there = ({case for case, *_ in starts} for starts in (both.starts(), both.slam_axis_starts()))
     assert here in there
     with pytest.raises(ValueError, match="both be called 'home'"):

@@ -3,10 +3,11 @@ import re
 import pytest
 
 from benchmarks.arena.recordings import describe
-from benchmarks.arena.records import COLUMNS, read_tables
+from benchmarks.arena.records import read_tables
 from benchmarks.arena.trace import Trace
 from envs.player import Recording
 from evaluate import main
+from tests.benchmarks.explorations import COLUMNS, MEASURES
 
 POLICIES = ("--policies", "random", "nearest", "--worlds", "turtlebot3_world")
 OPTIONS = (*POLICIES, "--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
@@ -30,7 +31,7 @@ def test_recordings_hold_the_episodes_and_change_nothing(folder, tmp_path):
     for name in names:
         trace, recording = Trace.load(folder / "episodes" / name), Recording.load(folder / "recordings" / name)
         assert (folder / "episodes" / name).read_bytes() == (tmp_path / "episodes" / name).read_bytes()
-        assert recording.explored[-1] == trace.curve.explored_fraction[-1]
+        assert recording.progress[-1] == trace.curve.progress[-1]
         assert recording.about["map"]["shape"] == list(trace.grid.data.shape)
 
 
@@ -59,9 +60,9 @@ def test_what_was_not_recorded_is_left_out(folder, tmp_path):
 
 def test_figures_are_texts_with_units_and_without_times_of_the_machine(folder):
     row = next(read_tables(folder, "episodes", COLUMNS))
-    figures = describe(row)["figures"]
+    figures = describe(row, MEASURES)["figures"]
     assert figures["time to 95 % [s]"] == "never"
     assert figures["explored [%]"] == f"{100 * row['explored_fraction']:.1f}"
-    assert figures["collisions"] == str(row["collisions"])
+    assert figures["collisions"] == f"{row['collisions']:.0f}"
     assert figures["ended by"] == "time limit"
     assert not any("decision" in name for name in figures)

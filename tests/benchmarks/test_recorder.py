@@ -10,7 +10,7 @@ from envs.geometry import OccupancyGrid, Pose2D
 def test_times_stay_under_their_cells_when_a_redrawn_map_has_other_borders():
     grid = OccupancyGrid(np.full((4, 6), -1, dtype=np.int8), 0.5, (0.0, 0.0))
     belief = SimpleNamespace(pose=Pose2D(0.0, 0.0, 0.0), grid=grid, update=None)
-    recorder = Recorder(SimpleNamespace(belief=belief))
+    recorder = Recorder(SimpleNamespace(belief=belief, robots=[None]))
 
     def watch(time, data, origin):
         grid.data, grid.origin = np.array(data, dtype=np.int8), origin

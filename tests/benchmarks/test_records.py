@@ -3,11 +3,12 @@ import json
 import pytest
 
 from benchmarks.arena.policies import Policy
-from benchmarks.arena.records import COLUMNS, ROWS, SETTINGS_FILE, Key, Records, key_of
+from benchmarks.arena.records import ROWS, SETTINGS_FILE, Key, Records, key_of
+from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}
-RANDOM = Policy("random", "random")
-LEARNED = Policy('ppo:a,"odd" path', "ppo", "/checkpoint", "f" * 64)
+RANDOM = Policy("random")
+LEARNED = Policy('ppo:a,"odd" path', checkpoint="/checkpoint", fingerprint="f" * 64)
 
 
 def key(policy, seed):
@@ -22,10 +23,10 @@ def row(policy, seed):
 
 def test_rows_survive_exactly(tmp_path):
     written = [row(RANDOM, 3), row(LEARNED, 3)]
-    records = Records(tmp_path, SETTINGS)
+    records = Records(tmp_path, COLUMNS, SETTINGS)
     for one in written:
         records.add(one)
-    again = Records(tmp_path, SETTINGS)
+    again = Records(tmp_path, COLUMNS, SETTINGS)
     assert [again.find(policy, key(policy, 3)) for policy in (RANDOM, LEARNED)] == written
     assert key_of(written[0]) == key(RANDOM, 3)
     for other in (key(RANDOM, 4), key(RANDOM, 3)._replace(slam="odometry")):
@@ -34,21 +35,21 @@ def test_rows_survive_exactly(tmp_path):
 
 @pytest.mark.parametrize("kept", ["all but 1 byte", "half a header"])
 def test_a_row_that_was_being_written_runs_again(tmp_path, kept):
-    records = Records(tmp_path, SETTINGS)
+    records = Records(tmp_path, COLUMNS, SETTINGS)
     for seed in (3, 4):
         records.add(row(RANDOM, seed))
     path = tmp_path / f"{ROWS}.csv"
     content = path.read_bytes()
     path.write_bytes(content[:-1] if kept == "all but 1 byte" else content[:10])
-    again = Records(tmp_path, SETTINGS)
+    again = Records(tmp_path, COLUMNS, SETTINGS)
     assert again.find(RANDOM, key(RANDOM, 4)) is None
     assert (again.find(RANDOM, key(RANDOM, 3)) is None) == (kept == "half a header")
     again.add(row(RANDOM, 4))
-    assert Records(tmp_path, SETTINGS).find(RANDOM, key(RANDOM, 4)) == row(RANDOM, 4)
+    assert Records(tmp_path, COLUMNS, SETTINGS).find(RANDOM, key(RANDOM, 4)) == row(RANDOM, 4)
 
 
 def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_path):
-    first, second = Records(tmp_path, SETTINGS, "1of2"), Records(tmp_path, SETTINGS, "2of2")
+    first, second = Records(tmp_path, COLUMNS, SETTINGS, "1of2"), Records(tmp_path, COLUMNS, SETTINGS, "2of2")
     first.add(row(RANDOM, 1))
     second.add(row(RANDOM, 2))
     # The other machine is in the middle of a row.
@@ -56,71 +57,71 @@ def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_pat
         file.write("random,maze,")
     before = (tmp_path / f"{ROWS}-2of2.csv").read_bytes()
     for shard in ("1of2", ""):
-        records = Records(tmp_path, SETTINGS, shard)
+        records = Records(tmp_path, COLUMNS, SETTINGS, shard)
         assert [records.find(RANDOM, key(RANDOM, seed)) for seed in (1, 2)] == [row(RANDOM, 1), row(RANDOM, 2)]
     assert (tmp_path / f"{ROWS}-2of2.csv").read_bytes() == before
-    Records(tmp_path, SETTINGS, "2of2").add(row(RANDOM, 3))
-    assert Records(tmp_path, SETTINGS).find(RANDOM, key(RANDOM, 3)) == row(RANDOM, 3)
+    Records(tmp_path, COLUMNS, SETTINGS, "2of2").add(row(RANDOM, 3))
+    assert Records(tmp_path, COLUMNS, SETTINGS).find(RANDOM, key(RANDOM, 3)) == row(RANDOM, 3)
 
 
 def test_failures_are_kept_until_the_episode_is_run(tmp_path):
-    records = Records(tmp_path, SETTINGS, "1of2")
+    records = Records(tmp_path, COLUMNS, SETTINGS, "1of2")
     records.add_failure(key(RANDOM, 3), 'the robot, a "tugbot", fits nowhere')
-    again = Records(tmp_path, SETTINGS)
+    again = Records(tmp_path, COLUMNS, SETTINGS)
     assert again.failure(key(RANDOM, 3)) == 'the robot, a "tugbot", fits nowhere'
     assert again.failure(key(RANDOM, 4)) is None
     again.add(row(RANDOM, 3))
-    assert Records(tmp_path, SETTINGS).failure(key(RANDOM, 3)) is None
+    assert Records(tmp_path, COLUMNS, SETTINGS).failure(key(RANDOM, 3)) is None
 
 
 def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
-    Records(tmp_path, SETTINGS).add(row(LEARNED, 3))
+    Records(tmp_path, COLUMNS, SETTINGS).add(row(LEARNED, 3))
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
-        Records(tmp_path, {"time_limit": None})
+        Records(tmp_path, COLUMNS, {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), key(LEARNED, 3))
+        Records(tmp_path, COLUMNS, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), key(LEARNED, 3))
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
 def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
-    Records(tmp_path, {"time_limit": None})
-    late, records = Records(tmp_path, {"time_limit": 5.0}), Records(tmp_path, SETTINGS)
+    Records(tmp_path, COLUMNS, {"time_limit": None})
+    late, records = Records(tmp_path, COLUMNS, {"time_limit": 5.0}), Records(tmp_path, COLUMNS, SETTINGS)
     records.begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
         late.begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
-        Records(tmp_path, {"time_limit": None})
+        Records(tmp_path, COLUMNS, {"time_limit": None})
 
 
 def test_an_evaluation_that_begins_first_has_the_folder_to_itself(tmp_path):
-    records, late = Records(tmp_path, SETTINGS), Records(tmp_path, {"time_limit": 5.0})
+    records, late = Records(tmp_path, COLUMNS, SETTINGS), Records(tmp_path, COLUMNS, {"time_limit": 5.0})
     records.begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
         late.begin()
-    Records(tmp_path, SETTINGS).begin()
+    Records(tmp_path, COLUMNS, SETTINGS).begin()
 
 
 def test_a_table_of_another_version_is_refused(tmp_path):
     (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
-        Records(tmp_path, SETTINGS)
+        Records(tmp_path, COLUMNS, SETTINGS)
 
 
 def test_damaged_tables_name_the_file_and_the_row(tmp_path):
-    Records(tmp_path, SETTINGS).add(row(RANDOM, 3))
+    Records(tmp_path, COLUMNS, SETTINGS).add(row(RANDOM, 3))
     path = tmp_path / f"{ROWS}.csv"
     header, line = path.read_text().splitlines()
     path.write_text(f"{header}\n{line}\n{line.replace('maze,3', 'maze,three')}\n")
     with pytest.raises(ValueError, match=r"episodes\.csv, row 3: damaged: .*'three'"):
-        Records(tmp_path, SETTINGS)
+        Records(tmp_path, COLUMNS, SETTINGS)
     path.write_bytes(b"\xff\xfe\n")
     with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
-        Records(tmp_path, SETTINGS)
+        Records(tmp_path, COLUMNS, SETTINGS)
     path.write_bytes(b"")
     for content in ("[1]", "{", "[" * 100_000):
         (tmp_path / SETTINGS_FILE).write_text(content)
         with pytest.raises(ValueError, match=r"settings\.json is damaged"):
-            Records(tmp_path, SETTINGS)
+            Records(tmp_path, COLUMNS, SETTINGS)
 
 
 def test_a_world_of_the_users_own_stays_the_same(tmp_path):
@@ -129,7 +130,7 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
         path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
 
     def open_records(source, shard=""):
-        return Records(folder, SETTINGS, shard, {"maze": str(source)})
+        return Records(folder, COLUMNS, SETTINGS, shard, {"maze": str(source)})
 
     open_records(second).begin()  # which was never driven in
     records = open_records(first, "1of2")
@@ -140,17 +141,17 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
             open_records(other)
     first.rename(tmp_path / "moved.yaml")
     open_records(tmp_path / "moved.yaml", "2of2").begin()
-    Records(folder, SETTINGS)
+    Records(folder, COLUMNS, SETTINGS)
 
 
 def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
     (tmp_path / "a.yaml").write_text("image: a.pgm\nresolution: 0.05\n")
     (tmp_path / "a.pgm").write_bytes(b"one")
     worlds = {"maze": str(tmp_path / "a.yaml")}
-    records = Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    records = Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
     records.begin()
     records.add(row(RANDOM, 0))
-    Records(tmp_path / "out", SETTINGS, worlds=worlds)
+    Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
     (tmp_path / "a.pgm").write_bytes(b"two")
     with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):
-        Records(tmp_path / "out", SETTINGS, worlds=worlds)
+        Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)

@@ -193,7 +193,7 @@ def test_the_arena_of_the_project_covers_everything():
     [
         (
             {"polices": ["nearest"]},
-            r"mem: unknown key 'polices' \(did you mean 'policies'\?\); allowed are policies, worlds",
+            r"mem: unknown key 'polices' \(did you mean 'policies'\?\); allowed are policies, id, arguments, worlds",
         ),
         ({"slam_axis": {"episode": 3}}, r"unknown key 'slam_axis.episode' \(did you mean 'episodes'\?\)"),
         ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),

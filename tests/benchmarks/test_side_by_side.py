@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from baselines.episode import Curve
-from benchmarks.arena.trace import Trace
+from benchmarks.arena.trace import Curve, Trace
 from benchmarks.side_by_side import SideBySide, find_return
 from envs.geometry import OccupancyGrid, Pose2D
 

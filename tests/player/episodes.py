@@ -5,7 +5,7 @@ import numpy as np
 from envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
 
 
-def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0):
+def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False):
     """Return an episode in a hall with sides of `size` [m] whose map grows column by column; a sample each half second.
 
     `flicker` cells in the last three metres change their kind with every sample, and every fourth second is a decision.
@@ -45,6 +45,7 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
             "seed": seed,
             "end_reason": "time_limit",
             "radius": 0.15,
+            "progress": "explored",
             "lidar": {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True},
             "start": [0.0, 0.0, 0.0],
             "map": {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]},
@@ -54,7 +55,8 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
         time=time.astype(np.float32),
         true_poses=true_poses.astype(np.float32),
         poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]).astype(np.float32),
-        explored=(0.15 + 0.85 * share).astype(np.float32),
+        goals=np.full((n, 2), (width - 1.0, height / 2) if has_goal else np.nan, dtype=np.float32),
+        progress=(0.15 + 0.85 * share).astype(np.float32),
         path_length=(0.2 * time).astype(np.float32),
         contacts=(time // 50).astype(np.int32),
         scans=rng.normal(180.0, 8.0, (n, 90)).clip(1, 255).astype(np.uint8),
@@ -71,6 +73,7 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
             [(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)], np.float32
         ),
         circles=np.array([(width / 2, 1.0, 0.3)], np.float32),
+        route=np.array([(1.0, 1.0), (width - 1.0, 1.0)], np.float32)[: 2 * has_goal],
         mover_radii=np.array([0.2], np.float32),
         movers=np.column_stack([x, y + 1.0]).astype(np.float32),
         floor=(truth == FREE).astype(np.uint8),

@@ -4,14 +4,17 @@ import pytest
 
 from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.score import FrontierScore
+from baselines import policies_for
 from baselines.episode import run_episode
 from baselines.frontier.gain_over_cost import GainOverCostExplorer
 from baselines.frontier.nearest import NearestExplorer
 from envs.geometry import OccupancyGrid
 from envs.navigation import gain_over_cost
-from envs.player import EpisodeRecorder
+from envs.player import EpisodeRecorder, Recording, build_page
 from envs.player.map_history import MapHistory
 from envs.player.recorder import PLAN_TOLERANCE, corners
+
+BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
 
 
 def make_env(id="lidarnaut/Explore-v0", **arguments):
@@ -43,13 +46,13 @@ def test_a_recording_holds_what_happened_and_changes_nothing():
     recording, episode, seen = record(env, NearestExplorer())
     belief, start = env.unwrapped.belief, env.unwrapped.map_pose
     plain = run_episode(make_env(), NearestExplorer(), 0)
-    np.testing.assert_array_equal(plain.curve.explored_fraction, episode.curve.explored_fraction)
+    np.testing.assert_array_equal(plain.course.of("explored_fraction"), episode.course.of("explored_fraction"))
     assert recording.time[0] == 0.0
     assert recording.time[-1] == pytest.approx(episode.duration)
     assert np.diff(recording.time)[:-1] == pytest.approx(0.5)
     rows = np.searchsorted(seen[:, 0], recording.time - 1e-3)
     np.testing.assert_allclose(recording.true_poses, seen[rows, 1:4], atol=1e-5)
-    np.testing.assert_allclose(recording.explored, seen[rows, 5], atol=1e-6)
+    np.testing.assert_allclose(recording.progress, seen[rows, 5], atol=1e-6)
     np.testing.assert_allclose(recording.path_length, seen[rows, 6], atol=1e-5)
     away = start.transform(recording.poses[:, :2].astype(float)) - recording.true_poses[:, :2]
     np.testing.assert_allclose(np.hypot(*away.T), seen[rows, 4], atol=1e-5)
@@ -117,10 +120,33 @@ def test_the_callback_of_another_recorder_goes_on():
     assert len(recording.time) == 3
 
 
-def test_teams_are_refused():
-    env = gymnasium.make("lidarnaut/ExploreTeam-v0", world="turtlebot3_world", physics="kinematic", num_robots=2)
-    with pytest.raises(ValueError, match="one robot"):
-        EpisodeRecorder(env)
+@pytest.mark.parametrize(
+    ("id", "arguments"),
+    [
+        ("ExploreTeam", {"world": "turtlebot3_world"}),
+        ("Navigate", {}),
+        ("Track", {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "map_resolution": 0.05, "path": BEND}),
+    ],
+)
+def test_every_task_is_recorded_with_its_goal_route_and_teammates(id, arguments, tmp_path):
+    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", time_limit=3.0, **arguments)
+    env.reset(seed=0)
+    policy = next(iter(policies_for(env).values()))()
+    with EpisodeRecorder(env, policy) as recorder:
+        episode = run_episode(env, policy, 0)
+    (tmp_path / "episode.npz").write_bytes(recorder.recording().to_bytes())
+    recording, task = Recording.load(tmp_path / "episode.npz"), env.unwrapped.task
+    assert recording.progress[-1] == pytest.approx(episode.course.final[task.progress])
+    assert recording.time[-1] == pytest.approx(episode.duration)
+    if id == "Navigate":
+        np.testing.assert_allclose(recording.goals, np.tile(task.goal[:2], (len(recording.time), 1)), atol=1e-5)
+    else:
+        assert np.isnan(recording.goals).all()
+    assert len(recording.route) == (len(task.route.points) if id == "Track" else 0)
+    assert len(recording.mover_radii) == (1 if id == "ExploreTeam" else 0)
+    assert recording.plan_ends[-1] > 0 or id == "Track"
+    assert "<title>" in build_page([recording])
+    env.close()
 
 
 def test_a_map_that_grows_and_is_redrawn_is_replayed():

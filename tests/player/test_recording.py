@@ -13,7 +13,7 @@ def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(
     path = tmp_path / "episode.npz"
     path.write_bytes(recording.to_bytes())
     loaded = Recording.load(path)
-    assert loaded.about == recording.about | {"format": 1}
+    assert loaded.about == recording.about | {"format": 2}
     for name, array in recording.arrays.items():
         np.testing.assert_array_equal(getattr(loaded, name), array)
     assert loaded.to_bytes() == recording.to_bytes() == synthetic(20.0).to_bytes()

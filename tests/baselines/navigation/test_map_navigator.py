@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from baselines.episode import run_episode
 from baselines.explorer import to_action
-from baselines.navigation import MapNavigator, MapNavigatorParams
-from baselines.navigation.episode import drive
+from baselines.navigation import GoalDriver, MapNavigator, MapNavigatorParams
 from baselines.navigation.reactive_driving import ReactiveDriver
 from envs.core import LidarEnv
 from envs.estimation import Belief
@@ -47,15 +47,15 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
         pytest.importorskip("pybullet")
     env = LidarEnv(Navigate, world="turtlebot3_world", physics=physics)
     for seed in range(2):
-        result = drive(env, seed, MapNavigatorParams(local_planner=planner))
-        assert result.is_success
-        assert result.path_length < 1.5 * result.geodesic_distance + 0.5
+        result = run_episode(env, GoalDriver(MapNavigatorParams(local_planner=planner)), seed)
+        assert (result.end_reason, result.collisions) == ("reached", 0)
+        assert result.path_length < 1.5 * result.course.of("way_to_goal")[0] + 0.5
     env.close()
 
 
 def test_same_seed_same_drive():
     env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic")
-    ends = [(d.duration, d.path_length) for d in (drive(env, 3), drive(env, 3))]
+    ends = [(d.duration, d.path_length) for d in (run_episode(env, GoalDriver(), 3), run_episode(env, GoalDriver(), 3))]
     assert ends[0] == ends[1]
 
 
@@ -180,7 +180,7 @@ def test_scans_that_do_not_belong_to_the_map_end_lost():
         start=(-2.0, -0.5, 0.0),
         goal=(2.0, 0.5, 0.0),
     )
-    assert drive(env, 0, MapNavigatorParams(lost_time=5.0)).end_reason == "lost"
+    assert run_episode(env, GoalDriver(MapNavigatorParams(lost_time=5.0)), 0).end_reason == "lost"
 
 
 def test_blind_it_waits_and_then_gives_up():

@@ -61,9 +61,9 @@ def test_what_is_seen_from_the_start_takes_no_path():
 
 
 def test_the_same_seed_drives_the_same_path():
-    curves = [explore(OracleExplorer(), "rooms", 3, "tinyslam", world_size=(6.0, 6.0)).curve for _ in range(2)]
+    courses = [explore(OracleExplorer(), "rooms", 3, "tinyslam", world_size=(6.0, 6.0)).course for _ in range(2)]
     for name in ("time", "path_length", "explored_fraction"):
-        np.testing.assert_array_equal(getattr(curves[0], name), getattr(curves[1], name))
+        np.testing.assert_array_equal(courses[0].of(name), courses[1].of(name))
 
 
 @pytest.mark.parametrize(("world", "seed", "slam"), [("maze", 1, "tinyslam"), ("rooms", 2, "truth")])

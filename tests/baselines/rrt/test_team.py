@@ -13,7 +13,6 @@ from baselines.rrt.assigner import UNASSIGNED, assign
 from baselines.rrt.detector import RrtDetector
 from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
 from baselines.rrt.team import RrtTeam
-from baselines.rrt.team_episode import run_team_episode
 from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
@@ -34,7 +33,7 @@ def act(team, env):
 def run(env, seed, max_time, watch=None):
     _, info = env.reset(seed=seed)
     team = RrtTeam()
-    team.reset(env.robot, env.control_period, env.task.num_robots, np.random.default_rng(seed))
+    team.reset(env.robot, env.control_period, np.random.default_rng(seed))
     done = False
     while not done and team.end_reason is None and info["time"] < max_time:
         _, _, terminated, truncated, info = env.step(act(team, env))
@@ -105,7 +104,7 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     monkeypatch.setattr(team_module, "assign", assign_far_ends)
     monkeypatch.setattr(RrtDetector, "detect", lambda detector, *_: setattr(detector, "points", points))
     team = RrtTeam()
-    team.reset(env.robot, env.control_period, 2, np.random.default_rng(0))
+    team.reset(env.robot, env.control_period, np.random.default_rng(0))
     arrived, met = [math.inf, math.inf], math.inf
     while max(arrived) == math.inf and info["time"] < 150.0:
         beliefs = [Belief(belief.pose, grid) for belief in [robot.belief for robot in env.robots]]
@@ -127,9 +126,9 @@ def test_a_team_of_one_explores_as_the_single_explorer_does():
     env, team_env = LidarEnv(Explore, **kwargs), LidarEnv(ExploreTeam, **kwargs, num_robots=1)
     params = RrtParams(patience=30)
     episode = run_episode(env, RrtExplorer(params), 3)
-    team_episode = run_team_episode(team_env, RrtTeam(params), 3)
+    team_episode = run_episode(team_env, RrtTeam(params), 3)
     assert team_episode.duration == episode.duration
-    assert team_episode.path_length.tolist() == [episode.path_length]
+    assert team_episode.path_length == episode.path_length
 
 
 def test_two_robots_explore_a_small_world_without_touching():
@@ -194,12 +193,13 @@ def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
 def test_an_episode_of_a_team_is_measured():
     env = LidarEnv(ExploreTeam, world="turtlebot3_world", physics="kinematic", start="spawn", time_limit=20.0)
     infos = []
-    episode = run_team_episode(env, RrtTeam(), 0, infos.append)
+    episode = run_episode(env, RrtTeam(), 0, infos.append)
     assert 0 < episode.time_to_90 <= episode.time_to_95 <= episode.time_to_99 <= 20.0
     assert episode.explored_fraction >= infos[-1]["explored_fraction"] > 0.9
     assert episode.area_left == pytest.approx((1.0 - episode.explored_fraction) * env.task.coverage.area.area)
-    assert episode.path_length.shape == episode.collisions.shape == episode.position_rmse.shape == (2,)
-    assert episode.position_rmse.max() < 0.1
+    assert episode.course.samples["path_length"].shape == (len(infos), 2)
+    assert episode.path_length == pytest.approx(infos[-1]["path_length"].sum())
+    assert 0.0 < episode.position_rmse < 0.1
     assert episode.end_reason in ("covered", "time_limit")
 
 

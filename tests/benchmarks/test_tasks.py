@@ -1,0 +1,116 @@
+"""Every task is evaluated, reported and played as explorations are, a user's own in an unknown world among them."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.arena.ids import arguments_of, find_spec
+from envs.tasks.explore import Explore
+from envs.tasks.follow_route import FollowRoute
+from envs.tasks.navigate import Navigate
+from evaluate import main, split_arguments
+
+ROOT = Path(__file__).parents[2]
+BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "5", "--record"]
+BEND = "[[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]"
+TRACK = ["--arguments.path", BEND, "--arguments.map-resolution=0.05", "--worlds", "turtlebot3_world"]
+WORLDS = ["--worlds", "pimouse_arena", "--no-world-sections"]
+CASES = {
+    "Explore": (Explore, ["nearest", "random"], WORLDS),
+    "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
+    "ExploreFrontiers": (Explore, ["gain_over_cost", "random"], WORLDS),
+    "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
+    "Track": (FollowRoute, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
+}
+
+
+@pytest.mark.parametrize("id", CASES)
+def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsys):
+    task, policies, options = CASES[id]
+    command = ["--id", f"lidarnaut/{id}-v0", "--policies", *policies, *BRIEF, *options, "--out", str(tmp_path)]
+    assert main([*command, "--publish", str(tmp_path / "docs")]) == 0
+    with open(tmp_path / "episodes.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    own = [measure.name for measure in task.measures]
+    key = ["policy", "world", "seed", "robot", "physics", "slam", "model"]
+    common = ["path_length", "collisions", "position_rmse", "heading_rmse", "decision_ms", "success"]
+    ending = ["end_reason", "duration", "time_limit", "distance_limit"]
+    assert list(rows[0]) == [*key, *own, *common, *ending]
+    assert {row["policy"] for row in rows} == set(policies)
+    if id == "Navigate":
+        assert {row["slam"] for row in rows} == {"truth"}
+    report, page = (tmp_path / "report.html").read_text(), (tmp_path / "docs" / "arena.md").read_text()
+    links = re.findall(r'<a href="(players/[^"]+)">', report)
+    assert links
+    assert all("<title>" in (tmp_path / link).read_text() for link in links)
+    headline = next(measure for measure in task.measures if measure.is_headline)
+    assert f"Ranked by {headline.label}" in page
+    for title in ("At a glance", "Leaderboard", "Pair by pair", "World by world", "Not finished"):
+        assert f"## {title}" in page, title
+    assert headline.title in capsys.readouterr().out
+    assert set(json.loads((tmp_path / "summary.json").read_text())) == set(policies)
+    # The folder belongs to this task.
+    other = ["--id", "lidarnaut/Explore-v0", "--policies", "frontier", *BRIEF, "--out", str(tmp_path)]
+    assert main(other) == (0 if id == "Explore" else 2)
+
+
+@pytest.mark.parametrize(
+    ("id", "policy", "says"),
+    [
+        ("lidarnaut/Navigate-v0", "nearest", "'nearest' cannot do this task; allowed are pursuit, dwb, random, wall"),
+        ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
+        ("lidarnaut/ExploreTeam-v0", "nearest", "cannot do this task; allowed are rrt_team, random, wall_follower"),
+        ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
+        (
+            "lidarnaut/ExploreFrontiers-v0",
+            "ppo:pretrained/twist",
+            "by twists, and lidarnaut/ExploreFrontiers-v0 takes",
+        ),
+        ("lidarnaut/Navigate-v0", "persuit", "'persuit' (did you mean 'pursuit'?)"),
+        (
+            "lidarnaut/Naviate-v0",
+            "pursuit",
+            "'lidarnaut/Naviate-v0' (did you mean 'lidarnaut/Navigate-v0'?)",
+        ),
+        ("nowhere:mine/Goal-v0", "pursuit", "id 'nowhere:mine/Goal-v0': there is no module 'nowhere'"),
+    ],
+)
+def test_who_cannot_do_a_task_is_told_who_can(id, policy, says, tmp_path, capsys):
+    assert main(["--id", id, "--policies", policy, *BRIEF, "--out", str(tmp_path)]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
+    words = ["--arguments.goal_tolerance", "0.2", "--jobs", "2", "--arguments.split=train"]
+    assert split_arguments(words) == (["--jobs", "2"], {"goal_tolerance": 0.2, "split": "train"})
+    assert arguments_of("lidarnaut/ExploreTeam-v0")["num_robots"] == 2
+    assert arguments_of("lidarnaut/ExploreHouse-v0")["world"] == "turtlebot3_house"
+    assert find_spec("envs:lidarnaut/Track-v0").id == "lidarnaut/Track-v0"
+    command = ["--id", "lidarnaut/Navigate-v0", "--policies", "random", *BRIEF, "--out", str(tmp_path)]
+    assert main([*command, "--arguments.goal_tolerance", "-1"]) == 2
+    assert "goal_tolerance must be positive, got -1" in capsys.readouterr().err
+    assert main([*command, "--shard", "1/1"]) == 0
+    assert main([*command, "--arguments.goal_tolerance", "0.2"]) == 2
+    assert "holds an evaluation with arguments {}, not {'goal_tolerance': 0.2}" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
+def test_an_own_task_with_a_goal_in_an_unknown_world_is_driven_by_the_classic_controllers(tmp_path):
+    shutil.copy(ROOT / "examples" / "own_task.py", tmp_path)
+    options = ["--id", "own_task:own_task/ReachGoal-v0", "--policies", "pursuit", "dwb", "random"]
+    options += ["--physics", "kinematic", "--arguments.world_size", "[8.0, 8.0]", "--record", "--no-world-sections"]
+    command = [sys.executable, str(ROOT / "evaluate.py"), *options, "--episodes", "2", "--jobs", "2", "--out", "out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with open(tmp_path / "out" / "episodes.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["end_reason"] for row in rows if row["policy"] != "random"} == {"reached"}
+    assert {row["world"] for row in rows} == {"rooms"}
+    assert (tmp_path / "out" / "players").exists()
