@@ -1,5 +1,6 @@
 """Policies by the names that a command line gives them."""
 
+import glob
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -61,7 +62,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     Args:
         name: a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
             by pursuit), `module:attribute`, or `LABEL=` before one of the latter. PATH is the folder of a run or a
-            checkpoint, or `pretrained/NAME`.
+            checkpoint, or `pretrained/NAME`; of several that a pattern with `*` fits, the last by name.
         classic: what the task allows.
         given: policies by further names.
 
@@ -81,7 +82,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     if kind in ("ppo", "learned", "pursuit") and rest:
         from agents.learned import find_policy, fingerprint
 
-        folder = find_policy(rest).resolve()
+        folder = find_policy(max(glob.glob(rest), default=rest)).resolve()
         policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit")
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), fingerprint=fingerprint(folder))

@@ -18,7 +18,7 @@ from envs.simulation import Simulator
 from envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
-from .measures import EXPLORATION
+from .measures import EXPLORATION, RETURN
 from .rewards import ReturnRewards, RewardWeights
 from .starts import UnknownWorldTask
 
@@ -121,6 +121,8 @@ class Explore(UnknownWorldTask):
         reward = self.reward
         if self.return_home and type(reward) is RewardWeights:
             reward = asdict(reward)  # the term `returned` gets its default
+        if self.return_home:
+            self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
         self.weights = (ReturnRewards if self.return_home else RewardWeights).of(reward)
         self.is_returning = False
         """Whether the robot is to come back to its start now; with `return_home=True` alone."""

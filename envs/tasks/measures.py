@@ -1,5 +1,6 @@
 """The measures of the tasks."""
 
+import math
 from functools import partial
 
 from envs.measures import Course, Measure, final, mean_over_limit, root_mean_square, when, when_successful
@@ -35,6 +36,18 @@ EXPLORATION = (
     Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
 )
 """How much was explored, and when."""
+
+
+def time_home(course: Course) -> float:
+    """Return how long the drive back to the start took [s]; infinite if the robot did not return."""
+    return final(course, "time_home") if course.final["returned"] else math.inf
+
+
+RETURN = (
+    Measure("returned", "returned", "%", True, partial(final, name="returned"), 0, 100.0, is_share=True),
+    Measure("time_home", "drive home", "s", False, time_home, limit="time_limit"),
+)
+"""Whether the robot came back to its start after exploring."""
 
 
 def path_efficiency(course: Course) -> float:
