@@ -1,119 +1,140 @@
 """Callbacks of a training: evaluations, checkpoints, and the progress bar."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 
+from agents.algorithms import find_algorithm, rollout_steps, takes_vectors
 from agents.checkpoint import Checkpoint, save_checkpoint
 from agents.config import TrainingConfig
-from agents.curves import Row
-from agents.evaluation import Episode, Evaluator, summarise
-from agents.ppo import capture
+from agents.curves import LEARNED, Row
+from agents.evaluation import Evaluator
+from agents.replay import ReplayFiles
 from agents.run_folder import list_checkpoints, write_evaluations
-from agents.vec_env import EPISODE_MEASURES
+from agents.state import capture
 from envs.progress import Progress
 
 
 class RunCallback(BaseCallback):
     """Evaluates the policy and saves checkpoints between updates."""
 
-    model: PPO
+    model: BaseAlgorithm
 
     def __init__(
-        self, config: TrainingConfig, run: Path, evaluator: Evaluator, evaluations: list[Row], saved_steps: int | None
+        self,
+        config: TrainingConfig,
+        run: Path,
+        evaluator: Evaluator,
+        evaluations: list[Row],
+        saved_steps: int | None,
+        replay: ReplayFiles | None,
     ) -> None:
         """Go on from the evaluations so far, to which new ones are appended.
 
-        `saved_steps` are those of the checkpoint that the training goes on from; None at the start.
+        `saved_steps` are those of the checkpoint that the training goes on from; None at the start. `replay` are the
+        files of the replay buffer, where there is one.
         """
         super().__init__()
-        self._config, self._run, self._evaluator = config, run, evaluator
+        self._config, self._run, self._evaluator, self._replay = config, run, evaluator, replay
         self._evaluations, self._saved_steps = evaluations, saved_steps
+        self._rollout_steps = rollout_steps(config)
         self._latest: Checkpoint | None = None
+        """State before the running rollout; None where rollouts are short: there the present one is as good."""
 
     def save(self) -> str:
         """Save the state before the running rollout, unless that is done; say which one is saved and how to go on."""
-        if self._latest is not None and self._latest.record.steps != self._saved_steps:
-            save_checkpoint(self._latest, self._run, self._config.checkpoints.keep)
-            self._saved_steps = self._latest.record.steps
+        latest = self._latest if self._replay is None else self._capture()
+        if latest is not None and latest.record.steps != self._saved_steps:
+            if self._replay is not None:
+                rows = self._replay.write(latest.record.steps // self._config.num_envs)
+                latest = replace(latest, record=latest.record.model_copy(update={"replay": rows}))
+            save_checkpoint(latest, self._run, self._config.checkpoints.keep)
+            if self._replay is not None:
+                self._replay.prune(self._run)
+            self._saved_steps = latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
         return f"at step {self._saved_steps}, which is saved; --resume {self._run} goes on"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
         """Return the error that says what is not finite, the remedy, and from where the training can go on."""
+        rate = self._config.hyperparameters.get("learning_rate", "the library's default")
         what = f"the training diverged at step {self.num_timesteps}: {what}"
-        remedy = f"lower ppo.learning_rate ({self._config.ppo.learning_rate:g}) or the weights of large rewards"
+        remedy = f"lower hyperparameters.learning_rate ({rate}) or the weights of large rewards"
         good = [f"{path} is good, --resume {path} goes on" for path in list_checkpoints(self._run)[-1:]]
         return ValueError("; ".join([what, remedy, *good]))
 
     def _on_training_start(self) -> None:
         if self._saved_steps is None:
-            self._capture()
+            self._latest = self._capture()
             self.save()  # Shows right away whether the run folder can be written, before any work could be lost.
 
     def _on_rollout_start(self) -> None:
         every = self._config.evaluation.every
-        past = [int(row["steps"]) for row in self._evaluations if row["policy"] == "ppo"]
+        past = [int(row["steps"]) for row in self._evaluations if row["policy"] == LEARNED]
         if not past or self.num_timesteps // every > past[-1] // every:
             self._evaluate()
-        self._capture()
+        if not isinstance(self.model, OffPolicyAlgorithm):
+            self._latest = self._capture()
         # After one more update, the last checkpoint would be older than promised.
         assert self._saved_steps is not None
-        if self.num_timesteps + self._config.rollout_steps - self._saved_steps > self._config.checkpoints.every:
+        if self.num_timesteps + self._rollout_steps - self._saved_steps > self._config.checkpoints.every:
             self.save()
 
     def _on_step(self) -> bool:
+        rewards = self.locals["rewards"]
+        if not np.isfinite(rewards).all():
+            i = int(np.argmin(np.isfinite(rewards)))
+            raise self.diverged(f"a reward of sub-environment {i} is {rewards[i]}")
+        if self.locals["dones"].any() and self.model.ep_info_buffer:
+            for name in self.model.ep_info_buffer[-1].keys() - {"r", "l", "t"}:
+                mean = safe_mean([episode[name] for episode in self.model.ep_info_buffer])
+                self.logger.record(f"rollout/{name}", mean)
         return True
 
     def _on_training_end(self) -> None:
         self._evaluate()
-        self._capture()
+        self._latest = self._capture()
         self.save()
-
-    def _on_rollout_end(self) -> None:
-        rewards = self.model.rollout_buffer.rewards
-        if not np.isfinite(rewards).all():
-            step, i = np.argwhere(~np.isfinite(rewards))[0]
-            raise self.diverged(f"a reward of sub-environment {i} is {rewards[step, i]}")
-        if episodes := self.model.ep_info_buffer:
-            for name in EPISODE_MEASURES:
-                self.logger.record(f"rollout/{name}", safe_mean([episode[name] for episode in episodes]))
 
     def _evaluate(self) -> None:
         if not self._evaluations:
             for name in self._config.evaluation.references:
-                self._append(name, self._evaluator.explorer(name))
-        row = self._append("ppo", self._evaluator.policy(self.model.policy))
+                self._append(name, self._evaluator.reference(name))
+        is_flat = takes_vectors(find_algorithm(self._config.algorithm))
+        row = self._append(LEARNED, self._evaluator.policy(self.model.policy, is_flat=is_flat))
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
         # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
         for output in self.logger.output_formats:
             output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
-        write_evaluations(self._run, self._evaluations, f"{self._config.experiment}, seed {self._config.seed}")
+        title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
+        write_evaluations(self._run, self._evaluations, title)
 
-    def _append(self, policy: str, episodes: list[Episode]) -> Row:
-        row: Row = {"policy": policy, "steps": self.num_timesteps, **summarise(episodes)}
+    def _append(self, policy: str, summary: dict[str, float]) -> Row:
+        row: Row = {"policy": policy, "steps": self.num_timesteps, **summary}
         self._evaluations.append(row)
         return row
 
-    def _capture(self) -> None:
-        """Keep the state, which changes as soon as the rollout begins."""
-        latest = capture(self.model, self._config, self._evaluations)
+    def _capture(self) -> Checkpoint:
+        """Take the state, which changes as soon as the rollout begins."""
+        latest = capture(self.model, self._config, self._evaluations, self._evaluator.control_hz)
         if not all(torch.isfinite(tensor).all() for tensor in (*latest.policy.values(), *latest.training.values())):
             raise self.diverged()
-        self._latest = latest
+        return latest
 
 
 class ProgressBar(BaseCallback):
-    """Shows steps, their rate, and the explored share of recent training episodes and of the last evaluation."""
+    """Shows steps, their rate, how far recent training episodes got, and the headline of the last evaluation."""
 
-    def __init__(self, total_steps: int, evaluations: list[Row]) -> None:
+    def __init__(self, total_steps: int, evaluations: list[Row], evaluator: Evaluator) -> None:
         super().__init__()
-        self._total_steps, self._evaluations = total_steps, evaluations
+        self._total_steps, self._evaluations, self._evaluator = total_steps, evaluations, evaluator
         self._bar = Progress(disable=True)
 
     def _on_training_start(self) -> None:
@@ -121,15 +142,15 @@ class ProgressBar(BaseCallback):
 
     def _on_step(self) -> bool:
         self._bar.update(self.training_env.num_envs)
-        return True
-
-    def _on_rollout_end(self) -> None:
-        shown = {}
-        if episodes := self.model.ep_info_buffer:
-            shown["explored"] = f"{safe_mean([episode['explored_fraction'] for episode in episodes]):.0%}"
-        if self._evaluations:
-            shown["evaluated"] = f"{self._evaluations[-1]['explored_fraction']:.0%}"
+        if not self.locals["dones"].any() or not self.model.ep_info_buffer:
+            return True
+        headline, progress = self._evaluator.headline, self._evaluator.progress
+        recent = [episode[progress] for episode in self.model.ep_info_buffer if progress in episode]
+        shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
+        if self._evaluations and headline.name in self._evaluations[-1]:
+            shown[headline.label] = f"{headline.text(float(self._evaluations[-1][headline.name]))} {headline.unit}"
         self._bar.set_postfix(shown, refresh=False)
+        return True
 
     def _on_training_end(self) -> None:
         self._bar.close()

@@ -138,6 +138,14 @@ class Record(BaseModel):
         Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
     ]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
+    action_random: dict[str, Any] | None = None
+    """State of the generator of random actions."""
+    counters: dict[str, int | float] = {}
+    """Further numbers that the algorithm counts."""
+    control_hz: FiniteFloat | None = None
+    """Control steps per second of the environment."""
+    replay: dict[str, str] = {}
+    """Checksums of the files of transitions that the replay buffer is made of, oldest first; see `agents.replay`."""
     evaluations: list[Row]
     """Rows of `evaluations.csv` so far."""
     sha256: dict[str, str] = {}
@@ -153,7 +161,7 @@ class Checkpoint:
     policy: dict[str, Tensor]
     """The network's weights by name."""
     training: dict[str, Tensor]
-    """`optimizer.<weight>.<moment>`, `random.numpy`, `random.torch`."""
+    """`optimizer.<weight>.<moment>`, `variable.<name>`, `random.numpy`, `random.torch`."""
 
 
 def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
@@ -198,7 +206,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
             content = (folder / name).read_bytes()
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
                 raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
-            tensors.append(_load_tensors(name, content))
+            tensors.append(load_tensors(name, content))
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
     except ValidationError as error:
@@ -208,7 +216,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
     return Checkpoint(record, *tensors, *([{}] if policy_only else []))
 
 
-def _load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
+def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
     """Read the tensors of a file.
 
     Raises:

@@ -1,16 +1,18 @@
 """Configuration of an experiment."""
 
-import dataclasses
-import math
-import warnings
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
-from envs.files import explain_unknown, load_object
-from envs.slam import DEFAULT_SLAM
-from envs.tasks.rewards import RewardWeights
+from envs.files import explain_unknown, parse_record
 from envs.worlds import FAMILIES
+
+ALGORITHMS = {
+    **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
+    **dict.fromkeys(("TQC", "CrossQ", "QRDQN", "TRPO", "RecurrentPPO", "MaskablePPO"), "sb3_contrib"),
+}
+"""Algorithms by name, and the library of each."""
 
 
 class Section(BaseModel):
@@ -28,40 +30,12 @@ Side = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class EnvironmentConfig(Section):
-    """Where to learn. The names are those of the environment's arguments, which it documents and checks."""
+    """Where to learn: the id, how sub-environments run, and the environment's own arguments, which it checks."""
+
+    model_config = ConfigDict(extra="allow")
 
     id: str = "lidarnaut/Explore-v0"
-    """Environment; `module:id` imports the module that registers it first."""
-    world: str = "rooms"
-    """Library world, procedural family, path, or `module:attribute` of one of your own."""
-    world_size: tuple[PositiveFloat, PositiveFloat] | None = None
-    """Outer size (x, y) of a procedural world [m]; null leaves it to the family."""
-    robot: str | None = None
-    """Library robot, path, or `module:attribute`; null takes the world's usual robot."""
-    physics: str = "kinematic"
-    """`kinematic` or `bullet`."""
-    slam: str = DEFAULT_SLAM
-    """SLAM in the loop, by name or as `module:attribute`."""
-    control_hz: PositiveFloat = 5.0
-    """Decisions per second."""
-    max_decision_time: PositiveFloat | None = None
-    """Longest drive to a frontier until the next choice [s], where frontiers are chosen; null leaves it to the
-    environment."""
-    time_limit: PositiveFloat | None = None
-    """Length of an episode [s]; null gives a time that grows with the explorable area."""
-    target_coverage: float = Field(default=0.99, gt=0, le=1)
-    """Explored fraction that ends the episode."""
-    reward: dict[str, float] = Field(default_factory=lambda: dataclasses.asdict(RewardWeights()))
-    """Weights of the reward's terms; those left out keep the environment's own."""
-    reward_object: str | None = None
-    """`module:attribute` of reward weights of your own, terms included; replaces `reward`."""
-    randomize: dict[str, tuple[float, float]] | None = None
-    """(low, high) by the name of a parameter of the robot, from which each episode draws the true robot's."""
-    observations: tuple[str, ...] | None = None
-    """Parts of the observation, by name; null leaves them to the environment."""
-    clip_actions: bool = False
-    """Whether the environment cuts actions to [-1, 1] rather than refuse them. PPO clips them in any case."""
-
+    """Environment; `module:id` imports the module that registers it first, also from the current folder."""
     vectorization: Literal["native", "sync", "async"] = "native"
     """How sub-environments run side by side: in the package's own vector environment, one after the other, or in a
     process each."""
@@ -70,61 +44,12 @@ class EnvironmentConfig(Section):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The environment's own arguments."""
-        arguments = self.model_dump(exclude={"id", "vectorization", "num_workers", "reward_object"})
-        for name in ("max_decision_time", "observations", "randomize"):  # arguments of some environments only
-            if arguments[name] is None:
-                del arguments[name]
-        return arguments | ({"reward": load_object(self.reward_object)} if self.reward_object else {})
-
-    @field_validator("vectorization", mode="before")
-    @classmethod
-    def _rename(cls, vectorization: Any) -> Any:
-        if vectorization == "lanes":
-            warnings.warn("vectorization 'lanes' is called 'native' now", DeprecationWarning, stacklevel=2)
-            return "native"
-        return vectorization
-
-    @field_validator("reward")
-    @classmethod
-    def _complete_reward(cls, reward: dict[str, float]) -> dict[str, float]:
-        terms = dataclasses.asdict(RewardWeights())
-        if unknown := [name for name in reward if name not in terms]:
-            raise ValueError(f"unknown term {explain_unknown(unknown[0], terms)}")
-        return terms | reward
-
-
-class PPOConfig(Section):
-    """Proximal policy optimisation, in the terms of stable-baselines3."""
-
-    learning_rate: PositiveFloat = 3e-4
-    """Step size of Adam at the start."""
-    anneal: bool = True
-    """Whether the learning rate falls linearly to zero at `total_steps`."""
-    num_steps: Side = 128
-    """Steps of each environment between two updates."""
-    batch_size: int = Field(default=512, ge=2)
-    """Samples per gradient step."""
-    num_epochs: Side = 4
-    """Passes over the samples of an update."""
-    gamma: float = Field(default=0.99, gt=0, le=1)
-    """Discount per step. 1 where steps last for different times: there it treats all seconds alike."""
-    gae_lambda: float = Field(default=0.95, ge=0, le=1)
-    """Generalised advantage estimation: 0 trusts the value network, 1 the returns."""
-    clip_range: PositiveFloat = 0.2
-    """How far an update may move the probability of an action, as a ratio."""
-    entropy_coef: float = Field(default=0.0, ge=0)
-    """Weight of the entropy bonus."""
-    value_coef: PositiveFloat = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: PositiveFloat = 0.5
-    """Norm to which gradients are clipped."""
-    target_kl: PositiveFloat | None = None
-    """Divergence at which an update stops early; null never."""
+        """The environment's own arguments; lists are tuples."""
+        return {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
 
 
 class NetworkConfig(Section):
-    """Network that drives, and the first spread of its actions."""
+    """Network over the parts of an observation; see `agents.networks`."""
 
     features: Width = 128
     """Width of the features that policy and value share."""
@@ -132,6 +57,11 @@ class NetworkConfig(Section):
     """Features of a patch of a map crop."""
     hidden: Width = 64
     """Width of the hidden layer of the policy and of the value."""
+
+
+class GaussianNetworkConfig(NetworkConfig):
+    """Network whose actions are normally distributed: of algorithms on policy, where actions are twists."""
+
     log_std: float = Field(default=-0.5, ge=-20, le=20)
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
@@ -141,7 +71,7 @@ class NetworkConfig(Section):
 
 
 class DecisionNetworkConfig(Section):
-    """Network that chooses frontiers; see `agents.frontiers.network`."""
+    """Network that chooses frontiers by PPO or A2C; see `agents.frontiers.network`."""
 
     width: Width = 64
     """Width of all layers."""
@@ -168,8 +98,8 @@ class EvaluationConfig(Section):
     episodes: Side = 20
     """Episodes of an evaluation; episode i is seeded with i."""
     references: tuple[str, ...] = ("random",)
-    """Explorers, by name or as `module:attribute`, that are measured on the same episodes, once, before training. Where
-    frontiers are chosen, they are rules and policies of decisions."""
+    """Classic policies, by name or as `module:attribute`, that are measured on the same episodes, once, before
+    training. Where frontiers are chosen, they are rules and policies of decisions."""
     world: str | None = None
     """World of these episodes, as `environment.world`; null takes that of the training."""
 
@@ -187,7 +117,7 @@ class EvolutionConfig(Section):
     """Evolution of a frontier score by CMA-ES; see `agents.frontiers.evolution`."""
 
     algorithm: Literal["evolution"]
-    """Tells this configuration from that of PPO."""
+    """Tells this configuration from others."""
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
     """Name, the first part of the run folder's."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
@@ -224,6 +154,8 @@ class TrainingConfig(Section):
     """Name, the first part of the run folder's."""
     total_steps: Count
     """Environment steps to train for, all environments together; rounded up to whole updates."""
+    algorithm: str
+    """Class of stable-baselines3 or sb3-contrib by name, or `module:attribute` of one that is derived from theirs."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of everything."""
     num_envs: Side = 16
@@ -234,36 +166,62 @@ class TrainingConfig(Section):
     """Threads of torch. More than one slows small networks down."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Where to learn."""
-    ppo: PPOConfig = PPOConfig()
-    """How to learn."""
-    network: NetworkConfig = NetworkConfig()
-    """What learns to drive."""
-    decision_network: DecisionNetworkConfig = DecisionNetworkConfig()
-    """What learns to choose, in environments in which an action is a choice of a frontier."""
+    hyperparameters: dict[str, Any] = {}
+    """Arguments of the algorithm's class; `lin_3e-4` falls linearly to zero, `action_noise: 0.1` is Gaussian."""
+    network: dict[str, Any] = {}
+    """What the network is like: the keys of `NetworkConfig` and `GaussianNetworkConfig`, or of
+    `DecisionNetworkConfig`."""
     evaluation: EvaluationConfig = EvaluationConfig()
     """How progress is measured."""
     checkpoints: CheckpointConfig = CheckpointConfig()
     """When the state is saved."""
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> "TrainingConfig":
-        if self.checkpoints.every < self.rollout_steps:
-            raise ValueError(
-                f"checkpoints.every is {self.checkpoints.every}, but an update takes num_envs * ppo.num_steps = "
-                f"{self.rollout_steps} steps; checkpoints can only lie between updates"
-            )
-        if self.rollout_steps % self.ppo.batch_size:
-            raise ValueError(
-                f"ppo.batch_size {self.ppo.batch_size} does not divide num_envs * ppo.num_steps = {self.rollout_steps}"
-            )
-        return self
+    @model_validator(mode="before")
+    @classmethod
+    def _read_older(cls, data: Any) -> Any:
+        is_older = isinstance(data, dict) and any(
+            isinstance(data.get(name), dict) for name in ("ppo", "decision_network")
+        )
+        return _converted(data) if is_older and isinstance(data.get("environment", {}), dict) else data
 
-    @property
-    def rollout_steps(self) -> int:
-        """Environment steps between two updates."""
-        return self.num_envs * self.ppo.num_steps
+    @field_validator("algorithm")
+    @classmethod
+    def _know_algorithm(cls, algorithm: str) -> str:
+        if ":" not in algorithm and algorithm not in ALGORITHMS:
+            known = [*ALGORITHMS, "evolution"]
+            raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, and module:attribute of your own")
+        return algorithm
 
-    @property
-    def num_updates(self) -> int:
-        """Updates that `total_steps` take."""
-        return math.ceil(self.total_steps / self.rollout_steps)
+
+def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | EvolutionConfig:
+    """Return the configuration that nested mappings which come from `source` describe, of either kind.
+
+    Raises:
+        ValueError: keys or values do not fit; names `source` and the keys, a line for each.
+    """
+    kind: Any = EvolutionConfig if data.get("algorithm") == "evolution" else TrainingConfig
+    return parse_record(data, source, kind)
+
+
+def _tuples(value: Any) -> Any:
+    """Return a value with tuples in place of lists, as environments take them."""
+    if isinstance(value, dict):
+        return {key: _tuples(one) for key, one in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _converted(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a configuration of the form in which PPO was the only algorithm, in this form."""
+    sections = (data.get(section) or {} for section in ("ppo", "environment"))
+    ppo, environment = ({name: value for name, value in section.items() if value is not None} for section in sections)
+    rate = ppo.pop("learning_rate", 3e-4)
+    names = {"num_steps": "n_steps", "num_epochs": "n_epochs", "entropy_coef": "ent_coef", "value_coef": "vf_coef"}
+    hyperparameters = {"learning_rate": f"lin_{rate}" if ppo.pop("anneal", True) else rate}
+    hyperparameters |= {names.get(name, name): value for name, value in ppo.items()}
+    environment = {"world": "rooms", "physics": "kinematic", "control_hz": 5.0} | environment
+    if reward := environment.pop("reward_object", None):
+        environment["reward"] = reward
+    network = "decision_network" if "Frontiers" in str(environment.get("id")) else "network"
+    kept = {name: value for name, value in data.items() if name not in ("ppo", "network", "decision_network")}
+    changes = {"algorithm": "PPO", "environment": environment, "hyperparameters": hyperparameters}
+    return kept | changes | {"network": data.get(network) or {}}

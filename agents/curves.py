@@ -10,6 +10,8 @@ from envs.files import read_record
 
 Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
+LEARNED = "learned"
+"""Policy of the rows that tell how well the trained one does."""
 
 
 def read_evaluations(run: Path) -> list[Row]:
@@ -21,12 +23,15 @@ def read_evaluations(run: Path) -> list[Row]:
         ]
 
 
+def headline_of_rows(rows: Sequence[Row]) -> str:
+    """Return the column of the headline measure: the one whose quartiles are there."""
+    return next(name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25"))
+
+
 def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Path) -> None:
-    """Draw the explored fraction over training steps, and the time to the target coverage.
+    """Draw how much of the task is done at the end of episodes, and the headline measure, over training steps.
 
-    Where no run reaches it, the area beyond the first scan is drawn instead.
-
-    A line is the mean over episodes; the band spans their quartiles. Explorers that do not learn are level lines.
+    A line is the mean over episodes; the band spans the quartiles of the headline. What does not learn is a level line.
 
     Args:
         runs: rows of `evaluations.csv` by the run's label.
@@ -37,27 +42,22 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
 
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(title)
-    measures = {"explored_fraction": "explored share of the world"}
-    rows = [row for run in runs.values() for row in run]
-    if all("time_to_target" in row for row in rows) and any(row["success"] for row in rows):
-        measures["time_to_target"] = "time to the target coverage [s]"
-    else:
-        measures["gained_area"] = "explored beyond the first scan [m²]"
-    for axes, (measure, label) in zip(figure.subplots(1, 2), measures.items(), strict=True):
+    headline = headline_of_rows(next(iter(runs.values())))
+    for axes, measure in zip(figure.subplots(1, 2), ("progress", headline), strict=True):
         for number, (name, run) in enumerate(runs.items()):
-            learned = [row for row in run if row["policy"] == "ppo"]
+            learned = [row for row in run if row["policy"] == LEARNED]
             steps = [float(row["steps"]) / 1000 for row in learned]
             axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
-            if measure == "explored_fraction":
+            if measure == headline:
                 low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
         # All runs of one experiment measure the references on the same episodes.
-        references = [row for row in next(iter(runs.values())) if row["policy"] != "ppo"]
+        references = [row for row in next(iter(runs.values())) if row["policy"] != LEARNED]
         for row, style in zip(references, ("--", ":", "-."), strict=False):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
         axes.set_xlabel("environment steps [thousands]")
-        axes.set_ylabel(label)
-        axes.set_ylim(bottom=0, top=1 if measure == "explored_fraction" else None)
+        axes.set_ylabel("share of the task that is done" if measure == "progress" else measure.replace("_", " "))
+        axes.set_ylim(bottom=0, top=1 if measure == "progress" else None)
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path)
@@ -92,8 +92,9 @@ def main() -> None:
     parser.add_argument("--title", default="", help="title of the figure")
     arguments = parser.parse_args()
     rows = {
-        f"PPO, seed {read_record(run / 'config.yaml', TrainingConfig).seed}": read_evaluations(run)
+        f"{config.algorithm}, seed {config.seed}": read_evaluations(run)
         for run in arguments.runs
+        for config in [read_record(run / "config.yaml", TrainingConfig)]
     }
     draw_learning_curve(rows, arguments.title, arguments.out)
 

@@ -1,155 +1,141 @@
-"""How well a policy explores worlds that it was not trained on, measured while it trains."""
+"""How well a policy does what the task asks for, in worlds that it was not trained in, measured while it trains."""
 
-import contextlib
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import VectorEnv
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import BasePolicy
 
+from agents.algorithms import Actor
 from agents.config import TrainingConfig
 from agents.policies import make_policy
-from agents.ppo import mean_action
-from agents.vec_env import Observations, make_env, make_vector
-from baselines.episode import run_episode
+from agents.vec_env import Observations, make_env, make_vector, task_env_of
+from baselines.episode import decide_with, run_episode
 from baselines.explorer import Policy
-from envs.core import lidar_env_of
 from envs.files import resolve
-from envs.measures import first_at
+from envs.measures import Course, headline_of, measures_of
 
-
-@dataclass(frozen=True, slots=True)
-class Episode:
-    """The measures of one episode."""
-
-    explored_fraction: float
-    """At the end, of the explorable area."""
-    explored_area: float
-    """At the end [m2]."""
-    gained_area: float
-    """Explored beyond what the very first scan showed [m2]."""
-    area_under_curve: float
-    """Mean explored fraction over the whole time limit; after an early end the last value holds."""
-    path_length: float
-    """Distance driven [m]."""
-    collisions: float
-    """Contacts."""
-    success: float
-    """1 if the target coverage was reached, else 0."""
-    time_to_target: float
-    """Until the target coverage, or the time limit if it was not reached [s]."""
+Act = Callable[[Observations, np.ndarray], np.ndarray]
+"""Returns actions for observations, and for which environments' episodes begin."""
 
 
 class Evaluator:
-    """Runs the same episodes, on worlds of the test split, for policies and explorers alike."""
+    """Runs the same episodes, on worlds of the test split, for learned and classic policies alike."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        self._config = config
-        changes: dict[str, object] = {}
-        if config.evaluation.world is not None:
-            changes = {"world": config.evaluation.world, "world_size": None}
-        self._environment = config.environment.model_copy(update=changes)
+        """Make the environments.
+
+        Raises:
+            ValueError: if there is no such environment, or it refuses an argument.
+        """
+        self._episodes = config.evaluation.episodes
+        changes: dict[str, Any] = {"world": config.evaluation.world, "world_size": None}
+        changes = changes if config.evaluation.world is not None else {}
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
-        sync = {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
-        environment = self._environment.model_copy(update=sync)
-        self._vector = make_vector(environment, "test", config.evaluation.episodes)
-        self._chooses = isinstance(self._vector.single_action_space, spaces.Discrete)
+        changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
+        environment = config.environment.model_copy(update=changes)
+        self._env = make_env(environment, "test")
+        inner = task_env_of(self._env)
+        self.measures = measures_of(inner.task.measures)
+        """Measures of an episode, the headline first."""
+        self.headline = headline_of(inner.task.measures)
+        self.measures = (self.headline, *(one for one in self.measures if one is not self.headline))
+        self.progress: str = inner.task.progress
+        """Entry of `info` that says how much of the task is done."""
+        self.control_hz = 1.0 / inner.control_period
+        self._max_speed: float = inner.robot.max_v
+        self._vector = make_vector(environment, "test", self._episodes)
 
     def close(self) -> None:
         """Close the environments."""
+        self._env.close()
         self._vector.close()
 
-    def policy(self, policy: ActorCriticPolicy) -> list[Episode]:
+    def policy(self, policy: BasePolicy, *, is_flat: bool = False) -> dict[str, float]:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
-        policy.set_training_mode(False)
-        if self._chooses:
-            return run_episodes(self._vector, lambda seen: mean_action(policy, seen))
-        return run_episodes(self._vector, lambda seen: np.clip(mean_action(policy, seen), -1.0, 1.0))
+        return self.summarise(run_episodes(self._vector, Actor(policy, is_flat=is_flat), self._max_speed))
 
     def check(self, names: Sequence[str]) -> None:
-        """See that explorers can be measured, before any work; raises as `explorer`."""
+        """See that classic policies can be measured, before any work; raises as `reference`."""
         for name in names:
-            with contextlib.closing(make_env(self._environment, "test")) as env:
-                self._make(name, env)
+            make_reference(name, self._env)
 
-    def explorer(self, name: str) -> list[Episode]:
-        """Measure an explorer that does not learn, by name or as `module:attribute`.
+    def reference(self, name: str) -> dict[str, float]:
+        """Measure a policy that does not learn, by name or as `module:attribute`.
 
         Raises:
-            ValueError: if there is none of this name, or it cannot choose frontiers where that is asked for.
+            ValueError: if there is none of this name, or it cannot do the task.
         """
-        env = make_env(self._environment, "test")
-        episodes: list[Episode] = []
-        for seed in range(self._config.evaluation.episodes):
-            explorer = self._make(name, env)
-            episode = run_episode(env, explorer, seed)
-            task: Any = lidar_env_of(env).task
-            area, fraction = task.coverage.area.area, episode.course.of("explored_fraction")
-            gained = (episode.explored_fraction - float(fraction[0])) * area
-            names = ("explored_fraction", "area_under_curve", "path_length", "collisions", "success")
-            measures = {name: float(getattr(episode, name)) for name in names}
-            measures |= {"explored_area": episode.explored_fraction * area, "gained_area": gained}
-            time = min(first_at(episode.course.of("time"), fraction, task.target_coverage), episode.time_limit)
-            episodes.append(Episode(time_to_target=time, **measures))
-        env.close()
-        return episodes
+        episodes = [run_episode(self._env, make_reference(name, self._env), seed) for seed in range(self._episodes)]
+        return self.summarise([episode.course for episode in episodes])
 
-    def _make(self, name: str, env: gymnasium.Env[Any, Any]) -> Policy:
-        # These bring scikit-learn, which a training without references need not load.
-        from agents.frontiers.rules import make_reference
-        from baselines import EXPLORERS
+    def summarise(self, courses: Sequence[Course]) -> dict[str, float]:
+        """Return the means of the measures and of the progress at the end, and the quartiles of the headline.
 
-        source = resolve(name, EXPLORERS, "explorer")
-        return make_reference(name, env) if self._chooses else make_policy(source, env.action_space)
+        What was never reached counts as the time limit, or as the distance that the robot can drive until then.
+        """
+        columns = {measure.name: [measure.compute(course) for course in courses] for measure in self.measures}
+        for measure in self.measures:
+            speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
+            if speed := speeds.get(measure.limit):
+                pairs = zip(columns[measure.name], courses, strict=True)
+                columns[measure.name] = [min(value, speed * course.time_limit) for value, course in pairs]
+        columns = {"progress": [float(np.mean(course.final[self.progress])) for course in courses], **columns}
+        summary = {"episodes": float(len(courses))}
+        summary |= {name: mean for name, column in columns.items() if math.isfinite(mean := float(np.mean(column)))}
+        name = self.headline.name
+        return summary | {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
+
+
+def make_reference(name: str, env: gymnasium.Env[Any, Any]) -> Policy:
+    """Return a classic policy for an environment, by name or as `module:attribute`.
+
+    Raises:
+        ValueError: if there is none of this name, or it cannot do the task.
+    """
+    from baselines import policies_for  # brings scikit-learn, which a training without references need not load
+
+    env.reset(seed=0)  # what the task offers is known from then on
+    policy = make_policy(resolve(name, policies_for(env), "policy"), env.action_space)
+    decide_with(policy, env)
+    return policy
 
 
 def run_episodes(
-    vector: VectorEnv[Observations, np.ndarray, np.ndarray], act: Callable[[Observations], np.ndarray]
-) -> list[Episode]:
+    vector: VectorEnv[Observations, np.ndarray, np.ndarray], act: Act, max_speed: float = math.inf
+) -> list[Course]:
     """Run one episode in each environment, environment i seeded with i.
 
     Args:
         vector: environments that reset in the same step; those that end early are stepped on, and ignored.
         act: gives the actions for a batch of observations: shape (num_envs, num_actions), or (num_envs,) of choices.
+        max_speed: greatest speed of the robot [m/s].
 
     Returns:
-        The episodes by environment.
+        The courses of the episodes, by environment.
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
-    limits = np.array(vector.call("time_limit"))  # type: ignore[attr-defined]  # all that there are have it
-    first_area = np.array(info["explored_area"])
-    episodes: dict[int, Episode] = {}
-    integral, elapsed = np.zeros(vector.num_envs), np.zeros(vector.num_envs)
-    while len(episodes) < vector.num_envs:
-        observations, _, terminated, truncated, info = vector.step(act(observations))
-        fractions, now = np.array(info["explored_fraction"]), np.minimum(info["time"] / limits, 1.0)
-        done = np.flatnonzero(np.asarray(terminated) | np.asarray(truncated)).tolist()
-        for i in done:
-            fractions[i] = info["final_info"]["explored_fraction"][i]
-            now[i] = min(info["final_info"]["time"][i] / limits[i], 1.0)
-        integral += fractions * (now - elapsed)
-        elapsed = now
-        for i in set(done) - episodes.keys():
-            names = ("explored_fraction", "explored_area", "path_length", "collisions", "is_success")
-            final = {name: float(info["final_info"][name][i]) for name in names}
-            final["success"] = final.pop("is_success")
-            final["gained_area"] = final["explored_area"] - float(first_area[i])
-            final["area_under_curve"] = float(integral[i] + fractions[i] * (1.0 - now[i]))
-            time = float(info["final_info"]["time"][i]) if final["success"] else float(limits[i])
-            episodes[i] = Episode(time_to_target=time, **final)
-    return [episodes[i] for i in range(vector.num_envs)]
+    limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it
+    names = [name for name, column in info.items() if name[0] != "_" and _is_number(column)]
+    rows, courses = [{name: np.array(info[name]) for name in names}], dict[int, Course]()
+    starts = np.ones(vector.num_envs, dtype=np.bool_)
+    while len(courses) < vector.num_envs:
+        observations, _, terminated, truncated, info = vector.step(act(observations, starts))
+        rows.append({name: np.array(info[name]) for name in names})
+        starts = np.asarray(terminated) | np.asarray(truncated)
+        for i in np.flatnonzero(starts).tolist():
+            ended = info["final_info"]
+            final = {name: ended[name][i] for name in ended if name[0] != "_" and isinstance(ended[name], np.ndarray)}
+            for name in names:
+                rows[-1][name][i] = final[name]
+            if i not in courses:
+                samples = {name: np.array([row[name][i] for row in rows], dtype=np.float64) for name in names}
+                courses[i] = Course(samples, final, float(limits[i]), max_speed)
+    return [courses[i] for i in range(vector.num_envs)]
 
 
-def summarise(episodes: Sequence[Episode]) -> dict[str, float]:
-    """Return the means over episodes, and the quartiles of the explored fraction."""
-    names = [field.name for field in fields(episodes[0])]
-    columns = {name: [getattr(episode, name) for episode in episodes] for name in names}
-    summary = {"episodes": float(len(episodes))} | {name: float(np.mean(column)) for name, column in columns.items()}
-    quartiles = {"q25": 0.25, "q75": 0.75}.items()
-    return summary | {
-        f"explored_fraction_{name}": float(np.quantile(columns["explored_fraction"], q)) for name, q in quartiles
-    }
+def _is_number(column: Any) -> bool:
+    return isinstance(column, np.ndarray) and column.dtype.kind in "biuf"

@@ -52,9 +52,9 @@ def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | Observatio
             raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
-    from agents.explorer import load_trained  # torch takes seconds to load
+    from agents.explorer import LearnedPolicy  # torch takes seconds to load
 
-    return load_trained(folder)
+    return LearnedPolicy.load(folder)
 
 
 def fingerprint(folder: Path) -> str:

@@ -1,7 +1,9 @@
-"""The network that turns an exploration observation into features."""
+"""The network that turns an observation of any parts into features."""
 
 import math
+from collections.abc import Mapping
 
+import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -11,75 +13,100 @@ from torch.nn import functional
 PATCH = 10
 """Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
 SECTORS = 40
-"""Number of angles into which the scan is pooled; fewer for a lidar with fewer beams."""
-NEEDED = ("scan", "motion")
-"""Observations that every network reads."""
+"""Number of angles into which a scan is pooled; fewer for a lidar with fewer beams."""
+ROW_FEATURES = 16
+"""Features of a row of a part that is a table: of a robot of a team, a candidate, a point of a route."""
 
 
 class ExplorerFeatures(BaseFeaturesExtractor):
-    """A patch convolution on each map crop, sector pooling on the scan, a small layer on each other vector.
+    """An encoder for each part of an observation, and a layer that merges what they say.
 
-    Reads `scan` and `motion`, and whatever else there is: parts with three axes are map crops, those with one are
-    vectors. A convolution whose stride equals its kernel costs a fraction of an overlapping one, and where a wall lies
-    within a patch matters less than that it does.
+    A patch convolution on each map crop, sector pooling on the part `scan`, a small layer on each other vector. Where
+    a part has a further axis in front, its rows share an encoder. A convolution whose stride equals its kernel costs a
+    fraction of an overlapping one, and where a wall lies within a patch matters less than that it does.
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
-        """Build the layers for an observation space, with features of a width and convolutions of some channels.
-
-        Raises:
-            ValueError: if `scan` or `motion` is missing, crops cannot be cut into patches, or a part is neither a crop
-                nor a vector.
-        """
+        """Build the layers for an observation space, with features of a width and convolutions of some channels."""
         super().__init__(observation_space, features_dim)
-        if missing := [key for key in NEEDED if key not in observation_space.spaces]:
-            raise ValueError(
-                f"the network reads the observations {list(NEEDED)}, but the observation space lacks {missing}; "
-                f"it has {sorted(observation_space.spaces)}"
-            )
         shapes = {key: tuple(space.shape or ()) for key, space in observation_space.spaces.items()}
-        if unfit := [f"{key} {shape}" for key, shape in shapes.items() if len(shape) not in (1, 3)]:
-            raise ValueError(f"the network reads vectors and map crops, and neither are {unfit}")
-        self.crops = [key for key in sorted(shapes, reverse=True) if len(shapes[key]) == 3]  # the nearer one first
-        self.vectors = [key for key in sorted(shapes) if len(shapes[key]) == 1 and key not in NEEDED]
-        for key in self.crops:
-            self.add_module(key, MapPatches(shapes[key], channels))
-        num_beams = shapes["scan"][0]
-        beams_per_sector = math.ceil(num_beams / SECTORS)
-        self.nearest = nn.MaxPool1d(beams_per_sector, ceil_mode=True)
-        self.share = nn.AvgPool1d(beams_per_sector, ceil_mode=True)
-        self.scan = nn.Sequential(nn.Linear(2 * math.ceil(num_beams / beams_per_sector), 64), nn.ReLU())
-        self.motion = nn.Sequential(nn.Linear(shapes["motion"][0], 32), nn.ReLU())
-        for key in self.vectors:
-            self.add_module(key, nn.Sequential(nn.Linear(shapes[key][0], 64), nn.ReLU()))
-        with torch.no_grad():
-            sample = {key: torch.zeros(1, *shape) for key, shape in shapes.items()}
-            width = self._encode(sample).shape[1]
-        self.merge = nn.Sequential(nn.Linear(width, features_dim), nn.ReLU())
+        for key, space in observation_space.spaces.items():
+            if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):  # which arrive one-hot
+                shapes[key] = (int(spaces.flatdim(space)),)
+        crops = [
+            key for key in sorted(shapes, reverse=True) if _is_crop(observation_space[key])
+        ]  # the nearer one first
+        first = [key for key in ("scan", "motion") if key in shapes and key not in crops]
+        total, self._encoders = 0, dict[str, str]()
+        for key in (*crops, *first, *(key for key in sorted(shapes) if key not in (*crops, *first))):
+            encoder, width = _make_encoder(key, shapes[key], channels, is_crop=key in crops)
+            name = key.replace(".", "_")  # of a module, which holds no dots
+            self._encoders[key] = name = f"{name}_part" if hasattr(self, name) or name == "merge" else name
+            self.add_module(name, encoder)
+            total += width
+        self.merge = nn.Sequential(nn.Linear(total, features_dim), nn.ReLU())
 
-    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+    def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Return the features, shape (batch, features_dim)."""
-        return self.merge(self._encode(observations))
+        return self.merge(self.encode(observations))
 
-    def _encode(self, observations: dict[str, Tensor]) -> Tensor:
+    def encode(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Return all parts side by side, shape (batch, width)."""
-        scan = observations["scan"]
+        encoders = ((observations[key], getattr(self, name)) for key, name in self._encoders.items())
+        return torch.cat([encode(part if part.ndim > 1 else part[:, None]) for part, encode in encoders], dim=1)
+
+
+class FlatFeatures(ExplorerFeatures):
+    """The same for algorithms that take observations as vectors; see `flatten`."""
+
+    def __init__(self, observation_space: spaces.Box, *, parts: spaces.Dict, **arguments: int) -> None:
+        """Build the layers for the parts that the vectors are made of; `arguments` are those of the base class."""
+        super().__init__(parts, **arguments)
+        self._shapes = {key: tuple(space.shape or (1,)) for key, space in sorted(parts.spaces.items())}
+
+    def forward(self, observations: Tensor) -> Tensor:  # type: ignore[override]
+        """Return the features, shape (batch, features_dim)."""
+        pieces = observations.split([math.prod(shape) for shape in self._shapes.values()], dim=1)
+        return super().forward(
+            {key: piece.unflatten(1, shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
+        )
+
+
+def flat_space(parts: spaces.Dict) -> spaces.Box:
+    """Return the space of what `flatten` makes of observations."""
+    return spaces.Box(-np.inf, np.inf, (spaces.flatdim(parts),), np.float32)
+
+
+def flatten(observations: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the parts of observations, shape (batch, ...) each, as one vector each: shape (batch, n), float32."""
+    rows = [part.reshape(len(part), -1).astype(np.float32) for _, part in sorted(observations.items())]
+    return np.concatenate(rows, axis=1)
+
+
+class ScanSectors(nn.Sequential):
+    """Features of a scan: of the nearest return and the share of lost beams in each sector."""
+
+    def __init__(self, num_beams: int, width: int) -> None:
+        beams_per_sector = math.ceil(num_beams / SECTORS)
+        super().__init__(nn.Linear(2 * math.ceil(num_beams / beams_per_sector), width), nn.ReLU())
+        self._beams_per_sector = beams_per_sector
+
+    def forward(self, scan: Tensor) -> Tensor:
+        """Return the features, shape (batch, width), of scans, shape (batch, num_beams)."""
         # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
         invalid = (scan == 0).float()
         nearness = (1.0 - scan) * (1.0 - invalid)
-        parts = [self.get_submodule(key)(observations[key]) for key in self.crops]
-        parts.append(self.scan(torch.cat([self.nearest(nearness), self.share(invalid)], dim=1)))
-        parts += [self.get_submodule(key)(observations[key]) for key in ("motion", *self.vectors)]
-        return torch.cat(parts, dim=1)
+        nearest = functional.max_pool1d(nearness, self._beams_per_sector, ceil_mode=True)
+        share = functional.avg_pool1d(invalid, self._beams_per_sector, ceil_mode=True)
+        return super().forward(torch.cat([nearest, share], dim=1))
 
 
 class MapPatches(nn.Conv2d):
     """Features of the patches of a map crop."""
 
     def __init__(self, shape: tuple[int, ...], channels: int) -> None:
-        if len(shape) != 3 or shape[1] % PATCH or shape[2] % PATCH:
-            raise ValueError(f"map crops must have shape (channels, n {PATCH}, m {PATCH}), got {shape}")
         super().__init__(shape[0], channels, PATCH, stride=PATCH)
+        self._missing = -shape[2] % PATCH, -shape[1] % PATCH
 
     def forward(self, crop: Tensor) -> Tensor:
         """Return the features, shape (batch, channels * patches), of crops from 0 to 255.
@@ -87,4 +114,38 @@ class MapPatches(nn.Conv2d):
         The weights are scaled rather than the pixels, of which there are many more; so the policy must not
         scale images itself (`normalize_images=False`).
         """
+        if any(self._missing):
+            crop = functional.pad(crop, (0, self._missing[0], 0, self._missing[1]))
         return functional.relu(self._conv_forward(crop, self.weight / 255.0, self.bias)).flatten(1)
+
+
+class _Rows(nn.Sequential):
+    """An encoder that the rows of a part share."""
+
+    def __init__(self, encoder: nn.Module, num_axes: int) -> None:
+        super().__init__(encoder)
+        self._num_axes = num_axes
+
+    def forward(self, table: Tensor) -> Tensor:
+        """Return the features of all rows side by side, shape (batch, width)."""
+        return super().forward(table.flatten(0, -self._num_axes - 1)).reshape(len(table), -1)
+
+
+def _is_crop(space: spaces.Space) -> bool:
+    return isinstance(space, spaces.Box) and len(space.shape) >= 3 and bool((space.high == 255).all())
+
+
+def _make_encoder(key: str, shape: tuple[int, ...], channels: int, is_crop: bool) -> tuple[nn.Module, int]:
+    """Return the encoder of a part, and the width of its features."""
+    num_axes = 3 if is_crop else 1
+    rows, shape = shape[:-num_axes], shape[-num_axes:] or (1,)
+    if is_crop:
+        encoder: nn.Module = MapPatches(shape, channels)
+        width = channels * math.ceil(shape[1] / PATCH) * math.ceil(shape[2] / PATCH)
+    elif key == "scan":
+        width = 64
+        encoder = ScanSectors(shape[0], width)
+    else:
+        width = ROW_FEATURES if rows else 32 if key == "motion" else 64
+        encoder = nn.Sequential(nn.Linear(shape[0], width), nn.ReLU())
+    return (_Rows(encoder, num_axes), math.prod(rows) * width) if rows else (encoder, width)

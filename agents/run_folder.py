@@ -128,7 +128,7 @@ def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
     writer.writeheader()
     writer.writerows(rows)
     write_file(run / "evaluations.csv", table.getvalue())
-    draw_learning_curve({"PPO": rows}, title, run / "learning_curve.png")
+    draw_learning_curve({"learned": rows}, title, run / "learning_curve.png")
 
 
 def write_validations(run: Path, validated: Sequence[tuple[int, float]], nearest: float) -> None:

@@ -5,14 +5,17 @@ from pathlib import Path
 
 import numpy as np
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.tensorboard import SummaryWriter
 
+from agents.algorithms import build_model, complete, find_algorithm, num_updates, rollout_steps, takes_vectors
 from agents.callbacks import ProgressBar, RunCallback
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
-from agents.ppo import build_model, restore
+from agents.replay import ReplayFiles
 from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
+from agents.state import check_spaces, restore
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import Lock
 
@@ -20,7 +23,7 @@ from envs.files import Lock
 def train(
     config: TrainingConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
 ) -> Path:
-    """Train an explorer.
+    """Train a policy.
 
     Args:
         config: the experiment.
@@ -46,29 +49,33 @@ def train(
             checkpoint = load_checkpoint(source)
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         vector = make_vector(config.environment, "train", config.num_envs)
-        env = held.enter_context(contextlib.closing(GymnasiumVecEnv(vector)))
+        is_flat = takes_vectors(find_algorithm(config.algorithm))
+        env = held.enter_context(contextlib.closing(GymnasiumVecEnv(vector, is_flat=is_flat)))
+        config = complete(config, env)
         model = build_model(config, env)
         if checkpoint is None or source is None:
             evaluator.check(config.evaluation.references)
             run = held.enter_context(new_run(config, run))
         else:
-            for name in ("network", "decision_network"):
-                if (asked := getattr(config, name)) != (saved := getattr(checkpoint.record.config, name)):
-                    raise CheckpointError(
-                        f"{source} holds a network of another size: it needs {name}: {saved}, and not {asked}"
-                    )
+            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
+            _check_alike(config, checkpoint.record.config, source)
             restore(model, checkpoint, source)
             run = reopen_run(config, source)
+        replay = None
+        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
+            replay = ReplayFiles(model.replay_buffer, run)
+            replay.read(checkpoint.record.replay if checkpoint else {})
         # Where in their episodes the environments were is not kept: a resumed training starts new ones.
         env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
-        evaluations = list(checkpoint.record.evaluations) if checkpoint else []
+        evaluations = [row for row in checkpoint.record.evaluations if "progress" in row] if checkpoint else []
         # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
         purge_step = model.num_timesteps + 1 if evaluations else None
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
-        keeper = RunCallback(config, run, evaluator, evaluations, checkpoint.record.steps if checkpoint else None)
-        total_steps = config.num_updates * config.rollout_steps
+        saved_steps = checkpoint.record.steps if checkpoint else None
+        keeper = RunCallback(config, run, evaluator, evaluations, saved_steps, replay)
+        total_steps = num_updates(config) * rollout_steps(config)
         if model.num_timesteps < total_steps:
-            bar = [ProgressBar(total_steps, evaluations)] if progress else []
+            bar = [ProgressBar(total_steps, evaluations, evaluator)] if progress else []
             try:
                 model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
             except KeyboardInterrupt:
@@ -82,6 +89,17 @@ def train(
                     one.on_training_end()
         model.logger.close()
     return run
+
+
+def _check_alike(config: TrainingConfig, saved: TrainingConfig, source: Path) -> None:
+    """Hold a configuration against that of a checkpoint, whose weights and transitions it must fit.
+
+    Raises:
+        CheckpointError: if they differ in the algorithm or in the network.
+    """
+    for name in ("algorithm", "network"):
+        if (asked := getattr(config, name)) != (needed := getattr(saved, name)):
+            raise CheckpointError(f"{source} holds another {name}: it needs {name}: {needed}, and not {asked}")
 
 
 class _TensorBoard(TensorBoardOutputFormat):

@@ -1,54 +1,133 @@
 """The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
+import functools
+import inspect
 import multiprocessing
+import re
+import traceback
+from collections.abc import Callable
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 import envs  # noqa: F401  (registers the environments)
 from agents.config import EnvironmentConfig
+from agents.networks import flat_space, flatten
+from envs.files import explain_unknown, load_object
+from envs.vector import LidarVectorEnv
 
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
-EPISODE_MEASURES = ("explored_fraction", "collisions", "time")
-"""Numbers of the last `info` that go into `infos[i]["episode"]`, where the environment has them."""
+Split = Literal["train", "test"]
+KEYWORD = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
-def make_env(config: EnvironmentConfig, split: Literal["train", "test"]) -> gymnasium.Env:
-    """Make one environment on the worlds of a split."""
-    return gymnasium.make(config.id, split=split, **config.arguments)
+def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
+    """Make one environment on the worlds of a split.
+
+    Raises:
+        ValueError: if there is no such environment, it refuses an argument, or its task declares no measures.
+    """
+    spec = _find(config.id)
+    env = _make(functools.partial(gymnasium.make, spec), config, split)
+    if not hasattr(task_env_of(env), "task"):
+        raise ValueError(f"environment.id: {config.id!r} has no task that declares measures; see envs.task.Task")
+    return env
 
 
 def make_vector(
-    config: EnvironmentConfig, split: Literal["train", "test"], num_envs: int
+    config: EnvironmentConfig, split: Split, num_envs: int
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
     """Make several environments on the worlds of a split. One whose episode ends starts the next at once.
 
     Raises:
-        ValueError: if an argument is not allowed, or the environment has no such arguments.
+        ValueError: if there is no such environment, or it refuses an argument.
     """
-    arguments = {**config.arguments, "split": split}
+    spec = _find(config.id)
+    entry, mode = _entry_point(spec), config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    if config.vectorization != "sync":
+    if mode == "native" and isinstance(entry, type) and not hasattr(entry, "outcome"):
+        mode = "sync"  # an environment of another kind, which shards cannot step
+    if mode != "sync":
         # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
         methods = multiprocessing.get_all_start_methods()
         settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
-    if config.vectorization == "native":
+    if mode != "native":
+        made: Any = functools.partial(gymnasium.make_vec, spec, num_envs, mode, settings)
+    elif spec.vector_entry_point is not None:
         settings["num_workers"] = config.num_workers
-        mode: dict[str, Any] = {"vectorization_mode": "vector_entry_point", **settings}
+        made = functools.partial(gymnasium.make_vec, spec, num_envs, "vector_entry_point", **settings)
     else:
-        mode = {"vectorization_mode": config.vectorization, "vector_kwargs": settings}
+        settings["num_workers"] = config.num_workers
+        made = functools.partial(LidarVectorEnv, entry, num_envs, **settings, **spec.kwargs)
+    return _make(made, config, split)
+
+
+def task_env_of(env: gymnasium.Env[Any, Any]) -> Any:
+    """Return what holds task and robot of an environment, whatever wraps it, be it driven by twists or decisions."""
+    return getattr(env.unwrapped, "explore", env.unwrapped)
+
+
+def keyword_arguments(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Return the arguments that a class or function takes by name, with those that a class passes on to its bases."""
+    found: dict[str, inspect.Parameter] = {}
+    inits = [vars(kind)["__init__"] for kind in getattr(make, "__mro__", ()) if "__init__" in vars(kind)]
+    for function in inits or [make]:
+        parameters = inspect.signature(function).parameters
+        found = {name: one for name, one in parameters.items() if one.kind in KEYWORD and name != "self"} | found
+        if not any(one.kind == inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
+            break
+    return found
+
+
+def _find(id: str) -> EnvSpec:
+    """Return the specification of an environment; `module:id` imports the module, also from the current folder.
+
+    Raises:
+        ValueError: if there is no such module or environment; names the nearest.
+    """
+    module, _, name = id.rpartition(":")
+    if module:
+        load_object(f"{module}:__name__")
     try:
-        return gymnasium.make_vec(config.id, num_envs, **mode, **arguments)
-    except TypeError as error:
-        if "unexpected keyword argument" not in str(error):
-            raise
-        raise ValueError(f"environment.id: {config.id!r} is not for exploration: {error}") from error
+        return gymnasium.spec(name)
+    except gymnasium.error.Error:
+        known = [one for one in gymnasium.registry if not module or one.partition("/")[0] == name.partition("/")[0]]
+        raise ValueError(f"environment.id: unknown environment {explain_unknown(name, known)}") from None
+
+
+def _entry_point(spec: EnvSpec) -> Callable[..., Any]:
+    entry = spec.entry_point
+    return load_env_creator(entry) if isinstance(entry, str) else entry  # type: ignore[return-value]
+
+
+def _make(make: Callable[..., Any], config: EnvironmentConfig, split: Split) -> Any:
+    """Call `make` with the arguments of an environment, and, where it takes them, its split and quick physics.
+
+    Raises:
+        ValueError: if an argument is unknown; names the nearest.
+    """
+    usual = {"split": split, "physics": "kinematic"}
+    while True:
+        try:
+            return make(**{**usual, **config.arguments})
+        except (TypeError, ValueError) as error:
+            unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
+            if unknown is None:
+                raise
+            if unknown[1] not in usual or unknown[1] in config.arguments:
+                last = list(traceback.walk_tb((error.__cause__ or error).__traceback__))[-1][0]  # Gymnasium wraps it
+                taker = last.f_globals.get(str(error).partition(".")[0], _entry_point(_find(config.id)))
+                allowed = keyword_arguments(_entry_point(_find(config.id))) | keyword_arguments(taker)
+                what = explain_unknown(unknown[1], allowed)
+                raise ValueError(f"environment: {config.id} has no argument {what}") from error
+            del usual[unknown[1]]
 
 
 class GymnasiumVecEnv(VecEnv):
@@ -60,13 +139,14 @@ class GymnasiumVecEnv(VecEnv):
     `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing.
     """
 
-    def __init__(self, env: VectorEnv, *, clip_actions: bool = False) -> None:
+    def __init__(self, env: VectorEnv, *, clip_actions: bool = False, is_flat: bool = False) -> None:
         """Wrap `env`.
 
         Args:
             env: made with `autoreset_mode=AutoresetMode.SAME_STEP`.
             clip_actions: whether actions outside a `Box` are cut to its bounds; otherwise the environment refuses them.
                 Algorithms of stable-baselines3 clip what a Gaussian draws before they step; others may not.
+            is_flat: whether observations are vectors; see `agents.networks.flatten`.
 
         Raises:
             ValueError: if `env` has another autoreset mode.
@@ -76,12 +156,16 @@ class GymnasiumVecEnv(VecEnv):
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
         self.env = env
         self._observations: Observations = {}
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._is_flat = is_flat
+        self.parts: Any = env.single_observation_space
+        """Space of the observations as the environment gives them."""
+        space = flat_space(self.parts) if is_flat else self.parts
+        super().__init__(env.num_envs, space, env.single_action_space)
         self._clips = clip_actions and isinstance(env.single_action_space, spaces.Box)
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, dtype=np.int64)
 
-    def reset(self) -> Observations:
+    def reset(self) -> Any:
         """Start an episode in every sub-environment, with the seeds and options that `seed` and `set_options` gave.
 
         Raises:
@@ -95,13 +179,13 @@ class GymnasiumVecEnv(VecEnv):
         self._reset_options()
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        return self._observations
+        return self._shown(self._observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         space = self.action_space
         self._actions = np.clip(actions, space.low, space.high) if self._clips else actions  # type: ignore[attr-defined]
 
-    def step_wait(self) -> tuple[Observations, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
@@ -109,7 +193,7 @@ class GymnasiumVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(dones).tolist():
             infos[i] = self._end_of_episode(info, i, bool(truncated[i] and not terminated[i]))
-        return self._observations, rewards.astype(np.float32), dones, infos
+        return self._shown(self._observations), rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
         self.env.close()
@@ -161,12 +245,21 @@ class GymnasiumVecEnv(VecEnv):
         space = self.env.single_observation_space
         return isinstance(space, spaces.Dict) and "action_mask" in space.spaces
 
+    def _shown(self, observations: Observations) -> Any:
+        return flatten(observations) if self._is_flat else observations
+
     def _end_of_episode(self, info: dict[str, Any], i: int, cut_short: bool) -> dict[str, Any]:
-        """Return what stable-baselines3 and its callbacks look for where the episode of sub-environment i ended."""
-        final = info["final_info"]
-        episode = {"r": float(self._returns[i]), "l": int(self._lengths[i])}
-        episode |= {name: float(final[name][i]) for name in EPISODE_MEASURES if name in final}
+        """Return what stable-baselines3 and its callbacks look for where the episode of sub-environment i ended.
+
+        Beside return and length, `episode` holds each number of the last `info`, summed over the robots of a team.
+        """
+        final = {name: value[i] for name, value in info["final_info"].items() if isinstance(value, np.ndarray)}
+        numbers = {name: np.asarray(value) for name, value in final.items() if not name.startswith("_")}
+        episode = {name: float(value.sum()) for name, value in numbers.items() if value.dtype.kind in "biuf"}
+        episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}
         self._returns[i] = 0.0
         self._lengths[i] = 0
-        ended = {"episode": episode, "terminal_observation": info["final_obs"][i], "TimeLimit.truncated": cut_short}
-        return ended | ({"is_success": bool(final["is_success"][i])} if "is_success" in final else {})
+        last = self._shown({name: part[None] for name, part in info["final_obs"][i].items()})
+        last = last[0] if self._is_flat else info["final_obs"][i]
+        ended = {"episode": episode, "terminal_observation": last, "TimeLimit.truncated": cut_short}
+        return ended | ({"is_success": bool(final["is_success"])} if "is_success" in final else {})

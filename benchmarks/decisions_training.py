@@ -10,8 +10,8 @@ from pathlib import Path
 from rich.table import Table
 from stable_baselines3.common.logger import Logger
 
+from agents.algorithms import build_model, rollout_steps
 from agents.config import TrainingConfig
-from agents.ppo import build_model
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.command_line import Count, make_console, run_command
 from envs.files import read_record
@@ -43,12 +43,13 @@ def measure(config: TrainingConfig, updates: int) -> tuple[int, float, float]:
     env = _TimedVecEnv(make_vector(alone, "train", config.num_envs))
     model = build_model(config, env)
     model.set_logger(Logger(None, []))
-    model.learn(config.rollout_steps)  # compiles, and takes the environments from their first decisions
+    steps = rollout_steps(config)
+    model.learn(steps)  # compiles, and takes the environments from their first decisions
     env.seconds, began = 0.0, time.process_time()
-    model.learn(updates * config.rollout_steps, reset_num_timesteps=False)
+    model.learn(updates * steps, reset_num_timesteps=False)
     seconds = time.process_time() - began
     env.close()
-    return updates * config.rollout_steps, seconds, env.seconds
+    return updates * steps, seconds, env.seconds
 
 
 def main(

@@ -11,6 +11,7 @@ from PIL import Image
 from rich.console import Console
 
 from agents.config import TrainingConfig
+from agents.curves import LEARNED as LEARNS
 from agents.curves import Row as CurveRow
 from agents.curves import draw_learning_curve, read_evaluations
 from benchmarks.arena.pairs import by_start, start_of
@@ -124,15 +125,13 @@ def check_learning(evaluations: Sequence[CurveRow], target: str) -> str:
     Raises:
         RuntimeError: if the training did not improve it.
     """
-    times = [float(row["time_to_target"]) for row in evaluations if row["policy"] == "ppo"]
+    times = [float(row["time_to_95"]) for row in evaluations if row["policy"] == LEARNS]
     if not times[-1] <= LARGEST_RATIO * times[0]:
         raise RuntimeError(
             f"the training did not improve: {target} took {times[0]:.1f} s before and {times[-1]:.1f} s after it; "
             f"it should take at most {LARGEST_RATIO:g} of the time"
         )
-    others = ", ".join(
-        f"{row['policy']} {row['time_to_target']:.1f} s" for row in evaluations if row["policy"] != "ppo"
-    )
+    others = ", ".join(f"{row['policy']} {row['time_to_95']:.1f} s" for row in evaluations if row["policy"] != LEARNS)
     steps = int(evaluations[-1]["steps"])
     return f"PPO took {times[0]:.1f} s to {target} before training, {times[-1]:.1f} s after {steps:,} steps ({others})."
 

@@ -11,9 +11,7 @@ once, reports and selects nothing.
 
 import csv
 import io
-import multiprocessing
 import shutil
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +20,9 @@ from torch.utils.tensorboard import SummaryWriter
 
 from agents.config import EvolutionConfig
 from agents.learned import POLICY
+from agents.pools import Pool, make_pool
 from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
 from envs.files import write_file
-from envs.processes import start_worker, stop_workers
 from envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
@@ -43,9 +41,16 @@ LEAST_SPREAD = 0.02
 
 
 def evolve(
-    config: EvolutionConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
+    config: EvolutionConfig,
+    *,
+    run: Path | None = None,
+    resume: Path | None = None,
+    progress: bool = True,
+    ray: str | None = None,
 ) -> Path:
     """Train a score, and return the folder of the run; arguments as for `agents.training.train`.
+
+    Individuals explore in processes of this machine, or on the Ray cluster whose address is `ray`.
 
     A run goes on by replaying what its individuals reached: CMA-ES draws them again from the seed.
 
@@ -55,7 +60,7 @@ def evolve(
         envs.files.LockedError: if another process is at the run.
         KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
     """
-    with open_run(config, run, resume) as run, _pool(config.num_workers) as pool:
+    with open_run(config, run, resume) as run, make_pool(config.num_workers, ray) as pool:
         evolution = _Evolution(config, run, pool)
         bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         try:
@@ -67,7 +72,7 @@ def evolve(
                     bar.update(evolution.advance(generation))
                 bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
         except KeyboardInterrupt:
-            stop_workers(pool)
+            pool.stop()
             done = f"after generation {len(evolution.values)}"
             raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
         evolution.save()
@@ -77,7 +82,7 @@ def evolve(
 class _Evolution:
     """A run: the search by CMA-ES, and the validations of its means."""
 
-    def __init__(self, config: EvolutionConfig, run: Path, pool: ProcessPoolExecutor) -> None:
+    def __init__(self, config: EvolutionConfig, run: Path, pool: Pool) -> None:
         """Read what a run folder holds; raises `CheckpointError` if its files do not fit together."""
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
@@ -151,11 +156,7 @@ def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> l
     return [draw_task(np.random.default_rng(seed), config.families) for seed in seeds]
 
 
-def _pool(num_workers: int | None) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(num_workers, multiprocessing.get_context("spawn"), start_worker)
-
-
-def _ratios(pool: ProcessPoolExecutor, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
+def _ratios(pool: Pool, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
     """Return the logarithms of times over the rule's: shape (tasks, individuals), float64."""
     jobs = [pool.submit(compare, task, weights, PRIOR) for task in tasks]
     return np.array([job.result() for job in jobs])

@@ -1,5 +1,7 @@
 """The policy of PPO that chooses candidates."""
 
+from typing import Any
+
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import CategoricalDistribution
@@ -29,15 +31,16 @@ class FrontierPolicy(ActorCriticPolicy):
         heads: int = 4,
         prior: float = 10.0,
         prior_policy: str = RULE,
-        use_sde: bool = False,
+        **arguments: Any,
     ) -> None:
-        """Build the network; see there for `width`, `heads` and `prior`. `use_sde` is not for choices.
+        """Build the network; see there for `width`, `heads` and `prior`. `arguments` are those of the base class.
 
         With a `prior_policy` other than the rule, the network waits for the weights of that score; see `load_prior`.
         """
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # The extractor has no weights; it is what the base class asks for.
-        super().__init__(observation_space, action_space, lr_schedule, features_extractor_class=FlattenExtractor)
+        arguments["features_extractor_class"] = FlattenExtractor
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
 
     def load_prior(self, score: FrontierScore) -> None:
         """Start from a score of frontiers, where the policy was made with a `prior_policy`."""
@@ -68,7 +71,8 @@ class FrontierPolicy(ActorCriticPolicy):
     def _build(self, lr_schedule: Schedule) -> None:
         assert isinstance(self.observation_space, spaces.Dict)
         self.network = FrontierNetwork(self.observation_space, **self._sizes)  # type: ignore[arg-type]
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=lr_schedule(1), eps=1e-5)
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     def _distribution(self, logits: Tensor) -> CategoricalDistribution:
         assert isinstance(self.action_dist, CategoricalDistribution)

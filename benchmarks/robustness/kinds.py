@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from agents.config import EvolutionConfig, TrainingConfig
+from agents.config import TrainingConfig, parse_config
 from benchmarks.arena.settings import Settings
 from envs.core import LidarEnv
 from envs.files import read_mapping, read_record
@@ -120,13 +120,11 @@ def try_config(folder: Path, name: str, rng: np.random.Generator) -> None:
     path = sorted((ROOT / "configs").glob("*.yaml"))
     source = path[rng.integers(len(path))]
     tree = read_mapping(source)
-    kind: Any = TrainingConfig
-    if "policies" in tree:
-        kind = Settings
-    elif tree.get("algorithm") == "evolution":
-        kind = EvolutionConfig
     write_tree(folder / f"{name}.yaml", tree, rng)
-    read_record(folder / f"{name}.yaml", kind)
+    if "policies" in tree:
+        read_record(folder / f"{name}.yaml", Settings)
+    else:
+        parse_config(read_mapping(folder / f"{name}.yaml"), name)
 
 
 def try_log(folder: Path, name: str, rng: np.random.Generator) -> None:
@@ -165,8 +163,8 @@ def use_log(path: Path) -> None:
 
 def try_checkpoint(folder: Path, name: str, rng: np.random.Generator) -> None:
     """Damage a checkpoint; in half of the cases its checksums are right all the same."""
+    from agents.algorithms import build_policy
     from agents.checkpoint import load_checkpoint
-    from agents.ppo import build_policy
 
     valid = make_checkpoint(folder)
     damaged = folder / f"{name}"
@@ -193,8 +191,9 @@ def make_checkpoint(folder: Path) -> Path:
     """Return a checkpoint of a small network, saved in the folder at the first call."""
     valid = folder.parent / "valid"
     if not valid.is_dir():
+        from agents.algorithms import build_model
         from agents.checkpoint import save_checkpoint
-        from agents.ppo import build_model, capture
+        from agents.state import capture
         from agents.vec_env import GymnasiumVecEnv, make_vector
         from envs.files import parse_record
 
@@ -202,14 +201,15 @@ def make_checkpoint(folder: Path) -> Path:
             "experiment": "small",
             "total_steps": 64,
             "num_envs": 2,
-            "environment": {"world_size": [6.0, 6.0], "num_workers": 0, "time_limit": 10.0},
-            "ppo": {"num_steps": 16, "batch_size": 32},
+            "algorithm": "PPO",
+            "environment": {"world": "rooms", "world_size": [6.0, 6.0], "num_workers": 0, "time_limit": 10.0},
+            "hyperparameters": {"n_steps": 16, "batch_size": 32},
             "network": {"features": 8, "channels": 2, "hidden": 8},
             "checkpoints": {"every": 32, "keep": 2},
         }
         config = parse_record(small, "small", TrainingConfig)
         env = GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs))
-        saved = save_checkpoint(capture(build_model(config, env), config, []), folder.parent / "run", keep=2)
+        saved = save_checkpoint(capture(build_model(config, env), config, [], 10.0), folder.parent / "run", keep=2)
         env.close()
         saved.rename(valid)
     return valid

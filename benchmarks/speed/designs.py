@@ -151,14 +151,14 @@ class TrainingDrive(Drive):
     def __init__(self, env: gymnasium.vector.VectorEnv, cores: int) -> None:
         from stable_baselines3.common.logger import Logger
 
+        from agents.algorithms import build_model
         from agents.config import TrainingConfig
-        from agents.ppo import build_model
         from agents.vec_env import GymnasiumVecEnv
         from envs.files import read_record
 
         config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
         super().__init__(GymnasiumVecEnv(env), env.num_envs)
-        self.at_once = config.ppo.num_steps
+        self.at_once = config.hyperparameters["n_steps"]
         self._model = build_model(config, self._env)
         self._model.set_logger(Logger(None, []))
 

@@ -9,8 +9,9 @@ TINY = {
     "experiment": "tiny",
     "total_steps": 768,
     "num_envs": 4,
+    "algorithm": "PPO",
     "environment": {"id": ID, "vectorization": "sync", "time_limit": 4.0},
-    "ppo": {"num_steps": 32, "batch_size": 64, "num_epochs": 2},
+    "hyperparameters": {"n_steps": 32, "batch_size": 64, "n_epochs": 2},
     "evaluation": {"every": 256, "episodes": 3, "references": []},
     "checkpoints": {"every": 256, "keep": 2},
 }

@@ -5,13 +5,21 @@ A point drives through a square of hidden cells and uncovers those around it. Re
 
 import os
 import signal
+from functools import partial
 from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.measures import Measure, when
+
 ID = "tests.agents.fake_env:Fake-v0"
+MEASURES = (
+    Measure("area", "area", "m²", True, lambda course: course.of("explored_area")[-1], is_headline=True),
+    Measure("gained_area", "gain", "m²", True, lambda course: np.ptp(course.of("explored_area"))),
+    Measure("time_to_90", "time", "s", False, partial(when, name="explored_fraction", mark=0.9), limit="time_limit"),
+)
 SIDE = 16
 BEAMS = 36
 
@@ -19,7 +27,7 @@ BEAMS = 36
 class FakeEnv(gymnasium.Env):
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, *, split, world, control_hz, time_limit, render_mode=None, **_ignored):
+    def __init__(self, *, split="train", world="rooms", control_hz=5.0, time_limit=None, render_mode=None, **_ignored):
         crop = spaces.Box(0, 255, (3, 40, 40), np.uint8)
         self.observation_space = spaces.Dict(
             {
@@ -36,7 +44,8 @@ class FakeEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or 4.0
-        self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS))
+        self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
+        self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction")
         self.belief = None
         self.steps = 0
         if split == "test":
@@ -91,6 +100,7 @@ class FakeEnv(gymnasium.Env):
             "path_length": 0.0,
             "collisions": 0,
             "time": self.time,
+            "pose_error": np.zeros(2),
             "rewards": {"explored": gained},
             "is_success": bool(self.seen.all()),
         }

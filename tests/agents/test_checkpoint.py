@@ -10,9 +10,10 @@ import pytest
 import safetensors.torch
 import torch
 
+from agents.algorithms import build_model, build_policy
 from agents.checkpoint import load_checkpoint, save_checkpoint
-from agents.ppo import build_model, build_policy, capture, restore
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.state import capture, restore
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import writing as files
 
@@ -40,7 +41,7 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
     model = fresh_model()
     model.learn(256)
     np.random.standard_normal()  # noqa: NPY002  (leaves half a pair behind: the hidden part of the state)
-    saved = capture(model, tiny_config, [{"policy": "ppo", "steps": 256, "explored_fraction": 0.1}])
+    saved = capture(model, tiny_config, [{"policy": "learned", "steps": 256, "progress": 0.1}], 5.0)
     folder = save_checkpoint(saved, tmp_path, keep=2)
     drawn = np.random.standard_normal(3), np.random.permutation(9), torch.randn(3)  # noqa: NPY002
 
@@ -126,10 +127,6 @@ DAMAGES = {
         lambda f: (f / "checkpoint.json").write_text("[" * 100_000 + "]" * 100_000),
         "checkpoint.json: Invalid JSON: recursion limit",
     ),
-    "an absurd size": (
-        lambda f: rewrite(f / "checkpoint.json", '"hidden": 64', '"hidden": 1000000000000'),
-        "checkpoint.json: config.network.hidden: .*less than or equal to 8192",
-    ),
     "an absurd space": (
         lambda f: rewrite(f / "checkpoint.json", '"shape": [', '"shape": [90000, 90000, '),
         r"checkpoint.json: observation\..*more than 4 axes or 10,000,000 elements",
@@ -164,6 +161,13 @@ def test_a_damaged_checkpoint_is_named_with_the_remedy(damage, run, fresh_model)
     assert f"checkpoint {newest} is damaged" in str(caught.value)
     assert f"use the one before it, {older}" in str(caught.value)
     restore(model, load_checkpoint(older), older)
+
+
+def test_a_network_of_an_absurd_size_is_refused(run):
+    newest = find_checkpoint(run)
+    rewrite(newest / "checkpoint.json", '"hidden": 64', '"hidden": 1000000000000')
+    with pytest.raises(CheckpointError, match=r"is damaged: .*network: hidden: .*less than or equal to 8192"):
+        build_policy(load_checkpoint(newest), newest)
 
 
 def test_a_full_disk_costs_nothing_but_the_new_checkpoint(run, monkeypatch):

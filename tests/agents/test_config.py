@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 
 import train
-from agents.config import EvolutionConfig, TrainingConfig
+from agents import training
+from agents.config import TrainingConfig, parse_config
 from envs.files import dump_record, parse_record, read_mapping, read_record
 
 CONFIGS = sorted(
@@ -14,11 +15,10 @@ CONFIGS = sorted(
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
-    kind = EvolutionConfig if "algorithm" in read_mapping(path) else TrainingConfig
-    config = read_record(path, kind)
+    config = parse_config(read_mapping(path), str(path))
     assert config.experiment == path.stem
     (tmp_path / "again.yaml").write_text(dump_record(config))
-    assert read_record(tmp_path / "again.yaml", kind) == config
+    assert read_record(tmp_path / "again.yaml", type(config)) == config
 
 
 def test_there_are_configurations():
@@ -27,25 +27,20 @@ def test_there_are_configurations():
 
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
     path = tmp_path / "a.yaml"
-    path.write_text("experiment: a\ntotal_steps: 3e5\nppo: {learning_rate: 3e-4, entropy_coef: 1E-3, gamma: .9e0}\n")
+    rates = "hyperparameters: {learning_rate: 3e-4, ent_coef: 1E-3, gamma: .9e0}"
+    path.write_text(f"experiment: a\ntotal_steps: 3e5\nalgorithm: SAC\n{rates}\n")
     config = read_record(path, TrainingConfig)
     assert config.total_steps == 300_000
     assert isinstance(config.total_steps, int)
-    assert (config.ppo.learning_rate, config.ppo.entropy_coef, config.ppo.gamma) == (3e-4, 1e-3, 0.9)
+    assert list(config.hyperparameters.values()) == [3e-4, 1e-3, 0.9]
 
 
 @pytest.mark.parametrize(
     ("section", "key", "value", "message"),
     [
-        ("ppo", "learnig_rate", 1e-3, r"mem: unknown key 'ppo.learnig_rate' \(did you mean 'learning_rate'\?\)"),
         (None, "total_stesp", 5, r"unknown key 'total_stesp' \(did you mean 'total_steps'\?"),
-        ("environment", "wrold", "rooms", r"unknown key 'environment.wrold' \(did you mean 'world'\?"),
-        ("environment", "reward", {"explord": 1.0}, r"environment.reward: unknown term 'explord' \(did you mean 'expl"),
-        ("ppo", "gamma", 1.5, r"ppo.gamma: Input should be less than or equal to 1, got 1.5"),
-        ("ppo", "learning_rate", "fast", r"ppo.learning_rate: .*number.*, got 'fast'"),
-        ("environment", "world_size", [8, -1], r"environment.world_size.1: .*greater than 0, got -1"),
-        ("checkpoints", "every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
-        ("ppo", "batch_size", 48, r"ppo.batch_size 48 does not divide .* 128"),
+        (None, "algorithm", "SCA", r"algorithm: unknown algorithm 'SCA' \(did you mean 'SAC'\?\)"),
+        ("evaluation", "evry", 5, r"unknown key 'evaluation.evry' \(did you mean 'every'\?"),
         (None, "experiment", "../up", r"experiment: .*pattern"),
         ("environment", "vectorization", "fork", r"vectorization: .*'native', 'sync' or 'async', got 'fork'"),
     ],
@@ -73,12 +68,24 @@ def test_a_missing_key_and_an_unreadable_file_are_named(tmp_path):
         read_record(tmp_path / "nothere.yaml", TrainingConfig)
 
 
-def test_reward_terms_left_out_keep_the_weight_of_the_environment(tiny_data):
-    from envs.tasks.rewards import RewardWeights
-
-    config = parse_record({**tiny_data, "environment": {"reward": {"time": -1.0}}}, "mem", TrainingConfig)
-    assert config.environment.reward["time"] == -1.0
-    assert config.environment.reward["explored"] == RewardWeights().explored
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("hyperparameters", "learnig_rate", 1e-3, r"PPO has no 'learnig_rate' \(did you mean 'learning_rate'\?\)"),
+        ("hyperparameters", "learning_rate", "lin_fast", r"learning_rate: 'lin_fast' is not of the form lin_3e-4"),
+        ("hyperparameters", "n_steps", "many", r"n_steps must be a whole number from 1, got 'many'"),
+        ("hyperparameters", "gamma", "no:such", r"there is no module 'no'"),
+        ("network", "speedd", 1.0, r"network: unknown key 'speedd' \(did you mean 'speed'\?\); allowed are .*pursuit"),
+        ("network", "pursuit", 1.0, r"network.pursuit needs the observation `plan`"),
+        ("checkpoints", "every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
+    ],
+)  # fmt: skip
+def test_mistakes_that_the_algorithm_knows_of_leave_no_run_behind(tiny_data, tmp_path, section, key, value, message):
+    data = copy.deepcopy(tiny_data)
+    data.setdefault(section, {})[key] = value
+    with pytest.raises(ValueError, match=message):
+        training.train(parse_config(data, "mem"), run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monkeypatch, capsys, tiny_config):
@@ -91,13 +98,17 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
     monkeypatch.setattr("agents.training.train", remember)
     path = tmp_path / "tiny.yaml"
     path.write_text(dump_record(tiny_config))
-    arguments = ["--config", str(path), "--seed", "7", "--ppo.learning-rate", "1e-3", "--environment.reward.time", "-2"]
+    arguments = ["--config", str(path), "--seed", "7", "--hyperparameters.learning-rate", "1e-3"]
+    arguments += ["--environment.reward.time", "-2", "--environment.observations", "scan", "motion"]
+    arguments += ["--evaluation.world", "None", "--environment.randomize={lidar.dropout: [0, 0.1]}"]
     assert train.main(arguments) == 0
-    assert (seen["config"].seed, seen["config"].ppo.learning_rate) == (7, 1e-3)
-    assert seen["config"].environment.reward["time"] == -2.0
-    assert seen["config"].ppo.num_steps == tiny_config.ppo.num_steps
-    assert train.main(["--config", str(path), "--ppo.learnin-rate", "1"]) == 2
-    assert "--ppo.learning-rate" in capsys.readouterr().err
+    config = seen["config"]
+    assert (config.seed, config.evaluation.world) == (7, None)
+    assert config.hyperparameters == tiny_config.hyperparameters | {"learning_rate": 1e-3}
+    own = {"reward": {"time": -2}, "observations": ("scan", "motion"), "randomize": {"lidar.dropout": (0, 0.1)}}
+    assert config.environment.arguments == tiny_config.environment.arguments | own
+    assert train.main(["--config", str(path), "--evaluation.evry", "1"]) == 2
+    assert "did you mean 'every'" in capsys.readouterr().err
     assert train.main(["--config", str(tmp_path / "no.yaml")]) == 2
     assert "no.yaml: no such file" in capsys.readouterr().err
 
@@ -109,12 +120,17 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
         (["--seed", "1"], "--config FILE, or a run that is to go on"),
         (["--config", ""], "unknown configuration ''"),
         (
-            ["--environment.id", "lidarnaut/Navigate-v0"],
-            "'lidarnaut/Navigate-v0' is not for exploration",
+            ["--environment.id", "CartPole-v1", "--environment.time-limit", "1"],
+            "CartPole-v1 has no argument 'time_limit'",
         ),
-        (["--environment.id", "CartPole-v1"], "environment.id: 'CartPole-v1' is not for exploration"),
-        (["--environment.id", "no_such_module:Mine-v0"], "No module named 'no_such_module'"),
-        (["--evaluation.references", "random", "nerest"], "unknown explorer 'nerest' (did you mean 'nearest'?)"),
+        (["--environment.id", "lidarnaut/Navigat-v0"], "unknown environment 'lidarnaut/Navigat-v0' (did you mean 'li"),
+        (["--environment.id", "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),
+        (
+            ["--environment.id", "lidarnaut/ExploreFrontiers-v0", "--environment.wrold", "rooms"],
+            "lidarnaut/ExploreFrontiers-v0 has no argument 'wrold' (did you mean 'world'?); allowed are max_candidates",
+        ),
+        (["--ray", "auto"], "--ray is for sweeps and evolutions"),
+        (["--evaluation.references", "random", "nerest"], "unknown policy 'nerest'"),
     ],
 )
 def test_the_command_line_says_what_is_wrong_before_there_is_a_run(
@@ -131,7 +147,7 @@ def test_the_command_line_says_what_is_wrong_before_there_is_a_run(
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("algorithm: evolutionn", "algorithm: Input should be 'evolution', got 'evolutionn'"),
+        ("algorithm: evolutionn\ntotal_steps: 1", "unknown algorithm 'evolutionn' (did you mean 'evolution'?)"),
         ("algorithm: evolution\nfamilies: [rooms, mase]", r"families: unknown family 'mase' (did you mean 'maze'?)"),
     ],
 )
@@ -141,7 +157,25 @@ def test_mistakes_of_an_evolution_are_named(tmp_path, capsys, line, says):
     assert says in capsys.readouterr().err
 
 
-def test_the_old_name_of_the_vector_environment_still_works(tiny_data):
-    with pytest.warns(DeprecationWarning, match="'lanes' is called 'native' now"):
-        config = parse_record({**tiny_data, "environment": {"vectorization": "lanes"}}, "mem", TrainingConfig)
-    assert config.environment.vectorization == "native"
+def test_a_configuration_of_the_older_form_is_read():
+    older = {"experiment": "a", "total_steps": 5, "environment": {"world_size": None, "reward_object": "a:b"}}
+    older |= {"ppo": {"num_steps": 8, "target_kl": None}, "network": {"speed": 0.5}, "decision_network": {"prior": 2}}
+    config = parse_config(older, "mem")
+    assert config.environment.arguments == {
+        "world": "rooms",
+        "physics": "kinematic",
+        "control_hz": 5.0,
+        "reward": "a:b",
+    }
+    assert (config.algorithm, config.network) == ("PPO", {"speed": 0.5})
+    assert config.hyperparameters == {"learning_rate": "lin_0.0003", "n_steps": 8}
+    older["environment"] = {"id": "lidarnaut/ExploreFrontiers-v0"}
+    assert parse_config(older | {"ppo": {"anneal": False}}, "mem").hyperparameters == {"learning_rate": 3e-4}
+    assert parse_config(older, "mem").network == {"prior": 2}
+
+
+def test_help_names_every_key(capsys):
+    assert train.main(["--help"]) == 0
+    said = capsys.readouterr().out
+    assert "--environment.num-workers (default None)" in said
+    assert "--generations (default 100)" in said

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from agents.explorer import PPOExplorer
+from agents.algorithms import Actor, build_model
+from agents.explorer import LearnedPolicy
 from agents.learned import find_policy
-from agents.ppo import build_model, mean_action
 from agents.run_folder import CheckpointError, find_checkpoint
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from envs.geometry import wrap_angle
@@ -25,7 +25,7 @@ def ready(explorer, env, seed=0, period=None):
 
 
 def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
-    explorer = ready(PPOExplorer.load(tiny_run), env)
+    explorer = ready(LearnedPolicy.load(tiny_run), env)
     observation, _ = env.reset(seed=1)
     ended = False
     while not ended:
@@ -41,20 +41,21 @@ def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
 def test_run_and_checkpoint_folders_mean_the_same_policy(tiny_run, env):
     observation, _ = env.reset(seed=1)
     actions = [
-        ready(PPOExplorer.load(path), env)(observation) for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
+        ready(LearnedPolicy.load(path), env)(observation)
+        for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
     ]
     assert all(np.array_equal(action, actions[0]) for action in actions)
 
 
 def test_it_acts_as_the_policy_of_stable_baselines_does(tiny_run, env):
-    explorer = ready(PPOExplorer.load(tiny_run), env)
+    explorer = ready(LearnedPolicy.load(tiny_run), env)
     observation, _ = env.reset(seed=2)
-    expected, _ = explorer._policy.predict(observation, deterministic=True)
+    expected, _ = explorer._actor.policy.predict(observation, deterministic=True)
     assert np.allclose(explorer(observation), expected, atol=1e-6)
 
 
 def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
-    explorer = PPOExplorer.load(tiny_run, deterministic=False)
+    explorer = LearnedPolicy.load(tiny_run, deterministic=False)
     observation, _ = env.reset(seed=1)
 
     def draw(seed):
@@ -65,13 +66,13 @@ def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
     first = draw(5)
     assert np.array_equal(first, draw(5))
     assert not np.array_equal(first, draw(6))
-    mean = ready(PPOExplorer.load(tiny_run), env)(observation)
+    mean = ready(LearnedPolicy.load(tiny_run), env)(observation)
     assert np.allclose(first.mean(axis=0), mean, atol=0.15)
     assert (first.std(axis=0) > 0.3).all()
 
 
 def test_it_keeps_the_pace_of_its_training(tiny_run, env):
-    explorer = ready(PPOExplorer.load(tiny_run, deterministic=False), env, period=0.1)
+    explorer = ready(LearnedPolicy.load(tiny_run, deterministic=False), env, period=0.1)
     observation, _ = env.reset(seed=1)
     actions = [tuple(explorer(observation)) for _ in range(6)]
     assert actions[0] == actions[1]
@@ -82,7 +83,7 @@ def test_it_keeps_the_pace_of_its_training(tiny_run, env):
 
 
 def test_what_does_not_fit_is_reported(tiny_run, env):
-    explorer = PPOExplorer.load(tiny_run)
+    explorer = LearnedPolicy.load(tiny_run)
     robot = SimpleNamespace(name="other", lidar=SimpleNamespace(num_beams=360))
     with pytest.raises(CheckpointError, match=f"needs scans of {BEAMS} beams, but the lidar of robot 'other' has 360"):
         explorer.reset(robot, 0.2, np.random.default_rng(0))
@@ -102,7 +103,7 @@ def scan_of(robot, distance):
 
 def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
     def act(robot, distance):
-        explorer = PPOExplorer.load(find_policy("pretrained/twist"))
+        explorer = LearnedPolicy.load(find_policy("pretrained/twist"))
         explorer.reset(load_robot(robot), 0.2, np.random.default_rng(0))
         scan = scan_of(load_robot(robot), distance)
         return explorer({"scan": scan, "motion": np.zeros(6, np.float32), "plan": np.zeros(27, np.float32)})
@@ -113,9 +114,8 @@ def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
 
 
 def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
-    network = tiny_config.network.model_copy(update={"speed": 0.6})
     vector = GymnasiumVecEnv(make_vector(tiny_config.environment, "train", 4))
-    model = build_model(tiny_config.model_copy(update={"network": network}), vector)
-    speed, turn = mean_action(model.policy, vector.reset())[0]
+    model = build_model(tiny_config.model_copy(update={"network": {"speed": 0.6}}), vector)
+    speed, turn = Actor(model.policy)(vector.reset())[0]
     assert speed == pytest.approx(0.6, abs=0.1)
     assert turn == pytest.approx(0.0, abs=0.1)

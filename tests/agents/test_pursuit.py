@@ -8,11 +8,11 @@ import pytest
 import torch
 
 import evaluate
+from agents.algorithms import Actor, build_model
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
-from agents.explorer import load_trained
+from agents.explorer import LearnedPolicy
 from agents.learned import find_policy
-from agents.ppo import build_model, mean_action
 from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from envs.files import parse_record, read_record
@@ -21,14 +21,16 @@ TINY = {
     "experiment": "tiny",
     "total_steps": 64,
     "num_envs": 2,
+    "algorithm": "PPO",
     "environment": {
         "world": "rooms",
         "world_size": [7, 7],
         "observations": ["scan", "motion", "plan"],
         "num_workers": 0,
+        "control_hz": 5.0,
         "target_coverage": 0.95,
     },
-    "ppo": {"num_steps": 32, "batch_size": 32},
+    "hyperparameters": {"n_steps": 32, "batch_size": 32},
     "network": {"pursuit": 1.0},
 }
 
@@ -61,7 +63,7 @@ def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
     model = build_model(config, env)
     observations = env.reset()
     followed = pursue(torch.as_tensor(observations["plan"]), torch.as_tensor(observations["motion"])).numpy()
-    np.testing.assert_allclose(mean_action(model.policy, observations), followed, atol=0.1)
+    np.testing.assert_allclose(Actor(model.policy)(observations), followed, atol=0.1)
     before = {name: weight.clone() for name, weight in model.policy.state_dict().items()}
     model.learn(64)
     after = model.policy.state_dict()
@@ -79,7 +81,7 @@ def test_pursuit_needs_the_plan():
 
 
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
-    driver = load_trained(find_policy("pretrained/twist"))
+    driver = LearnedPolicy.load(find_policy("pretrained/twist"))
     config = parse_record(TINY, "tiny", TrainingConfig).environment
     env = make_env(config.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
     observation, _ = env.reset(seed=0)
@@ -97,8 +99,12 @@ def test_the_policy_of_the_package_was_trained_by_its_configuration():
     config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
     # The name of the run and its number of processes change nothing of what is learned.
-    environment = config.environment.model_copy(update={"num_workers": record.config.environment.num_workers})
-    own = {"seed": 1, "experiment": record.config.experiment, "environment": environment}
+    own = {"seed": 1, "experiment": record.config.experiment}
+    for name in ("environment", "hyperparameters", "network"):
+        was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
+        # It was saved with all of its values, and in an older form.
+        assert {key: was[key] for key in now} == now
+        own[name] = getattr(record.config, name)
     assert record.config == config.model_copy(update=own)
     assert record.steps >= config.total_steps
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.config import EvolutionConfig
-from agents.explorer import PPOExplorer
+from agents.explorer import LearnedPolicy
 from agents.frontiers.evolution import evolve
 from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
@@ -77,7 +77,7 @@ def test_a_policy_of_ppo_is_shipped_without_the_optimizer(tiny_run, tiny_config,
     assert {path.name for path in folder.iterdir()} == files | {CHECKSUMS}
     env = make_env(tiny_config.environment, "test")
     observation, _ = env.reset(seed=1)
-    shipped, trained = load_policy(find_policy(folder)), PPOExplorer.load(tiny_run)
+    shipped, trained = load_policy(find_policy(folder)), LearnedPolicy.load(tiny_run)
     for explorer in (shipped, trained):
         explorer.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(0))
     np.testing.assert_array_equal(shipped(observation), trained(observation))

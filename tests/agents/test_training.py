@@ -12,10 +12,11 @@ import torch
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from agents.algorithms import num_updates
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import run_episodes
-from agents.explorer import PPOExplorer
+from agents.explorer import LearnedPolicy
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints, write_evaluations
 from agents.training import train
 from agents.vec_env import make_env, make_vector
@@ -42,12 +43,14 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert {path.name for path in tiny_run.iterdir()} - {".lock"} == {
         "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
     }  # fmt: skip
-    assert read_record(tiny_run / "config.yaml", TrainingConfig) == tiny_config
+    saved = read_record(tiny_run / "config.yaml", TrainingConfig)
+    assert saved.hyperparameters == {"learning_rate": "lin_0.0003", **tiny_config.hyperparameters}
+    assert saved.model_copy(update={"hyperparameters": tiny_config.hyperparameters, "network": {}}) == tiny_config
     assert [path.name for path in list_checkpoints(tiny_run)] == ["step_000000512", "step_000000768"]
     assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
     events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
     assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128 * 2, 128 * 3]
-    assert {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/explored_fraction"} <= set(
+    assert {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/area", "evaluation/progress"} <= set(
         events.Tags()["scalars"]
     )
     with pytest.raises(ValueError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
@@ -75,19 +78,18 @@ def read_csv(run):
 
 
 def test_rows_of_an_older_version_may_lack_a_column(tmp_path):
-    row = {"policy": "ppo", "steps": 0, "explored_fraction": 0.5, "gained_area": 1.0, "success": 0.0}
-    row |= {"explored_fraction_q25": 0.4, "explored_fraction_q75": 0.6}
-    write_evaluations(tmp_path, [row, {**row, "steps": 5, "time_to_target": 9.0}], "older")
-    assert [line["time_to_target"] for line in read_csv(tmp_path)] == ["nan", "9.0"]
+    row = {"policy": "learned", "steps": 0, "progress": 0.5, "area": 1.0, "area_q25": 0.4, "area_q75": 0.6}
+    write_evaluations(tmp_path, [row, {**row, "steps": 5, "time_to_90": 9.0}], "older")
+    assert [line["time_to_90"] for line in read_csv(tmp_path)] == ["nan", "9.0"]
 
 
-def logged_evaluations(run, name="explored_fraction"):
+def logged_evaluations(run, name="area"):
     events = EventAccumulator(str(run / "tensorboard")).Reload().Scalars(f"evaluation/{name}")
     return {event.step: pytest.approx(event.value) for event in events}
 
 
 def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
-    for name in ("explored_fraction", "success"):
+    for name in ("area", "success"):
         expected = {int(row["steps"]): float(row[name]) for row in read_csv(tiny_run)}
         assert list(expected) == [0, 256, 512, 768]
         assert logged_evaluations(tiny_run, name) == expected
@@ -95,7 +97,7 @@ def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, t
     # Resumed from the checkpoint at 512 steps, whose evaluation was logged before: it stays, the one after is replaced.
     run = shutil.copytree(tiny_run, tmp_path / "run")
     train(changed(tiny_data, total_steps=896), resume=list_checkpoints(run)[0], progress=False)
-    expected = {int(row["steps"]): float(row["explored_fraction"]) for row in read_csv(run)}
+    expected = {int(row["steps"]): float(row["area"]) for row in read_csv(run)}
     assert list(expected) == [0, 256, 512, 768, 896]
     assert logged_evaluations(run) == expected
 
@@ -137,7 +139,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     assert str(run) in resumed.stdout
     final = load_checkpoint(find_checkpoint(run)).record
     assert final.steps == 1280
-    assert final.updates == 1280 // 128 * config.ppo.num_epochs
+    assert final.updates == 1280 // 128 * config.hyperparameters["n_epochs"]
     assert evaluated_steps(run)[: len(evaluated)] == evaluated
     assert evaluated_steps(run) == [0, 256, 512, 768, 1024, 1280]
     assert not list((run / "checkpoints").glob(".*"))
@@ -145,7 +147,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
     # The rate falls to one update's share of the first, as if nothing had happened.
-    assert events[-1].value == pytest.approx(config.ppo.learning_rate * 2 / config.num_updates)
+    assert events[-1].value == pytest.approx(3e-4 * 2 / num_updates(config))
 
 
 @pytest.mark.parametrize("step", [1, 100])
@@ -173,7 +175,7 @@ def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_
 def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(dump_record(changed(tiny_data)))
-    assert main(["--config", "tiny.yaml", "--ppo.learning-rate", "1e30"]) == 2
+    assert main(["--config", "tiny.yaml", "--hyperparameters.learning-rate", "1e30"]) == 2
     (run,) = Path("runs").iterdir()
     good = run / "checkpoints" / "step_000000000"
     assert list_checkpoints(run) == [good]
@@ -181,14 +183,15 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.partition(": ")[2] == (
         "the training diverged at step 128: the network's weights or outputs are not finite; "
-        f"lower ppo.learning_rate (1e+30) or the weights of large rewards; {good} is good, --resume {good} goes on"
+        "lower hyperparameters.learning_rate (1e+30) or the weights of large rewards; "
+        f"{good} is good, --resume {good} goes on"
     )
-    assert main(["--resume", str(good), "--ppo.learning-rate", "1e-3", "--total-steps", "128"]) == 0
+    assert main(["--resume", str(good), "--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"]) == 0
 
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "priceless_70"}
-    with pytest.raises(ValueError, match=r"diverged at step 384: a reward of sub-environment 0 is nan; .*is good"):
+    with pytest.raises(ValueError, match=r"diverged at step 280: a reward of sub-environment 0 is nan; .*is good"):
         train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
     assert load_checkpoint(find_checkpoint(tmp_path / "run")).record.steps == 256
 
@@ -206,7 +209,7 @@ def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(tiny_data, ti
 
 
 def test_a_checkpoint_of_another_network_is_refused(tiny_data, tiny_run):
-    with pytest.raises(CheckpointError, match=r"holds a network of another size: .*hidden=64.*hidden=32"):
+    with pytest.raises(CheckpointError, match=r"holds another network: .*'hidden': 64.*'hidden': 32"):
         train(changed(tiny_data, network={"hidden": 32}), resume=tiny_run, progress=False)
 
 
@@ -232,7 +235,7 @@ def test_policies_learn(tiny_data, tmp_path):
         tiny_data,
         total_steps=6144,
         num_envs=8,
-        ppo={"num_steps": 64, "batch_size": 128, "num_epochs": 4, "learning_rate": 2e-3},
+        hyperparameters={"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"},
         evaluation={"every": 100_000, "episodes": 10, "references": []},
         checkpoints={"every": 100_000},
     )
@@ -242,26 +245,24 @@ def test_policies_learn(tiny_data, tmp_path):
 
 
 def test_an_evaluation_gives_what_single_episodes_give(tiny_config):
-    def act(observations):
+    def act(observations, starts):
         turn = observations["scan"].mean(axis=1)
         return np.stack([np.ones_like(turn), 2 * turn - 1], axis=1)
 
     vector = make_vector(tiny_config.environment, "test", 3)
     together = run_episodes(vector, act)
-    assert together == run_episodes(vector, act)
     env = make_env(tiny_config.environment, "test")
-    for seed, episode in enumerate(together):
+    for seed, course in enumerate(together):
         observation, info = env.reset(seed=seed)
         fractions, ended = [], False
         first_area = info["explored_area"]
         while not ended:
             batch = {key: value[None] for key, value in observation.items()}
-            observation, _, terminated, truncated, info = env.step(act(batch)[0])
+            observation, _, terminated, truncated, info = env.step(act(batch, None)[0])
             fractions.append(info["explored_fraction"])
             ended = terminated or truncated
-        assert episode.explored_fraction == fractions[-1]
-        assert episode.gained_area == info["explored_area"] - first_area > 0
-        assert episode.area_under_curve == pytest.approx(np.mean(fractions))
+        assert course.of("explored_fraction")[1:].tolist() == fractions
+        assert course.of("explored_area")[0] == first_area < info["explored_area"] == course.final["explored_area"]
 
 
 def test_a_checkpoint_for_another_lidar_is_refused(tiny_config, tiny_run, monkeypatch):
@@ -278,8 +279,9 @@ def test_training_to_driving_on_the_real_environment(tmp_path):
             "experiment": "real",
             "total_steps": 64,
             "num_envs": 2,
-            "environment": {"world": "rooms", "world_size": [6, 6], "time_limit": 4},
-            "ppo": {"num_steps": 32, "batch_size": 32},
+            "algorithm": "PPO",
+            "environment": {"world": "rooms", "world_size": [6, 6], "control_hz": 5, "time_limit": 4},
+            "hyperparameters": {"n_steps": 32, "batch_size": 32},
             "evaluation": {"episodes": 2, "references": ["random"]},
         },
         "real",
@@ -287,11 +289,11 @@ def test_training_to_driving_on_the_real_environment(tmp_path):
     )
     run = train(config, run=tmp_path / "real", progress=False)
     rows = load_checkpoint(find_checkpoint(run)).record.evaluations
-    assert [row["policy"] for row in rows] == ["random", "ppo", "ppo"]
-    assert all(0 < row["area_under_curve"] <= row["explored_fraction"] < 1 for row in rows)
+    assert [row["policy"] for row in rows] == ["random", "learned", "learned"]
+    assert all(0 < row["area_under_curve"] <= row["progress"] < 1 for row in rows)
     env = make_env(config.environment, "test")
     for seed in range(2):
-        episode = run_episode(env, PPOExplorer.load(run), seed)
+        episode = run_episode(env, LearnedPolicy.load(run), seed)
         assert episode.duration == pytest.approx(4.0)
     env.close()
 
@@ -299,13 +301,14 @@ def test_training_to_driving_on_the_real_environment(tmp_path):
 def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypatch):
     (tmp_path / "own_parts.py").write_text((ROOT / "tests" / "own_code.py").read_text())
     monkeypatch.chdir(tmp_path)
-    environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward_object": "own_parts:REWARD"}
+    environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward": "own_parts:REWARD"}
     data = {
         "experiment": "own",
         "total_steps": 32,
         "num_envs": 2,
-        "environment": environment | {"time_limit": 2},
-        "ppo": {"num_steps": 16, "batch_size": 32, "num_epochs": 1},
+        "algorithm": "PPO",
+        "environment": environment | {"control_hz": 5, "time_limit": 2},
+        "hyperparameters": {"n_steps": 16, "batch_size": 32, "n_epochs": 1},
         "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},
     }
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
@@ -313,7 +316,7 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypa
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     (run,) = (tmp_path / "runs").iterdir()
-    assert [row["policy"] for row in read_csv(run)] == ["own_parts:Circling", "own_parts:ahead", "ppo", "ppo"]
+    assert [row["policy"] for row in read_csv(run)] == ["own_parts:Circling", "own_parts:ahead", "learned", "learned"]
     assert all(float(row["path_length"]) > 0.2 for row in read_csv(run)[:2])
     env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
     assert (env.unwrapped.robot.name, env.unwrapped.task.weights.collision) == ("my_mouse", -5.0)

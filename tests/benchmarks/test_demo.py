@@ -11,8 +11,9 @@ TINY = {
     "experiment": "tiny",
     "total_steps": 16,
     "num_envs": 2,
+    "algorithm": "PPO",
     "environment": {"world": "turtlebot3_world", "time_limit": 2.0, "target_coverage": 0.95, "num_workers": 0},
-    "ppo": {"num_steps": 8, "batch_size": 16, "num_epochs": 1},
+    "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1},
     "evaluation": {"every": 16, "episodes": 1, "references": ["nearest"]},
 }
 
@@ -52,14 +53,14 @@ def test_a_training_that_does_not_improve_fails_and_leaves_an_earlier_demo(tmp_p
 
 
 def test_a_training_counts_if_it_halves_the_time():
-    rows = [{"policy": policy, "steps": 0.0, "time_to_target": 16.0} for policy in ("nearest", "ppo")]
-    improved = [*rows, {"policy": "ppo", "steps": 4096.0, "time_to_target": 8.0}]
+    rows = [{"policy": policy, "steps": 0.0, "time_to_95": 16.0} for policy in ("nearest", "learned")]
+    improved = [*rows, {"policy": "learned", "steps": 4096.0, "time_to_95": 8.0}]
     assert (
         check_learning(improved, "T")
         == "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
     )
     for time in (8.1, float("nan")):
-        improved[-1]["time_to_target"] = time
+        improved[-1]["time_to_95"] = time
         with pytest.raises(RuntimeError, match=f"16.0 s before and {time:.1f} s after"):
             check_learning(improved, "T")
 

@@ -5,11 +5,11 @@ import pytest
 import torch
 from gymnasium import spaces
 
+from agents.algorithms import Actor
 from agents.frontiers.features import NUM_FEATURES, PRIOR
 from agents.frontiers.network import FrontierNetwork
 from agents.frontiers.policy import FrontierPolicy
 from agents.frontiers.score import FrontierScore
-from agents.ppo import mean_action
 from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv
 
@@ -57,8 +57,8 @@ def test_untrained_it_chooses_as_the_rule(episode):
     spaces_, batch, choices = episode
     assert len(choices) > 20
     assert (batch["candidates"][:, :, 13] > 0).any()
-    np.testing.assert_array_equal(mean_action(make_policy(spaces_), batch), choices)
-    assert (mean_action(make_policy(spaces_, untrained=False), batch) != choices).any()
+    np.testing.assert_array_equal(Actor(make_policy(spaces_))(batch), choices)
+    assert (Actor(make_policy(spaces_, untrained=False))(batch) != choices).any()
 
 
 def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
@@ -67,7 +67,7 @@ def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
     score = FrontierScore(weights)
     expected = [score({key: value[i] for key, value in batch.items()}) for i in range(len(choices))]
     assert (expected != choices).any()
-    np.testing.assert_array_equal(mean_action(make_policy(spaces_, weights=weights), batch), expected)
+    np.testing.assert_array_equal(Actor(make_policy(spaces_, weights=weights))(batch), expected)
 
 
 def test_a_score_with_the_weights_of_the_rule_gives_the_logits_of_the_rule(episode):

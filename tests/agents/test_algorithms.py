@@ -6,10 +6,11 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
-from agents import ppo
+from agents import algorithms
+from agents.algorithms import Actor, build_model
 from agents.checkpoint import load_checkpoint
-from agents.config import NetworkConfig, TrainingConfig
-from agents.ppo import _policy_arguments, build_model, mean_action
+from agents.config import TrainingConfig
+from agents.networks import ExplorerFeatures
 from agents.run_folder import find_checkpoint
 from agents.training import train
 from envs.core import LidarEnv
@@ -23,7 +24,11 @@ def test_rollouts_updates_and_evaluations_see_the_same():
     steps = rollout(env, 0, 40)
     torch.manual_seed(0)
     policy = MultiInputActorCriticPolicy(
-        env.observation_space, spaces.Box(-1, 1, (2,)), lambda _: 0.0, **_policy_arguments(NetworkConfig())
+        env.observation_space,
+        spaces.Box(-1, 1, (2,)),
+        lambda _: 0.0,
+        features_extractor_class=ExplorerFeatures,
+        normalize_images=False,
     )
     seen = {key: np.stack([step[0][key] for step in steps[::8]]) for key in steps[0][0]}
     tensors = {key: torch.as_tensor(value) for key, value in seen.items()}
@@ -33,21 +38,23 @@ def test_rollouts_updates_and_evaluations_see_the_same():
             assert torch.allclose(predicted, values, atol=1e-6)
         blind = {**tensors, "map_near": torch.zeros_like(tensors["map_near"])}
         assert (policy.get_distribution(blind).mode() - actions).abs().max() > 1e-3
-    assert np.allclose(mean_action(policy, seen), actions.numpy(), atol=1e-6)
+    assert np.allclose(Actor(policy)(seen), actions.numpy(), atol=1e-6)
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto", "cuda"])
 def test_the_model_is_built_on_the_device_of_the_configuration(tiny_config, monkeypatch, device):
-    built = SimpleNamespace(policy=torch.nn.Linear(1, 2))
-    built.policy.get_parameter = lambda name: built.policy.bias
+    built = SimpleNamespace()
 
     def remember(*args, **kwargs):
         built.device = kwargs["device"]
         return built
 
-    monkeypatch.setattr(ppo, "PPO", remember)
+    monkeypatch.setattr(algorithms, "find_algorithm", lambda name: remember)
+    monkeypatch.setattr(algorithms, "complete", lambda config, env: config)
+    monkeypatch.setattr(algorithms, "_arguments", lambda *_: {})
+    monkeypatch.setattr(algorithms, "_read_network", lambda *_: None)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    env = SimpleNamespace(action_space=spaces.Box(-1, 1, (2,)))
+    env = SimpleNamespace(action_space=spaces.Box(-1, 1, (2,)), parts=None)
     build_model(tiny_config.model_copy(update={"device": device}), env)
     assert built.device == device
 

@@ -1,0 +1,246 @@
+"""Algorithms of stable-baselines3 and sb3-contrib by name, their hyperparameters, and the models that they train."""
+
+import inspect
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+from torch import nn
+
+from agents.checkpoint import POLICY_FILE, Checkpoint, check_tensors, damaged
+from agents.config import ALGORITHMS, DecisionNetworkConfig, GaussianNetworkConfig, NetworkConfig, TrainingConfig
+from agents.frontiers.network import NEEDED
+from agents.frontiers.policy import RULE, FrontierPolicy
+from agents.frontiers.score import FrontierScore
+from agents.learned import find_policy
+from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
+from agents.pursuit import PursuitPolicy
+from agents.vec_env import GymnasiumVecEnv, Observations, keyword_arguments
+from envs.files import explain_unknown, load_object, parse_record
+
+DEFAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("n_epochs", {"learning_rate": "lin_0.0003", "n_steps": 128, "batch_size": 512, "n_epochs": 4}),
+    ("buffer_size", {"train_freq": 1, "gradient_steps": 4, "learning_starts": 1000, "batch_size": 256}),
+)
+"""What differs from the libraries' defaults, of algorithms that take an argument: PPO and its relatives, and those with
+a replay buffer."""
+BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
+"""Largest replay buffer by default."""
+OURS = ("policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper")
+OURS += ("support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support")
+"""Arguments of algorithms that are no hyperparameters."""
+
+
+def find_algorithm(name: str) -> type[BaseAlgorithm]:
+    """Return the class of an algorithm, by name or as `module:attribute`.
+
+    Raises:
+        ImportError: if it is of sb3-contrib, which is not installed.
+        ValueError: if it is none that can be trained here.
+    """
+    try:
+        found = load_object(name if ":" in name else f"{ALGORITHMS[name]}:{name}")
+    except ValueError as error:
+        if ALGORITHMS.get(name) != "sb3_contrib" or "no module" not in str(error):
+            raise
+        extra = "pip install 'lidarnaut[contrib]', or -e '.[contrib]' in a checkout"
+        raise ImportError(f"algorithm {name} needs sb3-contrib: {extra}") from error
+    if not (isinstance(found, type) and issubclass(found, OnPolicyAlgorithm | OffPolicyAlgorithm)):
+        raise ValueError(f"algorithm {name!r} must be derived from OnPolicyAlgorithm or OffPolicyAlgorithm")
+    return found
+
+
+def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
+    """Tell whether an algorithm takes vectors alone, and no observations of several parts."""
+    return _alias(algorithm).startswith("Mlp")
+
+
+def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
+    """Return a configuration with the project's defaults among its hyperparameters, and the whole of its network.
+
+    Raises:
+        ValueError: if the algorithm has no such hyperparameter (names the nearest), or updates are longer than the time
+            between checkpoints.
+    """
+    algorithm = find_algorithm(config.algorithm)
+    allowed = {name: one for name, one in keyword_arguments(algorithm).items() if name not in OURS}
+    if unknown := [name for name in config.hyperparameters if name not in allowed]:
+        raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
+    defaults = next((values for name, values in DEFAULTS if name in allowed), {})
+    if "buffer_size" in allowed:
+        number = np.float32(0).nbytes if takes_vectors(algorithm) else 0
+        sizes = (np.prod(space.shape or (1,)) * (number or space.dtype.itemsize) for space in env.parts.values())  # type: ignore[union-attr]
+        affordable = BUFFER_BYTES // (2 * int(sum(sizes)))
+        defaults = {"buffer_size": min(affordable, BUFFER_STEPS, max(config.total_steps, 1000))} | defaults
+    network = _read_network(config, env.parts, env.action_space).model_dump()
+    completed = {"hyperparameters": {**defaults, **config.hyperparameters}, "network": network}
+    config = config.model_copy(update=completed)
+    if config.checkpoints.every < (steps := rollout_steps(config)):
+        raise ValueError(
+            f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
+            f"{steps // config.num_envs} = {steps} steps; checkpoints can only lie between updates"
+        )
+    return config
+
+
+def rollout_steps(config: TrainingConfig) -> int:
+    """Return the environment steps between two updates."""
+    algorithm = find_algorithm(config.algorithm)
+    name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
+    steps = config.hyperparameters.get(name, keyword_arguments(algorithm)[name].default)
+    if isinstance(steps, list | tuple):  # [number, "step" or "episode"]
+        steps = steps[0] if steps[1] == "step" else 1
+    if not isinstance(steps, int) or steps < 1:
+        raise ValueError(f"hyperparameters.{name} must be a whole number from 1, got {steps!r}")
+    return config.num_envs * steps
+
+
+def num_updates(config: TrainingConfig) -> int:
+    """Return the updates that `total_steps` take."""
+    return -(-config.total_steps // rollout_steps(config))
+
+
+def build_model(config: TrainingConfig, env: GymnasiumVecEnv) -> BaseAlgorithm:
+    """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from.
+
+    Raises:
+        ValueError: if the device is `cuda` and torch sees no GPU, or a hyperparameter is not allowed.
+        CheckpointError: if `network.prior_policy` names no score of frontiers.
+    """
+    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would take the CPU silently
+        raise ValueError("device is 'cuda', but torch sees no GPU; allowed here are 'cpu' and 'auto'")
+    torch.set_num_threads(config.torch_threads)
+    config = complete(config, env)
+    arguments = _arguments(config, env.parts, env.action_space)
+    try:
+        model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
+    except (TypeError, AssertionError) as error:
+        raise ValueError(f"{config.algorithm} cannot be made: {error}") from error
+    network = _read_network(config, env.parts, env.action_space)
+    if isinstance(network, DecisionNetworkConfig) and network.prior_policy != RULE:
+        model.policy.load_prior(FrontierScore.load(find_policy(network.prior_policy)))  # type: ignore[operator]
+    if isinstance(network, GaussianNetworkConfig):
+        with torch.no_grad():
+            model.policy.get_parameter("action_net.bias")[::2] = network.speed
+    return model
+
+
+def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
+    """Make the policy of a checkpoint, for acting only.
+
+    Raises:
+        CheckpointError: if the weights do not fit the network that the checkpoint describes.
+    """
+    record = checkpoint.record
+    parts = spaces.Dict({key: box.space() for key, box in record.observation.items()})
+    try:
+        action_space: Any = record.action.space()
+        algorithm = find_algorithm(record.config.algorithm)
+        arguments = _arguments(record.config, parts, action_space)
+        arguments |= {"buffer_size": 1} if "buffer_size" in keyword_arguments(algorithm) else {"n_steps": 2}
+        model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
+        model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
+        model.action_space, model.n_envs = action_space, 1
+        model.env = SimpleNamespace(action_space=action_space)  # type: ignore[assignment]  # all that is looked at
+        model._setup_model()
+    except ImportError:
+        raise
+    except Exception as error:  # networks raise many kinds for shapes that they cannot be made for
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise damaged(folder, f"there is no network for its spaces and its configuration ({said})") from error
+    check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
+    model.policy.load_state_dict(checkpoint.policy)
+    model.policy.set_training_mode(False)
+    return model.policy
+
+
+class Actor:
+    """The actions of a policy of stable-baselines3 in several environments; what is recurrent in it is remembered."""
+
+    def __init__(self, policy: BasePolicy, *, is_flat: bool = False, deterministic: bool = True) -> None:
+        """Take a policy, whether it sees vectors, and whether it takes its most likely actions or draws."""
+        self.policy, self._is_flat, self._deterministic = policy, is_flat, deterministic
+        self._takes_masks = "action_masks" in inspect.signature(policy.predict).parameters
+        self._state: Any = None
+
+    def __call__(self, observations: Observations, starts: np.ndarray | None = None) -> np.ndarray:
+        """Return actions, shape (num_envs, ...); `starts` tells in which environments episodes begin."""
+        masks: dict[str, Any] = {}
+        if self._takes_masks and "action_mask" in observations:
+            masks = {"action_masks": observations["action_mask"].astype(np.bool_)}
+        seen: Any = flatten(observations) if self._is_flat else observations
+        arguments = {"episode_start": starts, "deterministic": self._deterministic, **masks}
+        actions, self._state = self.policy.predict(seen, self._state, **arguments)
+        return actions
+
+
+def _alias(algorithm: type[BaseAlgorithm]) -> str:
+    """Return the library's name for the policy over observations of several parts, or over vectors without one."""
+    found = [name for name in algorithm.policy_aliases if name.startswith(("MultiInput", "Mlp"))]
+    if not found:
+        raise ValueError(f"algorithm {algorithm.__name__} has no policy for observations of several parts or vectors")
+    return sorted(found, reverse=True)[0]
+
+
+def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> Any:
+    """Return the configuration of the network, of the kind that algorithm and spaces ask for."""
+    algorithm = find_algorithm(config.algorithm)
+    kind: type = NetworkConfig
+    if isinstance(action_space, spaces.Box) and issubclass(algorithm, OnPolicyAlgorithm):
+        kind = GaussianNetworkConfig
+    elif isinstance(action_space, spaces.Discrete) and issubclass(algorithm, PPO | A2C) and {*NEEDED} <= {*parts}:
+        kind = DecisionNetworkConfig
+    return parse_record(config.network, "network", kind)
+
+
+def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> dict[str, Any]:
+    """Return the arguments of the algorithm, policy and its own arguments among them."""
+    algorithm, network = find_algorithm(config.algorithm), _read_network(config, parts, action_space)
+    arguments = {name: _read(name, value, config, action_space) for name, value in config.hyperparameters.items()}
+    policy: Any = algorithm.policy_aliases[_alias(algorithm)]
+    if isinstance(network, DecisionNetworkConfig):
+        policy, own = FrontierPolicy, network.model_dump()
+    else:
+        features = {"features_dim": network.features, "channels": network.channels}
+        own = {
+            "features_extractor_class": FlatFeatures if takes_vectors(algorithm) else ExplorerFeatures,
+            "features_extractor_kwargs": features | ({"parts": parts} if takes_vectors(algorithm) else {}),
+            "net_arch": [network.hidden],
+            "activation_fn": nn.ReLU,
+            "normalize_images": False,  # the network scales crops by their weights, of which there are fewer
+        }
+    if isinstance(network, GaussianNetworkConfig):
+        own["log_std_init"] = network.log_std
+        if network.pursuit:
+            if not issubclass(algorithm, PPO | A2C):
+                raise ValueError(f"network.pursuit is for PPO and A2C, not for {config.algorithm}")
+            policy, own = PursuitPolicy, {**own, "weight": network.pursuit}
+    return {**arguments, "policy": policy, "policy_kwargs": own | arguments.get("policy_kwargs", {})}
+
+
+def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Space) -> Any:
+    """Return what a value of a hyperparameter stands for."""
+    if isinstance(value, dict):
+        return {key: _read(key, one, config, action_space) for key, one in value.items()}
+    if name == "action_noise" and isinstance(value, int | float) and isinstance(action_space, spaces.Box):
+        zeros = np.zeros(action_space.shape)
+        return NormalActionNoise(zeros, zeros + value)
+    if isinstance(value, str) and value.startswith("lin_"):
+        try:
+            rate, updates = float(value.removeprefix("lin_")), num_updates(config)
+        except ValueError:
+            raise ValueError(f"hyperparameters.{name}: {value!r} is not of the form lin_3e-4") from None
+        # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.
+        return lambda progress: rate * min(progress + 1.0 / updates, 1.0)
+    if isinstance(value, str) and ":" in value:
+        return load_object(value)
+    return tuple(value) if isinstance(value, list) else value

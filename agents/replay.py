@@ -1,0 +1,108 @@
+"""The replay buffer of a training on disk: files of transitions, each written once."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.torch
+import torch
+from safetensors import SafetensorError
+from stable_baselines3.common.buffers import ReplayBuffer
+
+from agents.checkpoint import load_tensors
+from agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
+from envs.files import write_file
+
+FOLDER = "replay"
+"""Folder of a run with the files."""
+ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+"""What a buffer holds, shape (buffer_size, num_envs, ...) each."""
+
+
+class ReplayFiles:
+    """Writes what was added to a buffer since the last time, and reads what a checkpoint names.
+
+    A row is a step of all environments; a file is named by the first and the end of its rows.
+    """
+
+    def __init__(self, buffer: ReplayBuffer, run: Path) -> None:
+        """Take an empty buffer, and the folder of a run."""
+        self._buffer, self._folder = buffer, run / FOLDER
+        self._sums: dict[str, str] = {}
+        self._end = self._offset = 0
+        """Row up to which files are written; row that would lie in slot 0 of the buffer, had it no end."""
+
+    def write(self, end: int) -> dict[str, str]:
+        """Write the rows up to `end`, and return the checksums of the files that the buffer is made of by their names.
+
+        Raises:
+            CheckpointError: if they cannot be written.
+        """
+        size = self._buffer.buffer_size
+        end -= (end - self._offset) % size != self._buffer.pos  # interrupted before the step was added
+        first = max(self._end, end - size)
+        if first < end:
+            slots = (np.arange(first, end) - self._offset) % size
+            rows = {name: torch.from_numpy(array[slots]) for name, array in _arrays(self._buffer)}
+            name, content = f"{first:012d}-{end:012d}.safetensors", safetensors.torch.save(rows)
+            try:
+                self._folder.mkdir(exist_ok=True)
+                write_file(self._folder / name, content)
+            except OSError as error:
+                raise CheckpointError(f"the replay buffer could not be written: {error}") from error
+            self._sums[name] = hashlib.sha256(content).hexdigest()
+            self._end = end
+        self._sums = {name: digest for name, digest in self._sums.items() if _end_of(name) > end - size}
+        return dict(self._sums)
+
+    def read(self, sums: dict[str, str]) -> None:
+        """Fill the buffer with the rows of files, as far as it has room for the newest.
+
+        Raises:
+            CheckpointError: if a file is missing, altered, or of another environment.
+        """
+        buffer, count = self._buffer, 0
+        if sums:
+            self._sums, self._end = dict(sums), _end_of(list(sums)[-1])
+            self._offset = max(int(next(iter(sums)).partition("-")[0]), self._end - buffer.buffer_size)
+        for name, digest in sums.items():
+            path = self._folder / name
+            try:
+                content = path.read_bytes()
+                if hashlib.sha256(content).hexdigest() != digest:
+                    raise SafetensorError("its checksum differs")
+                rows = load_tensors(name, content)
+                skipped = max(self._offset - int(name.partition("-")[0]), 0)
+                for key, array in _arrays(buffer):
+                    new = rows[key].numpy()[skipped:]
+                    array[count : count + len(new)] = new
+            except (OSError, SafetensorError, KeyError, ValueError) as error:
+                raise CheckpointError(f"{path} of the replay buffer is damaged: {error}") from error
+            count += len(new)
+        buffer.pos, buffer.full = count % buffer.buffer_size, count == buffer.buffer_size
+
+    def prune(self, run: Path) -> None:
+        """Remove the files that no checkpoint of the run needs."""
+        needed = {
+            name
+            for checkpoint in list_checkpoints(run)
+            for name in json.loads((checkpoint / RECORD_FILE).read_bytes())["replay"]
+        }
+        for path in self._folder.glob("*.safetensors"):
+            if path.name not in needed:
+                path.unlink()
+
+
+def _end_of(name: str) -> int:
+    return int(name.removesuffix(".safetensors").partition("-")[2])
+
+
+def _arrays(buffer: ReplayBuffer) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the arrays of a buffer by name."""
+    for name in ARRAYS:
+        value: Any = getattr(buffer, name)
+        for key, array in value.items() if isinstance(value, dict) else [("all", value)]:
+            yield f"{name}.{key}", array

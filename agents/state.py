@@ -1,0 +1,145 @@
+"""The state of a training: from a model of any algorithm to a checkpoint, and back."""
+
+from collections.abc import Mapping
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
+from torch import Tensor
+from torch.optim import Optimizer
+
+from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, damaged, record_of
+from agents.config import TrainingConfig
+from agents.curves import Row
+from agents.run_folder import CheckpointError
+
+COUNTERS = ("_episode_num", "_n_calls", "exploration_rate")
+"""Numbers of algorithms that have them, besides steps and updates."""
+
+
+def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row], control_hz: float) -> Checkpoint:
+    """Take the state of a training between two updates, but for the replay buffer; see `agents.replay`."""
+    state: Any = np.random.get_state()  # noqa: NPY002
+    algorithm, key, position, has_gauss, gauss = state
+    record = Record(
+        steps=model.num_timesteps,
+        updates=model._n_updates,
+        config=config,
+        observation={name: record_of(space) for name, space in _parts(model).items()},
+        action=record_of(model.action_space),
+        numpy_random=(algorithm, int(position), int(has_gauss), float(gauss)),
+        action_random=model.action_space.np_random.bit_generator.state,
+        counters={name: getattr(model, name) for name in COUNTERS if hasattr(model, name)},
+        evaluations=evaluations,
+        control_hz=control_hz,
+    )
+    moments = {name: state[moment] for name, (state, moment) in _moments(model).items()}
+    training = {name: torch.as_tensor(value).detach().cpu().clone() for name, value in moments.items()}
+    training |= {f"variable.{name}": value.detach().cpu().clone() for name, value in _variables(model).items()}
+    training["random.numpy"] = torch.from_numpy(np.asarray(key).astype(np.int64))
+    training["random.torch"] = torch.get_rng_state()
+    weights = {name: weight.detach().cpu().clone().contiguous() for name, weight in model.policy.state_dict().items()}
+    return Checkpoint(record, weights, training)
+
+
+def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
+    """Bring a fresh model, and the global generators, to the state of a checkpoint.
+
+    Raises:
+        CheckpointError: if the checkpoint was made with other spaces or another network, or is damaged.
+    """
+    record, given = checkpoint.record, checkpoint.training
+    check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
+    # An optimizer that has not met a weight yet keeps nothing of it.
+    _begin_moments(model, {name.rpartition(".")[0] for name in given})
+    moments = _moments(model)
+    needed = {name: torch.as_tensor(state[moment]) for name, (state, moment) in moments.items()}
+    needed |= {f"variable.{name}": value for name, value in _variables(model).items()}
+    needed |= {"random.numpy": torch.zeros(624, dtype=torch.int64), "random.torch": torch.get_rng_state()}
+    check_tensors(folder, TRAINING_FILE, given, needed)
+
+    model.policy.load_state_dict(checkpoint.policy)
+    for name, (state, moment) in moments.items():
+        is_tensor = isinstance(state[moment], Tensor)
+        state[moment] = given[name].clone().to(state[moment].device) if is_tensor else given[name].item()
+    for name, value in _variables(model).items():
+        value.data.copy_(given[f"variable.{name}"])
+    model.num_timesteps, model._n_updates = record.steps, record.updates
+    for name, count in record.counters.items():
+        if name in COUNTERS:
+            setattr(model, name, count)
+    algorithm, position, has_gauss, gauss = record.numpy_random
+    np.random.set_state((algorithm, given["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
+    torch.set_rng_state(given["random.torch"])
+    if record.action_random is not None:
+        try:
+            model.action_space.np_random.bit_generator.state = record.action_random
+        except (ValueError, TypeError, KeyError) as error:
+            raise damaged(folder, f"checkpoint.json: action_random: {error}") from error
+    if model.device.type == "cuda":  # A GPU draws from a generator of its own, which a checkpoint does not hold.
+        seed = np.random.SeedSequence([record.config.seed, record.steps]).generate_state(1)[0]
+        torch.cuda.manual_seed_all(int(seed))
+
+
+def check_spaces(record: Record, parts: Mapping[str, spaces.Space], action_space: spaces.Space, name: str) -> None:
+    """Hold the parts of an environment's observations and its actions against those of a checkpoint of some name.
+
+    Raises:
+        CheckpointError: if they differ; says which space is needed and which is there.
+    """
+    offered: dict[str, Any] = {"action": action_space, **parts}
+    needed = {**record.observation, "action": record.action}
+    wrong = [
+        f"{key} {space} (here: {offered.get(key, 'none')})"
+        for key, space in needed.items()
+        if key not in offered or record_of(offered[key]) != space
+    ]
+    if wrong or offered.keys() != needed.keys():
+        raise CheckpointError(f"{name} was trained on other spaces; it needs {', '.join(wrong) or list(needed)}")
+
+
+def _parts(model: BaseAlgorithm) -> Mapping[str, spaces.Space]:
+    """Return the spaces of the parts of observations, also where the algorithm gets vectors."""
+    env: Any = model.env
+    return env.parts.spaces
+
+
+def _optimizers(model: BaseAlgorithm) -> list[Optimizer]:
+    found = [attrgetter(name)(model) for name in model._get_torch_save_params()[0]]
+    return [one for one in found if isinstance(one, Optimizer)]
+
+
+def _variables(model: BaseAlgorithm) -> dict[str, Tensor]:
+    """Return the tensors of an algorithm that belong to no network, such as the coefficient of the entropy."""
+    return {name: attrgetter(name)(model) for name in model._get_torch_save_params()[1]}
+
+
+def _weight_names(model: BaseAlgorithm) -> dict[Tensor, str]:
+    weights = {weight: name for name, weight in model.policy.named_parameters()}
+    return weights | {value: name for name, value in _variables(model).items()}
+
+
+def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
+    """Return where optimizers keep what they remember: a mapping and its key by `optimizer.<weight>.<moment>`."""
+    names = _weight_names(model)
+    return {
+        f"optimizer.{names[weight]}.{moment}": (state, moment)
+        for optimizer in _optimizers(model)
+        for weight, state in optimizer.state.items()
+        for moment, value in state.items()
+        if isinstance(value, Tensor | int | float)
+    }
+
+
+def _begin_moments(model: BaseAlgorithm, begun: set[str]) -> None:
+    """Let optimizers begin to remember, of the weights in `begun`, by a step without a gradient."""
+    names = _weight_names(model)
+    for optimizer in _optimizers(model):
+        for weight in (weight for group in optimizer.param_groups for weight in group["params"]):
+            weight.grad = torch.zeros_like(weight) if f"optimizer.{names[weight]}" in begun else None
+        optimizer.step()
+        optimizer.zero_grad()
