@@ -35,8 +35,8 @@ DEFAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
 a replay buffer."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
 """Largest replay buffer by default."""
-OURS = ("policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper")
-OURS += ("support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support")
+OURS = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
+OURS |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
 """Arguments of algorithms that are no hyperparameters."""
 
 
@@ -78,7 +78,7 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
     defaults = next((values for name, values in DEFAULTS if name in allowed), {})
     if "buffer_size" in allowed:
         number = np.float32(0).nbytes if takes_vectors(algorithm) else 0
-        sizes = (np.prod(space.shape or (1,)) * (number or space.dtype.itemsize) for space in env.parts.values())  # type: ignore[union-attr]
+        sizes = (np.prod(space.shape or (1,)) * (number or space.dtype.itemsize) for space in env.parts.values())
         affordable = BUFFER_BYTES // (2 * int(sum(sizes)))
         defaults = {"buffer_size": min(affordable, BUFFER_STEPS, max(config.total_steps, 1000))} | defaults
     network = _read_network(config, env.parts, env.action_space).model_dump()

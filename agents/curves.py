@@ -5,6 +5,8 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from agents.config import TrainingConfig
 from envs.files import read_record
 
@@ -79,6 +81,30 @@ def draw_validations(rows: Sequence[tuple[int, float, float]], path: Path) -> No
     axes.plot(generations, over_rule, color="C0", marker=".", label="of gain_over_cost's, which evolution starts from")
     axes.plot(generations, over_nearest, color="C1", marker=".", label="of nearest's")
     axes.set(xlabel="generation", ylabel="time to 95 % as a share, geometric mean", title="Validation tasks")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path)
+
+
+def draw_sweep(curves: Mapping[str, np.ndarray], axis: str, measure: str, title: str, path: Path) -> None:
+    """Draw a measure over the course of several trainings, with 95 % intervals.
+
+    Args:
+        curves: shape (n, 4) by label: how far the training was, mean, and the interval's bounds.
+        axis: what tells how far: steps or generations.
+        measure: name of the measure.
+        title: of the figure.
+        path: PNG to write.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    for number, (label, points) in enumerate(curves.items()):
+        where, mean, low, high = points.T
+        axes.plot(where, mean, color=f"C{number}", marker=".", label=label)
+        axes.fill_between(where, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+    axes.set(xlabel=axis, ylabel=measure.replace("_", " "), title=title)
     axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig(path)

@@ -22,6 +22,8 @@ LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
 GENERATIONS = "generations.csv"
 """File of a run of evolution: the values of all individuals."""
+SWEEP = "sweep.yaml"
+"""File of the folder of a sweep: the configuration of all its runs."""
 RECORD_FILE = "checkpoint.json"
 """File of a checkpoint: everything that is not a tensor."""
 
@@ -51,12 +53,14 @@ def find_checkpoint(path: str | Path) -> Path:
 
 
 def find_config(path: str | Path) -> Path:
-    """Return the configuration of the run that `path` means: a run folder, or a checkpoint folder in it.
+    """Return the configuration of the run that `path` means: a run folder, a checkpoint folder in it, or a sweep's.
 
     Raises:
         CheckpointError: if there is none.
     """
     path = Path(path)
+    if (path / SWEEP).exists():
+        return path / SWEEP
     if (path / GENERATIONS).exists():
         return path / "config.yaml"
     return find_checkpoint(path).parent.parent / "config.yaml"

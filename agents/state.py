@@ -32,7 +32,7 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
         observation={name: record_of(space) for name, space in _parts(model).items()},
         action=record_of(model.action_space),
         numpy_random=(algorithm, int(position), int(has_gauss), float(gauss)),
-        action_random=model.action_space.np_random.bit_generator.state,
+        action_random=dict(model.action_space.np_random.bit_generator.state),
         counters={name: getattr(model, name) for name in COUNTERS if hasattr(model, name)},
         evaluations=evaluations,
         control_hz=control_hz,

@@ -4,7 +4,6 @@ import functools
 import inspect
 import multiprocessing
 import re
-import traceback
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -117,16 +116,17 @@ def _make(make: Callable[..., Any], config: EnvironmentConfig, split: Split) -> 
     while True:
         try:
             return make(**{**usual, **config.arguments})
-        except (TypeError, ValueError) as error:
-            unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
+        except TypeError as error:
+            what = str(error.__cause__ or error)  # Gymnasium adds all arguments
+            unknown = re.search(r"(?:unexpected keyword|has no) argument '(\w+)'", what)
             if unknown is None:
                 raise
             if unknown[1] not in usual or unknown[1] in config.arguments:
-                last = list(traceback.walk_tb((error.__cause__ or error).__traceback__))[-1][0]  # Gymnasium wraps it
-                taker = last.f_globals.get(str(error).partition(".")[0], _entry_point(_find(config.id)))
-                allowed = keyword_arguments(_entry_point(_find(config.id))) | keyword_arguments(taker)
-                what = explain_unknown(unknown[1], allowed)
-                raise ValueError(f"environment: {config.id} has no argument {what}") from error
+                if "allowed are" not in what:
+                    what = (
+                        f"no argument {explain_unknown(unknown[1], keyword_arguments(_entry_point(_find(config.id))))}"
+                    )
+                raise ValueError(f"environment: {config.id}: {what}") from error
             del usual[unknown[1]]
 
 
@@ -159,7 +159,7 @@ class GymnasiumVecEnv(VecEnv):
         self._is_flat = is_flat
         self.parts: Any = env.single_observation_space
         """Space of the observations as the environment gives them."""
-        space = flat_space(self.parts) if is_flat else self.parts
+        space = flat_space(self.parts) if is_flat else env.single_observation_space
         super().__init__(env.num_envs, space, env.single_action_space)
         self._clips = clip_actions and isinstance(env.single_action_space, spaces.Box)
         self._returns = np.zeros(env.num_envs)

@@ -1,0 +1,147 @@
+"""Every algorithm, and every environment, from a configuration to a resumed training and a policy that acts."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from agents import training
+from agents.checkpoint import load_checkpoint
+from agents.config import ALGORITHMS, parse_config
+from agents.explorer import LearnedPolicy
+from agents.replay import FOLDER
+from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from agents.training import train
+from agents.vec_env import make_env, task_env_of
+from envs import ENVIRONMENTS
+
+CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
+"""Algorithms for environments in which actions are choices."""
+DISCRETE = ("DQN", "QRDQN", "MaskablePPO")
+WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
+CASES = [
+    *((name, id) for name in ALGORITHMS if name not in DISCRETE for id in ("Explore", "Navigate")),
+    *((name, "ExploreFrontiersAbstract") for name in CHOOSING),
+    *(("PPO", id.partition("/")[2].removesuffix("-v0")) for id in ENVIRONMENTS),
+]  # fmt: skip
+
+
+def tiny(algorithm, id, **changes):
+    """A training of two updates of eight steps each, with a checkpoint after each."""
+    environment = {"id": f"lidarnaut/{id}-v0", "num_workers": 0, "time_limit": 1.0}
+    if id in ("Explore", "Navigate", "ExploreTeam", "ExploreFrontiers", "ExploreFrontiersAbstract"):
+        environment |= {"world": "rooms", "world_size": [6, 6]}
+    if id == "Navigate":
+        environment["localizer"] = "truth"
+    hyperparameters = {"n_steps": 4, "batch_size": 8}
+    if algorithm == "A2C":
+        hyperparameters = {"n_steps": 4}
+    elif algorithm in WITH_BUFFER:
+        hyperparameters = {"train_freq": 4, "gradient_steps": 2, "batch_size": 4, "learning_starts": 4}
+        hyperparameters |= {"buffer_size": 12}
+    if algorithm in ("TD3", "DDPG"):
+        hyperparameters["action_noise"] = 0.1
+    network = {"features": 8, "channels": 2, "hidden": 8}
+    if "Frontiers" in id and algorithm in ("PPO", "A2C"):
+        network = {"width": 8, "heads": 2}
+    data = {
+        "experiment": "tiny",
+        "total_steps": 16,
+        "num_envs": 2,
+        "algorithm": algorithm,
+        "environment": environment,
+        "hyperparameters": hyperparameters,
+        "network": network,
+        "evaluation": {"episodes": 1, "every": 1000},
+        "checkpoints": {"every": 8, "keep": 2},
+    }
+    return parse_config(data | changes, "tiny")
+
+
+@pytest.mark.parametrize(("algorithm", "id"), dict.fromkeys(CASES))
+def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, tmp_path):
+    config = tiny(algorithm, id)
+    run = train(config, run=tmp_path / "run", progress=False)
+    copied = shutil.copytree(run, tmp_path / "copied")
+    more = config.model_copy(update={"total_steps": 32})
+    ends = [load_checkpoint(find_checkpoint(train(more, resume=one, progress=False))) for one in (run, copied)]
+    first, second = ends
+    assert first.record.steps == 32
+    for one, other in ((first.policy, second.policy), (first.training, second.training)):
+        assert one.keys() == other.keys()
+        assert all(torch.equal(one[key], other[key]) for key in one)
+    before = load_checkpoint(list_checkpoints(run)[0]).policy
+    assert any(not torch.equal(before[key], first.policy[key]) for key in before)
+    assert bool(first.record.replay) == (algorithm in WITH_BUFFER)
+    rows = first.record.evaluations
+    assert [row["policy"] for row in rows] == ["random", "learned", "learned", "learned"]
+    assert all(np.isfinite(row["progress"]) for row in rows)
+
+    env = make_env(config.environment, "test")
+    policy, inner = LearnedPolicy.load(run), task_env_of(env)
+    assert policy.control_hz == pytest.approx(1.0 / inner.control_period)
+    assert policy.level == ("decision" if "Frontiers" in id else "twist")
+    assert (policy.id, policy.arguments) == (config.environment.id, config.environment.arguments)
+    observation, _ = env.reset(seed=0)
+    actions = []
+    for _ in range(2):
+        policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
+        actions.append([policy(observation) for _ in range(2)])
+    assert env.action_space.contains(actions[0][0])
+    np.testing.assert_array_equal(*actions)
+    env.close()
+
+
+def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path, monkeypatch):
+    """The buffer has room for six steps of two environments, and sixteen are taken; it is written every four."""
+    models, build = [], training.build_model
+    monkeypatch.setattr(training, "build_model", lambda *args: models.append(build(*args)) or models[-1])
+    config = tiny("SAC", "Explore", total_steps=32)
+    run = train(config, run=tmp_path / "run", progress=False)
+    names = {path.name for path in (run / FOLDER).iterdir()}
+    checkpoints = [json.loads((folder / "checkpoint.json").read_text()) for folder in list_checkpoints(run)]
+    assert [record["steps"] for record in checkpoints] == [24, 32]
+    assert names == {name for record in checkpoints for name in record["replay"]}
+    assert sorted(names)[-1] == "000000000012-000000000016.safetensors"
+    assert not list(run.rglob("*.pkl"))
+    train(config, resume=run, progress=False)
+    whole, again = (model.replay_buffer for model in models)
+    assert again.full
+    assert again.buffer_size == 6
+    # The ring was at row 16 of 6: the oldest of the rows that it holds is in slot 4; now it is in slot 0.
+    order = (np.arange(6) + 16) % 6
+    for name in ("actions", "rewards", "dones", "timeouts"):
+        np.testing.assert_array_equal(getattr(whole, name)[order], getattr(again, name))
+    for name in whole.observations:
+        np.testing.assert_array_equal(whole.observations[name][order], again.observations[name])
+        np.testing.assert_array_equal(whole.next_observations[name][order], again.next_observations[name])
+
+    larger = config.model_copy(update={"hyperparameters": {**config.hyperparameters, "buffer_size": 40}})
+    train(larger, resume=run, progress=False)
+    assert (models[-1].replay_buffer.pos, models[-1].replay_buffer.full) == (8, False)  # all that the files hold
+    (run / FOLDER / sorted(names)[-1]).write_bytes(b"damaged")
+    with pytest.raises(CheckpointError, match=r"000000000012-000000000016.* is damaged: its checksum differs"):
+        train(config, resume=run, progress=False)
+
+
+def test_an_interrupt_saves_what_an_algorithm_with_a_buffer_has_learned(tiny_data, tmp_path):
+    data = {**tiny_data, "algorithm": "SAC", "environment": tiny_data["environment"] | {"world": "interrupted_30"}}
+    data["hyperparameters"] = {"learning_starts": 8, "batch_size": 4, "train_freq": 2, "buffer_size": 100}
+    data["checkpoints"] = {"every": 1000}
+    run = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt, match=f"at step 116, which is saved; --resume {run} goes on"):
+        train(parse_config(data, "mem"), run=run, progress=False)
+    assert load_checkpoint(find_checkpoint(run)).record.replay.keys() == {"000000000004-000000000029.safetensors"}
+
+
+def test_a_recurrent_policy_remembers_until_the_next_episode(tmp_path):
+    run = train(tiny("RecurrentPPO", "Explore"), run=tmp_path / "run", progress=False)
+    env = make_env(tiny("RecurrentPPO", "Explore").environment, "test")
+    policy, inner = LearnedPolicy.load(run), task_env_of(env)
+    policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
+    observation, _ = env.reset(seed=0)
+    first, second = policy(observation), policy(observation)
+    assert not np.array_equal(first, second)
+    env.close()

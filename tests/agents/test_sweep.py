@@ -1,0 +1,119 @@
+import csv
+import json
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import train
+from agents import sweep
+from agents.config import EvolutionConfig
+from agents.sweep import expand, interval, run_sweep
+from envs.files import LockedError
+from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
+
+
+@pytest.fixture
+def data(tiny_data):
+    changes = {"total_steps": 128, "evaluation": {"every": 128, "episodes": 1, "references": []}}
+    return tiny_data | changes | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
+
+
+def read_table(folder):
+    with open(folder / "sweep.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.yaml").write_text(json.dumps(data))
+    assert train.main(["--config", "tiny.yaml", "--evaluation.every", "64"]) == 0
+    (folder,) = (tmp_path / "runs").glob("tiny__sweep__*")
+    rows = read_table(folder)
+    assert [(row["hyperparameters.gamma"], row["seed"], row["steps"]) for row in rows] == [
+        ("0.9", "0", "128.0"), ("0.9", "1", "128.0"), ("0.99", "0", "128.0"), ("0.99", "1", "128.0"),
+    ]  # fmt: skip
+    assert (folder / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    assert "gamma 0.99" in capsys.readouterr().out
+    # A sweep goes on where it stopped: what is finished is not trained again.
+    trained = []
+    monkeypatch.setattr("agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"])))
+    runs = sorted(path for path in folder.iterdir() if path.is_dir())
+    assert train.main(["--resume", str(folder)]) == 0
+    assert trained == []
+    assert train.main(["--resume", str(folder), "--total-steps", "256"]) == 0
+    assert trained == [(seed, run) for run, seed in zip(runs, (0, 1, 0, 1), strict=True)]
+
+
+def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
+    data["sweep"] = {"hyperparameters.learning_rate": [1e-3, 1e30]}
+    data |= {"seeds": [0], "total_steps": 256}
+    with pytest.raises(
+        ValueError, match=r"1 of 2 trainings failed, --resume .* tries again:\n001_learning_rate=1e\+30"
+    ):
+        run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
+    assert len(read_table(tmp_path / "sweep")) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sweep": {"hyperparameters.gamma": 0.9}}, "sweep must hold lists of values by keys"),
+        ({"sweep": {"evaluation.evry": [1]}}, r"unknown key 'evaluation.evry' \(did you mean 'every'\?\)"),
+        ({"sweep": {"experiment.name": [1]}}, "--experiment.name: experiment is 'tiny', and holds no keys"),
+        ({"seeds": 3}, "seeds must be a list of whole numbers, got 3"),
+    ],
+)
+def test_mistakes_are_named_before_anything_is_trained(data, tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        run_sweep(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_evolutions_are_swept_as_well_and_a_ray_cluster_takes_them(tmp_path, monkeypatch):
+    """A stand-in for Ray, which calls at once."""
+    calls = []
+
+    def remote(**resources):
+        def of(function):
+            return SimpleNamespace(remote=lambda *args: calls.append(function.__name__) or function(*args))
+
+        return of
+
+    ray = SimpleNamespace(
+        init=lambda **how: calls.append(how["address"]), remote=remote, get=lambda value: value, shutdown=lambda: None
+    )
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    tiny = EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1}
+    swept = {**tiny, "families": ["rooms"], "sweep": {"sigma": [0.05]}, "seeds": [3]}
+    folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", ray="auto", progress=False)
+    assert calls == ["auto", "train_member"]
+    rows = read_table(folder)
+    assert [(row["sigma"], row["generation"]) for row in rows] == [("0.05", "1")]
+    assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))
+
+    from agents.frontiers.evolution import evolve
+
+    calls.clear()
+    evolve(EvolutionConfig(**tiny), run=tmp_path / "alone", ray="auto", progress=False)
+    assert set(calls) == {"auto", "feature_variances", "compare", "validate"}
+
+
+def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monkeypatch):
+    def locked(member, **_):
+        raise LockedError("in use")
+
+    monkeypatch.setattr(sweep, "train_member", locked)
+    with pytest.raises(ValueError, match="4 of 4 trainings failed"):
+        run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
+
+
+def test_intervals_are_those_of_students_t():
+    runs = [np.array([[0, 1.0], [10, value], [20, 9.0]]) for value in (2.0, 4.0, 6.0)]
+    runs[0] = runs[0][:2]
+    points = interval(runs)
+    np.testing.assert_allclose(points[0], [0, 1, 1, 1])
+    np.testing.assert_allclose(points[1], [10, 4, 4 - 4.968275, 4 + 4.968275], atol=1e-5)
+    assert len(points) == 2
+    assert np.isnan(interval(runs[:1])[:, 2:]).all()
