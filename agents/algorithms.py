@@ -78,7 +78,9 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
     defaults = next((values for name, values in DEFAULTS if name in allowed), {})
     if "buffer_size" in allowed:
         number = np.float32(0).nbytes if takes_vectors(algorithm) else 0
-        sizes = (np.prod(space.shape or (1,)) * (number or space.dtype.itemsize) for space in env.parts.values())
+        sizes = (
+            np.prod(space.shape or (1,)) * (number or np.dtype(space.dtype).itemsize) for space in env.parts.values()
+        )
         affordable = BUFFER_BYTES // (2 * int(sum(sizes)))
         defaults = {"buffer_size": min(affordable, BUFFER_STEPS, max(config.total_steps, 1000))} | defaults
     network = _read_network(config, env.parts, env.action_space).model_dump()

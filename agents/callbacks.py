@@ -44,6 +44,8 @@ class RunCallback(BaseCallback):
         self._config, self._run, self._evaluator, self._replay = config, run, evaluator, replay
         self._evaluations, self._saved_steps = evaluations, saved_steps
         self._rollout_steps = rollout_steps(config)
+        self._has_news = False
+        """Whether an episode has ended in the running rollout."""
         self._latest: Checkpoint | None = None
         """State before the running rollout; None where rollouts are short: there the present one is as good."""
 
@@ -92,11 +94,15 @@ class RunCallback(BaseCallback):
         if not np.isfinite(rewards).all():
             i = int(np.argmin(np.isfinite(rewards)))
             raise self.diverged(f"a reward of sub-environment {i} is {rewards[i]}")
-        if self.locals["dones"].any() and self.model.ep_info_buffer:
-            for name in self.model.ep_info_buffer[-1].keys() - {"r", "l", "t"}:
+        self._has_news |= bool(self.locals["dones"].any())
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._has_news and self.model.ep_info_buffer:
+            for name in sorted(self.model.ep_info_buffer[-1].keys() - {"r", "l", "t"}):
                 mean = safe_mean([episode[name] for episode in self.model.ep_info_buffer])
                 self.logger.record(f"rollout/{name}", mean)
-        return True
+        self._has_news = False
 
     def _on_training_end(self) -> None:
         self._evaluate()

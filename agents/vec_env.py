@@ -157,10 +157,9 @@ class GymnasiumVecEnv(VecEnv):
         self.env = env
         self._observations: Observations = {}
         self._is_flat = is_flat
-        self.parts: Any = env.single_observation_space
+        self.parts: spaces.Dict = env.single_observation_space  # type: ignore[assignment]
         """Space of the observations as the environment gives them."""
-        space = flat_space(self.parts) if is_flat else env.single_observation_space
-        super().__init__(env.num_envs, space, env.single_action_space)
+        super().__init__(env.num_envs, flat_space(self.parts) if is_flat else self.parts, env.single_action_space)
         self._clips = clip_actions and isinstance(env.single_action_space, spaces.Box)
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, dtype=np.int64)
