@@ -14,7 +14,8 @@ from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.records import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from envs.simulation import KinematicSimulator
-from envs.simulation.state import THETA, X, Y
+from envs.simulation.sensors import sense
+from envs.simulation.state import THETA, X
 from envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97
@@ -136,9 +137,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
         return started
 
-    def _fuse(self) -> None:
-        """Return None: control periods are passed over."""
-        return None
+    @property
+    def why_not_fused(self) -> str:
+        """Why control periods need Python one by one: they are passed over."""
+        return "robots slide along paths"
 
     def _drive(self) -> str:
         """Slide along the path until a decision is due, and return why."""
@@ -204,7 +206,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]
-        sensors, rng, before, segments = simulator.sensors, simulator.rngs[0], robot.belief.pose, explore.world.segments
+        rows, rng, before, world = simulator.rows, simulator.rngs[0], robot.belief.pose, explore.world
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
         renewed = math.sqrt(1.0 - kept * kept)
         draws = zip(self._error, self._drift, rng.standard_normal(3).tolist(), strict=True)
@@ -214,20 +216,19 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         if not is_free:
             true_pose = truth.state.pose
             pose = explore.map_pose.between(true_pose.compose(error.inverse()))
-        state = simulator.rows[0]
-        state[X], state[Y], state[THETA] = true_pose
-        simulator.go_to(simulator.steps + count)
-        if explore.world.movers:
-            simulator.circles = explore.world.circles_at(simulator.steps * explore.control_period)
-        sensors.draw([rng])
-        sensors.sense(simulator.rows, segments, simulator.circles)
-        reading = sensors.readings(simulator.steps * explore.control_period)[0]
+        rows.numbers[0, X : THETA + 1] = true_pose
+        rows.go_to(rows.steps + count)
+        if world.movers:
+            simulator.circles = world.circles_at(rows.steps * explore.control_period)
+        rows.draw([rng])
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, simulator.circles)
+        reading = rows.reading(0)
         num_beams = len(reading.ranges)
         if num_false := rng.binomial(num_beams, self._false_returns):
             beams = rng.integers(num_beams, size=num_false)
             reading.ranges[beams] = np.fmin(reading.ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
         robot.reading = reading
-        truth.update(simulator.states[0])
+        truth.update()
         robot.follow(self._mapping.process_key_scan(reading.ranges, pose))
         explore.task.update(simulator, explore.robots, explore.control_period)
         self._note(count, 0)

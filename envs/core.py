@@ -16,17 +16,22 @@ from envs.estimation import Belief
 from envs.estimation.motion import TrueMotion, make_motion_source
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
-from envs.ground_truth import GroundTruth, pose_error
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene
-from envs.robot import Robot, reset_robots
+from envs.robot import REMEMBER_TRUE, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
 from envs.simulation import Reading, Simulator, Twist, make_simulator
+from envs.simulation import state as at
 from envs.slam import PoseGraphView
 from envs.task import Task
+from envs.transition import Transition
+from envs.transition.kernels import pose_errors
 from envs.worlds import World
+
+FUSED_METHODS = ("apply", "twists", "advance", "finish", "observe", "outcome", "info", "is_over")
+"""What a vector environment does for many environments at once, if none of them does it in its own way."""
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -116,6 +121,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         space: Any = self.observation_space
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
+        self.transition = Transition(simulator, self.robots)
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._has_begun = False
         self._renderer: Any = None
@@ -153,9 +159,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
         readings = self.simulator.reset(self.world, starts, rngs[::2])
-        self.truths = [GroundTruth(state) for state in self.simulator.states]
+        self.truths = self.transition.begin(readings, task.map_pose)
         own = {key: options[key] for key in task.reset_options if key in options}
-        readings = self._with_extra(readings, is_first=True)
+        readings = self._measure(readings, is_first=True)
         self._priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         reset_robots(self.robots, readings, self._priors, rngs[1::2])
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
@@ -218,19 +224,25 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
-        robots, simulator = self.robots, self.simulator
-        readings = self._with_extra(simulator.step(commands))  # world -> physics -> sensors
-        states = simulator.states
-        for robot, reading, truth, state in zip(robots, readings, self.truths, states, strict=True):
-            robot.sense(reading)  # odometry
-            truth.update(state)
-        for robot in robots:
-            robot.locate()  # scan matching -> map
-        self.task.update(simulator, robots, self.control_period)
-        if self.on_period is not None:
-            self.on_period(commands)
+        self.transition.move(commands)  # world -> physics -> sensors -> odometry
+        self.finish()
 
-    def _with_extra(self, readings: list[Reading], is_first: bool = False) -> list[Reading]:
+    def finish(self) -> None:
+        """Do what the kernels of a control period leave: scans, the task."""
+        if self.sensors:
+            for robot, reading in zip(
+                self.robots, self._measure([robot.reading for robot in self.robots]), strict=True
+            ):
+                robot.reading = reading
+        for robot, truth in zip(self.robots, self.truths, strict=True):
+            if robot.locate() & REMEMBER_TRUE:  # scan matching -> map
+                truth.remember()
+        self.task.update(self.simulator, self.robots, self.control_period)
+        if self.on_period is not None:
+            numbers = self.transition.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
+            self.on_period([Twist(v, w) for v, w in numbers.tolist()])
+
+    def _measure(self, readings: list[Reading], is_first: bool = False) -> list[Reading]:
         """Return the readings with what the user's own sensors measure."""
         if not self.sensors:
             return readings
@@ -258,6 +270,17 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return sum(rewards.values()), terminated, truncated, info
 
     @property
+    def is_fused(self) -> bool:
+        """Whether a vector environment steps physics and sensing of many such environments by one kernel call."""
+        return not self.why_not_fused
+
+    @property
+    def why_not_fused(self) -> str:
+        """Why it does not; empty where it does."""
+        own = [name for name in FUSED_METHODS if getattr(type(self), name) is not getattr(LidarEnv, name)]
+        return f"{type(self).__name__} has {own[0]} of its own" if own else self.transition.why_not_fused
+
+    @property
     def is_over(self) -> tuple[bool, bool]:
         """Whether the episode is terminated, and whether it is truncated."""
         terminated = self.task.end_reason is not None
@@ -278,25 +301,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
         info: dict[str, Any] = self.task.metrics()
-        map_pose: Pose2D = self.task.map_pose
-        errors = np.array(
-            [
-                pose_error(*map_pose, *robot.belief.pose, *truth.state.pose)
-                for robot, truth in zip(self.robots, self.truths, strict=True)
-            ]
-        )
+        rows = self.transition.rows.numbers
         if self._randomization is not None:
             info["randomized"] = dict(self.randomized)
         info["time"] = self.time
         info["rewards"] = rewards
+        errors, lengths = pose_errors(rows), rows[:, at.PATH_LENGTH]
+        collisions = rows[:, at.COLLISIONS].astype(np.int64)
         if self._is_team:
-            info["pose_error"] = errors
-            info["path_length"] = np.array([truth.path_length for truth in self.truths])
-            info["collisions"] = np.array([robot.collisions for robot in self.robots], dtype=np.int64)
+            info["pose_error"], info["path_length"], info["collisions"] = errors, lengths.copy(), collisions
         else:
-            info["pose_error"] = errors[0]
-            info["path_length"] = self.truths[0].path_length
-            info["collisions"] = self.robots[0].collisions
+            info["pose_error"], info["path_length"] = errors[0], float(lengths[0])
+            info["collisions"] = int(collisions[0])
         return info
 
     def prepare(self) -> None:
@@ -311,7 +327,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def time(self) -> float:
         """Time since the reset [s]."""
-        return self.robots[0].reading.time
+        return float(self.transition.rows.numbers[0, at.TIME])
 
     @property
     def map_pose(self) -> Pose2D:

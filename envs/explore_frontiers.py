@@ -9,8 +9,8 @@ from gymnasium import spaces
 
 from envs.arguments import check_positive, is_whole
 from envs.core import LidarEnv
+from envs.drive import UNCHECKED, FusedDrive
 from envs.estimation import Belief
-from envs.fused import UNCHECKED, FusedDrive, is_fusible
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
 from envs.navigation.home import HomeNavigator
 from envs.observations import FAR_PIXEL, MapCrop
@@ -260,19 +260,22 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Release the physics engine and the window."""
         self.explore.close()
 
+    @property
+    def is_fused(self) -> bool:
+        """Whether kernels drive for several control periods at once; False before the first reset."""
+        return self._fused is not None
+
+    @property
+    def why_not_fused(self) -> str:
+        """Why control periods of this episode need Python one by one; empty where they do not."""
+        return FusedDrive.why_not(self.explore)
+
     def _fuse(self) -> FusedDrive | None:
         """Return what drives by a kernel; None where control periods need Python."""
-        explore = self.explore
-        if explore.render_mode == "human" or explore.world.movers or not is_fusible(explore):
-            return None
-        fused = self._fused or FusedDrive(explore, self.navigator.navigator)
-        fused.begin()
-        return fused
+        return None if self.why_not_fused else self._fused or FusedDrive(self.explore, self.navigator.navigator)
 
     def _drive(self) -> str:
         """Drive until a decision is due, and return why."""
-        if self._fused is not None:
-            self._fused.load()
         while True:
             result = self._advance() if self._fused is None else self._advance_fused(self._fused)
             if result is not None:

@@ -5,6 +5,8 @@ from numba import njit
 from envs.estimation.trail import Trail
 from envs.geometry.pose import between, compose, distance
 from envs.simulation import RobotState
+from envs.simulation import state as at
+from envs.simulation.rows import Rows
 
 
 @njit(cache=True)
@@ -16,19 +18,33 @@ def pose_error(map_x, map_y, map_theta, x, y, theta, true_x, true_y, true_theta)
 
 
 class GroundTruth:
-    """True course of a robot, for rewards, metrics and pictures."""
+    """True course of a robot, for rewards, metrics and pictures: a view of its row, and its trail."""
 
-    def __init__(self, state: RobotState) -> None:
-        """Begin an episode at a state."""
-        self.state = state
+    def __init__(self, rows: Rows, index: int) -> None:
+        """Begin an episode at the state in a row."""
+        self._rows, self._index = rows, index
         self.trail = Trail()
         """Positions so far, world frame."""
-        self.path_length = 0.0
-        """Driven so far [m]."""
-        self.trail.append(state.pose)
+        self.remember()
 
-    def update(self, state: RobotState) -> None:
-        """Process the state at the end of a control period."""
-        before, self.state = self.state.pose, state
-        self.path_length += distance(state.pose.x - before.x, state.pose.y - before.y)
-        self.trail.append(state.pose)
+    @property
+    def state(self) -> RobotState:
+        """Pose and velocity now."""
+        return self._rows.state(self._index)
+
+    @property
+    def path_length(self) -> float:
+        """Driven so far [m]."""
+        return float(self._rows.numbers[self._index, at.PATH_LENGTH])
+
+    def remember(self) -> None:
+        """Append the position to the trail, if it is far enough from the last one."""
+        if self.trail.append(self.state.pose):
+            self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
+
+    def update(self) -> None:
+        """Process a state to which something else than the kernels of a step has moved the robot."""
+        row = self._rows.numbers[self._index]
+        row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
+        row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]
+        self.remember()

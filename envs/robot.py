@@ -5,15 +5,38 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief, Estimator
+from envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
 from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
-from envs.estimation.motion import MotionSource
+from envs.estimation.motion import GyroMotion, MotionSource, TrueMotion, WheelMotion
 from envs.estimation.peers import PeerFilter
 from envs.estimation.trail import Trail, interpolate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
+from envs.simulation import state as at
+from envs.simulation.rows import Rows
+from envs.slam import KnownPoses, TinySlam
+from envs.slam.key_scans import KeyScanSlam
+
+SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
+"""What is left to do for a robot: process its scan, which corrects the pose; remember its estimated position; remember
+its true position."""
+
+
+class Setup(NamedTuple):
+    """How a robot's odometry and estimator work, all of it float."""
+
+    metres_per_tick: float
+    track: float
+    uses_gyro: float
+    """1 for odometry by the gyroscope, 0 by the wheels alone, -1 where Python has written the motion."""
+    gyro_variance: float
+    uses_truth: float
+    """1 where the estimator learns of the true motion, 0 of odometry, -1 where Python has written the motion."""
+    min_travel_distance: float
+    """Distance from the last key scan at which the next one is due [m]; negative where every scan is processed."""
+    min_travel_angle: float
 
 
 class Prior(NamedTuple):
@@ -27,11 +50,28 @@ class Prior(NamedTuple):
     """Shape (3, 3), float64: of the pose [m, m, rad]; None for the estimator's own."""
 
 
-class Robot:
-    """A robot with its sensors, odometry and estimator. Holds no ground truth.
+def _follows_odometry(slam: Any) -> bool:
+    """Tell whether a SLAM's poses follow odometry between key scans; see `KeyScanSlam`."""
+    kind = type(slam)
+    if not isinstance(slam, KeyScanSlam) or kind.update is not KeyScanSlam.update:
+        return False
+    if kind.is_key_pose is not KeyScanSlam.is_key_pose or (slam.params.match_every_scan and kind is not KnownPoses):
+        return False
+    is_composed = kind._predict is KeyScanSlam._predict
+    return is_composed or (kind is TinySlam and slam.params.odometry == "robot_frame")
 
-    What `ground_truth` tells it of its motion, where users ask for `slam="truth"`, reaches the estimator alone.
+
+class Robot:
+    """A robot with its sensors, odometry and estimator: a view of its row, see `envs.simulation.state`, and its map.
+
+    Holds no ground truth. What `ground_truth` tells it of its motion, where users ask for `slam="truth"`, reaches the
+    estimator alone.
     """
+
+    rows: Rows
+    """What its reading, motion and pose are views of; a `Transition` sets it."""
+    index = 0
+    """Its row."""
 
     def __init__(
         self,
@@ -61,14 +101,73 @@ class Robot:
         self.peers: list[Robot] = []
         """The other robots of a team, which tell this one their poses."""
         self._peer_filter = PeerFilter(params)
+        self.follows_odometry = _follows_odometry(estimator)
+        """Whether the estimator looks at key scans alone, and its pose follows odometry in between."""
+        slam = estimator.params if self.follows_odometry else None  # type: ignore[attr-defined]
+        self.setup = Setup(
+            metres_per_tick=params.odometry.metres_per_tick,
+            track=params.odometry.track,
+            uses_gyro=1.0 if type(odometry) is GyroMotion else 0.0 if type(odometry) is WheelMotion else -1.0,
+            gyro_variance=params.imu.gyro_std**2,
+            uses_truth=0.0 if ground_truth is None else 1.0 if type(ground_truth) is TrueMotion else -1.0,
+            min_travel_distance=-1.0 if slam is None else slam.min_travel_distance,
+            min_travel_angle=0.0 if slam is None else slam.min_travel_angle,
+        )
+        """What kernels are told of odometry and estimator."""
 
     @property
     def belief(self) -> Belief:
         """Pose estimate and map."""
         return self.estimator.belief
 
+    @property
+    def row(self) -> np.ndarray:
+        """Its numbers, shape (ROW_SIZE,), float64; a view."""
+        return self.rows.numbers[self.index]
+
+    @property
+    def reading(self) -> Reading:
+        """The last reading; made when somebody asks for it."""
+        if self._reading.time != self.row[at.TIME]:
+            self._reading = self.rows.reading(self.index)
+        return self._reading
+
+    @reading.setter
+    def reading(self, reading: Reading) -> None:
+        self._reading = reading
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity by odometry, or by the estimator where it gives one."""
+        return Twist(*self.row[at.TWIST_V : at.TWIST_W + 1].tolist())
+
+    @property
+    def action(self) -> tuple[float, float]:
+        """The last action: forward speed and yaw rate over their limits."""
+        v, w = self.row[at.ACTION_V : at.ACTION_W + 1].tolist()
+        return v, w
+
+    @action.setter
+    def action(self, action: tuple[float, float]) -> None:
+        self.row[at.ACTION_V : at.ACTION_W + 1] = action
+
+    @property
+    def collisions(self) -> int:
+        """Contacts so far."""
+        return int(self.row[at.COLLISIONS])
+
+    @property
+    def motion(self) -> Pose2D:
+        """Motion of the base during the last period, as the estimator learns of it."""
+        return Pose2D(*self.row[at.MOTION : at.MOTION + 3].tolist())
+
+    @property
+    def predicted_pose(self) -> Pose2D:
+        """Pose estimate before the last scan was processed, and with it once it is."""
+        return Pose2D(*self.row[at.POSE : at.POSE + 3].tolist())
+
     def reset(self, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None) -> None:
-        """Begin an episode at rest; `locate` processes the reading's scan.
+        """Begin an episode at rest; `integrate` processes the reading's scan.
 
         Args:
             reading: the first.
@@ -78,17 +177,7 @@ class Robot:
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
-        self.reading = reading
-        self.twist = Twist(0.0, 0.0)
-        """Velocity by odometry, or by the estimator where it gives one."""
-        self.action = (0.0, 0.0)
-        """The last action: forward speed and yaw rate over their limits."""
-        self.collisions = 0
-        """Contacts so far."""
-        self.motion = ORIGIN
-        """Motion of the base during the last period, as the estimator learns of it."""
-        self.predicted_pose = self.belief.pose
-        """Pose estimate before the last scan was processed, and with it once it is."""
+        self.reading, row = reading, self.row
         self.odometry.reset(reading)
         if self.ground_truth is not None:
             self.ground_truth.reset(reading)
@@ -97,43 +186,75 @@ class Robot:
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """The map at the scales of observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
+        row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self.setup, self.belief.pose, np.inf
+        row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
+        row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
+        row[at.BIAS : at.BIAS_VARIANCE + 1] = getattr(self.odometry, "gyro", 0.0)
 
-    def sense(self, reading: Reading) -> None:
-        """Process a reading but for its scan: odometry and bumper."""
-        self.collisions += reading.bumper and not self.reading.bumper
-        self.reading = reading
-        motion = self.odometry.update(reading)
-        self.twist = Twist(motion.x / self.control_period, motion.theta / self.control_period)
-        self.motion = motion if self.ground_truth is None else self.ground_truth.update(reading)
-        if self.peers:
-            self.predicted_pose = self.belief.pose.compose(self.motion)
+    def measure_motion(self) -> None:
+        """Write the motion of a control period where a source of the user's own tells it; kernels know the others."""
+        row = self.row
+        if self.setup.uses_gyro < 0.0:
+            row[at.ODOMETRY : at.ODOMETRY + 3] = row[at.MOTION : at.MOTION + 3] = self.odometry.update(self.reading)
+        if self.setup.uses_truth < 0.0 and self.ground_truth is not None:
+            row[at.MOTION : at.MOTION + 3] = self.ground_truth.update(self.reading)
 
-    def locate(self) -> None:
-        """Process the reading's scan: pose, map and trail.
+    def locate(self) -> int:
+        """Do what the kernels of a step have left: process the scan, or follow odometry; returns their `FLAGS`.
 
         Raises:
             ValueError: no map can be made of the belief; see `check_belief`.
         """
+        row = self.row
+        flags = int(row[at.FLAGS])
+        if flags & SCAN:
+            self.integrate()
+            return flags
+        belief = self.belief
+        belief.pose, belief.update = Pose2D(*row[at.POSE : at.POSE + 3].tolist()), NO_UPDATE
+        if flags & REMEMBER:
+            self._remember(belief.pose)
+        return flags
+
+    def integrate(self) -> None:
+        """Process the scan: pose, map and trail; raises as `locate`."""
+        estimator: Any = self.estimator
+        if self.follows_odometry and estimator.last_key_pose is not None:
+            predicted = self.predicted_pose
+            self.follow(estimator.process_key_scan(self._filtered(self.rows.ranges[self.index]), predicted))
+            return
         reading = self.reading
         if self.peers:
-            peers = [peer.predicted_pose for peer in self.peers]
-            reading = reading._replace(ranges=self._peer_filter(reading.ranges, self.predicted_pose, peers))
-        belief = self.estimator.update(reading, self.motion)
+            reading = reading._replace(ranges=self._filtered(reading.ranges))
+        self.follow(estimator.update(reading, self.motion))
+
+    def _filtered(self, ranges: np.ndarray) -> np.ndarray:
+        """Return a scan without the beams that end at peers."""
+        if not self.peers:
+            return ranges
+        return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
+
+    def follow(self, belief: Belief) -> None:
+        """Bring row, trail and pyramid up to date with the belief after a scan; raises as `locate`."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
-        self.follow(belief)
-
-    def follow(self, belief: Belief) -> None:
-        """Bring trail and pyramid up to date with the belief after a scan."""
-        self.predicted_pose = belief.pose
+        row = self.row
+        row[at.POSE : at.POSE + 3] = belief.pose
+        if self.follows_odometry:
+            row[at.KEY_POSE : at.KEY_POSE + 3] = self.estimator.last_key_pose  # type: ignore[attr-defined]
         if belief.twist is not None:
-            self.twist = belief.twist
+            row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
         self.pyramid.update(belief.update)
-        if self.trail.append(belief.pose):
-            self.pyramid.mark(belief.pose.x, belief.pose.y)
+        self._remember(belief.pose)
+
+    def _remember(self, pose: Pose2D) -> None:
+        """Append the position to the trail, and show it on the map, if it is far enough from the last one."""
+        if self.trail.append(pose):
+            self.pyramid.mark(pose.x, pose.y)
+        self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
 
 
 def reset_robots(
@@ -160,6 +281,6 @@ def reset_robots(
             robot.pyramid = pyramid
     for robot in robots:
         if getattr(robot.estimator, "uses_first_scan", True):
-            robot.locate()
+            robot.integrate()
         else:
-            robot.trail.append(robot.belief.pose)
+            robot._remember(robot.belief.pose)

@@ -1,4 +1,4 @@
-"""What both physics share: checks, noise, sensors, and the robots' states as rows of numbers."""
+"""What both physics share: checks, noise, sensors, and the robots as rows of numbers."""
 
 import math
 from collections.abc import Sequence
@@ -12,9 +12,10 @@ from envs.robots import RobotParams
 from envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
-from .sensors import TOUCHED, Sensors
+from .rows import Rows
+from .sensors import sense
 from .simulator import Reading, RobotState, Twist
-from .state import STATE_SIZE, Y
+from .state import COMMAND_V, COMMAND_W, TOUCHED, Y
 
 
 class BaseSimulator:
@@ -24,85 +25,80 @@ class BaseSimulator:
     """Parameters of robots that make no difference; see `Simulator`."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
-        self.sensors = Sensors(robot, control_period, num_robots)
-        self.rows = np.zeros((num_robots, STATE_SIZE))
-        """Shape (num_robots, 11), float64: the robots' states; see `state`."""
-        self.commands = np.zeros((num_robots, 2))
-        """Shape (num_robots, 2), float64: commanded twists [m/s, rad/s]."""
+        self.rows = Rows(robot, control_period, num_robots)
+        """The robots' states, measurements and noise."""
         self.rngs: Sequence[np.random.Generator] = ()
         self.circles = np.empty((0, 3))
         """What `World.circles_at` returns for the present time."""
-        self.steps = 0
         self.robot = robot
         """The true robot."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
-        self._states: list[RobotState] | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robots' parameters from the next reset on; see `Simulator`."""
         self.robot = robot
-        self.sensors.set_robot(robot, self._period)
+        self.rows.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot; see `Simulator`."""
-        if self._states is None:
-            self._reset_world()
-            rows = self.rows.tolist()
-            self._states = [RobotState(Pose2D(x, y, theta), Twist(v, w)) for x, y, theta, *_, v, w, _, _ in rows]
-        return self._states
+        self._reset_world()
+        return [self.rows.state(k) for k in range(len(self.rows.numbers))]
 
     @property
     def contacts(self) -> list[Contact]:
         """What the robots touched during the last period; see `Simulator`."""
-        touched = np.flatnonzero(self.sensors.others[:, TOUCHED] > 0.0).tolist()
-        return find_contacts(touched, self.rows[:, : Y + 1], self._radius, self._reset_world(), self.circles)
+        touched = np.flatnonzero(self.rows.numbers[:, TOUCHED] > 0.0).tolist()
+        return find_contacts(touched, self.rows.numbers[:, : Y + 1], self._radius, self._reset_world(), self.circles)
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
         """Place the robots at rest and return their first readings; see `Simulator`."""
         self._check_number(poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
-        self._world, self.rngs, self.circles = world, rngs, world.circles_at(0.0)
-        self.go_to(0)
-        self.rows[:] = 0.0
+        self._world, self.rngs, self.circles, rows = world, rngs, world.circles_at(0.0), self.rows
+        rows.reset()
         self._place(world, poses)
-        self.sensors.draw(rngs)
-        self.sensors.draw_biases(self.rows)
-        self.sensors.others[:, TOUCHED] = 0.0
-        self.sensors.sense(self.rows, world.segments, self.circles)
-        return self.sensors.readings(0.0)
+        rows.draw(rngs)
+        rows.draw_biases()
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self.circles)
+        return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
         """Drive for one control period; see `Simulator`."""
-        world = self._reset_world()
+        self.move(commands)
+        return self._readings()
+
+    def move(self, commands: Sequence[Twist]) -> None:
+        """Drive for one control period, after which `rows` hold what `step` returns; raises as `step`."""
+        world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
-        checked = [(float(v), float(w)) for v, w in commands]
-        for v, w in checked:
+        for k, (v, w) in enumerate(commands):
             if not (math.isfinite(v) and math.isfinite(w)):
                 raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
-        self.commands[:] = checked
-        self.sensors.draw(self.rngs)
-        self.go_to(self.steps + 1)
-        time, before = self.steps * self._period, self.circles
-        if world.movers:
-            self.circles = world.circles_at(time)
-        self._move(world, before)
-        return self.sensors.readings(time)
+            rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
+        rows.draw_ahead(self.rngs)
+        self._move(world, self.move_circles())
 
-    def go_to(self, steps: int) -> None:
-        """Take note that `rows` and `sensors` have been stepped to so many steps after the reset."""
-        self.steps, self._states = steps, None
+    def move_circles(self) -> np.ndarray:
+        """Take `circles` to the end of the coming control period; return them as they are at its beginning."""
+        before, world = self.circles, self._reset_world()
+        if world.movers:
+            self.circles = world.circles_at((self.rows.steps + 1) * self._period)
+        return before
 
     def close(self) -> None:
         """Release what the simulator holds."""
 
+    def _readings(self) -> list[Reading]:
+        return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
+
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Put the robots at rest at their poses, and write these to `rows`, which hold zeros."""
+        """Put the robots at rest at their poses, and write these to `rows`."""
         raise NotImplementedError
 
     def _move(self, world: World, before: np.ndarray) -> None:
-        """Drive all robots by `commands` for one control period, and measure what they sense at its end.
+        """Drive all robots by the commands in `rows` for one control period, and measure what they sense at its end.
 
         Meanwhile circles go evenly from `before`, shape (m, 3), float64 [m], to `circles`.
         """
@@ -116,5 +112,7 @@ class BaseSimulator:
 
     def _check_number(self, **arguments: Sequence[Any]) -> None:
         for name, values in arguments.items():
-            if len(values) != len(self.rows):
-                raise ValueError(f"{name} must have one entry per robot, {len(self.rows)} in all, got {len(values)}")
+            if len(values) != len(self.rows.numbers):
+                raise ValueError(
+                    f"{name} must have one entry per robot, {len(self.rows.numbers)} in all, got {len(values)}"
+                )

@@ -16,8 +16,8 @@ from .bullet_client import BulletClient, import_pybullet
 from .bullet_robot import BulletRobot
 from .bullet_walls import NearbyWalls, has_many_walls
 from .records import robot_record
-from .sensors import TOUCHED
-from .state import X, Y
+from .sensors import sense
+from .state import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, X, Y
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -50,18 +50,18 @@ class BulletSimulator(BaseSimulator):
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robots' parameters from the next reset on, which builds the simulation anew; see `Simulator`."""
         super().set_robot(robot)
-        self._arguments = robot, self._period, len(self.rows)
+        self._arguments = robot, self._period, len(self.rows.numbers)
         self._substeps = int(robot_record(robot, self._period).substeps)
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
         self._reach = 2.0 * (robot.radius + fastest * self._period)
-        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows]
+        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows.numbers[:, :STATE_SIZE]]
         self._built: World | None = None
 
     def close(self) -> None:
         """Disconnect from PyBullet. The next reset connects again."""
         if self._bullet is not None:
             self._bullet.close()
-        self._bullet = self._built = self._world = self._states = self._nearby = None
+        self._bullet = self._built = self._world = self._nearby = None
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         self.is_copy = False
@@ -79,10 +79,12 @@ class BulletSimulator(BaseSimulator):
             robot.reset_pose(pose)
 
     def _move(self, world: World, before: np.ndarray) -> None:
-        for robot, command, normals in zip(self.robots, self.commands, self.sensors.draws, strict=True):
-            robot.plan(command, normals)
+        rows, numbers = self.rows, self.rows.numbers
+        rows.tick()
+        for robot, row, draws in zip(self.robots, numbers, rows.draws, strict=True):
+            robot.plan(row[COMMAND_V : COMMAND_W + 1], draws[int(row[DRAW])])
         if self._nearby is not None:
-            self._nearby.follow(self.rows[:, [X, Y]])
+            self._nearby.follow(numbers[:, [X, Y]])
         for substep in range(self._substeps):
             if world.movers:
                 travel = self.circles - before
@@ -94,8 +96,8 @@ class BulletSimulator(BaseSimulator):
                 robot.update_contacts()
         for robot in self.robots:
             robot.update_state()
-        self.sensors.others[:, TOUCHED] = [robot.touched for robot in self.robots]
-        self.sensors.sense(self.rows, world.segments, self.circles)
+        numbers[:, TOUCHED] = [robot.touched for robot in self.robots]
+        sense(numbers, rows.draws, rows.ranges, world.segments, self.circles)
 
     def _reset_world(self) -> World:
         if self._world is None and self.is_copy:

@@ -10,12 +10,12 @@ from numba import njit
 from envs.geometry import Pose2D, wrap_angle
 from envs.worlds import World
 
+from . import state as at
 from .base import BaseSimulator
 from .contact import push_out, select_near
 from .drive import plan_wheels
 from .records import unpack_robot
-from .sensors import SLIP_LEFT, SLIP_RIGHT, TOUCHED, sense, with_peers
-from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, V, W, X, Y
+from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 
 
 class Obstacles(NamedTuple):
@@ -39,7 +39,7 @@ def advance(state, command, normals, robot, obstacles):
     Wheels keep turning while the robot is held.
 
     Args:
-        state: shape (11,), float64, changed in place; see `state`.
+        state: shape (11 or more,), float64, changed in place; see `state`.
         command: commanded twist (v, w) [m/s, rad/s].
         normals: standard normal draws for the slip of the left and the right wheel.
         robot: `RobotRecord`.
@@ -53,11 +53,11 @@ def advance(state, command, normals, robot, obstacles):
     dt = robot.period / substeps
     fastest = robot.max_v * robot.wheel_radius / robot.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(state[X], state[Y], 2.0 * (robot.radius + fastest * robot.period), segments, near)
+    num_near = select_near(state[at.X], state[at.Y], 2.0 * (robot.radius + fastest * robot.period), segments, near)
     circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
-    reached = (state[COMMANDED_V], state[COMMANDED_W])
-    state[COMMANDED_V], state[COMMANDED_W] = plan_wheels(reached, command, normals, robot, rates, slips)
+    reached = (state[at.COMMANDED_V], state[at.COMMANDED_W])
+    state[at.COMMANDED_V], state[at.COMMANDED_W] = plan_wheels(reached, command, normals, robot, rates, slips)
     touched = False
     turned = 0.0
     for step in range(substeps):
@@ -66,7 +66,7 @@ def advance(state, command, normals, robot, obstacles):
         turn = (right - left) / robot.track
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
-        x, y, theta = state[X], state[Y], state[THETA]
+        x, y, theta = state[at.X], state[at.Y], state[at.THETA]
         part = (step + 1) / substeps
         for i in range(circles.shape[0]):
             circles[i, 0] = before[i, 0] + part * (after[i, 0] - before[i, 0])
@@ -78,18 +78,18 @@ def advance(state, command, normals, robot, obstacles):
         touched |= contact
         if not free:
             new_x, new_y = x, y
-        state[X], state[Y], state[THETA] = new_x, new_y, wrap_angle(theta + turn)
+        state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
         turned += turn
-        state[LEFT_ANGLE] += rates[step, 0] * dt
-        state[RIGHT_ANGLE] += rates[step, 1] * dt
-        state[V], state[W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
-    state[MEAN_W] = turned / robot.period
+        state[at.LEFT_ANGLE] += rates[step, 0] * dt
+        state[at.RIGHT_ANGLE] += rates[step, 1] * dt
+        state[at.V], state[at.W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
+    state[at.MEAN_W] = turned / robot.period
     return touched, hits
 
 
 @njit(cache=True, error_model="numpy")
-def step_robots(states, commands, draws, numbers, segments, before, after, ranges, others):
-    """Move all robots for one control period, and measure what they sense at its end.
+def step_robots(rows, draws, ranges, segments, before, after):
+    """Move all robots of a world for one control period, and measure what they sense at its end.
 
     Python calls this once in a step. The arguments are plain, since unpacking named tuples would take a tenth of the
     whole step.
@@ -98,30 +98,33 @@ def step_robots(states, commands, draws, numbers, segments, before, after, range
     overlap, and no robot pushes another.
 
     Args:
-        states: shape (num_robots, 11), float64, changed in place; see `state`.
-        commands: shape (num_robots, 2), float64: commanded twists [m/s, rad/s].
+        rows: as for `sense`; its `COMMAND_V` and `COMMAND_W` are obeyed, and contacts are written.
         draws: as for `sense`.
-        numbers: as for `sense`.
+        ranges: as for `sense`.
         segments: see `Obstacles`.
         before: see `Obstacles`.
         after: see `Obstacles`.
-        ranges: as for `sense`.
-        others: as for `sense`; also contacts are written.
     """
-    robot, num_fixed = unpack_robot(numbers), before.shape[0]
+    robot, num_fixed = unpack_robot(rows[0, at.ROBOT :]), before.shape[0]
     radius = robot.radius
-    others[:, TOUCHED] = 0.0
-    for k in range(states.shape[0]):
-        circles = Obstacles(segments, with_peers(before, states, k, radius), with_peers(after, states, k, radius))
-        slip = (draws[k, SLIP_LEFT], draws[k, SLIP_RIGHT])
-        touched, hits = advance(states[k], commands[k], slip, robot, circles)
+    for k in range(rows.shape[0]):
+        rows[k, at.TOUCHED] = 0.0
+        rows[k, at.STEPS] += 1.0
+        rows[k, at.TIME] = rows[k, at.STEPS] * robot.period
+        rows[k, at.DRAW] += 1.0
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        circles = Obstacles(segments, with_peers(before, rows, k, radius), with_peers(after, rows, k, radius))
+        noise = draws[k, int(row[at.DRAW])]
+        command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
+        touched, hits = advance(row, command, slip, robot, circles)
         if touched:
-            others[k, TOUCHED] = 1.0
+            row[at.TOUCHED] = 1.0
         for j in range(num_fixed, hits.shape[0]):
             if hits[j]:  # contact is mutual
                 peer = j - num_fixed
-                others[peer + (peer >= k), TOUCHED] = 1.0
-    sense(states, draws, numbers, segments, after, ranges, others)
+                rows[peer + (peer >= k), at.TOUCHED] = 1.0
+    sense(rows, draws, ranges, segments, after)
 
 
 class KinematicSimulator(BaseSimulator):
@@ -130,19 +133,9 @@ class KinematicSimulator(BaseSimulator):
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        for row, pose in zip(self.rows, poses, strict=True):
-            row[X], row[Y], row[THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+        for row, pose in zip(self.rows.numbers, poses, strict=True):
+            row[at.X], row[at.Y], row[at.THETA] = pose.x, pose.y, wrap_angle(pose.theta)
 
     def _move(self, world: World, before: np.ndarray) -> None:
-        sensors = self.sensors
-        step_robots(
-            self.rows,
-            self.commands,
-            sensors.draws,
-            sensors.numbers,
-            world.segments,
-            before,
-            self.circles,
-            sensors.ranges,
-            sensors.others,
-        )
+        rows = self.rows
+        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, before, self.circles)

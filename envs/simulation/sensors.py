@@ -1,27 +1,20 @@
 """The robots' sensors and their noise, the same under both physics."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import wrap_angle
 from envs.geometry.raycast import cast_rays
-from envs.robots import RobotParams
 
-from .records import robot_record, unpack_robot
-from .simulator import Reading
-from .state import GYRO_BIAS, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, X, Y
+from . import state as at
+from .records import unpack_robot
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
 """Entries of a robot's standard normal draws in a control period; those of the beams follow."""
 OTHER_NORMALS = 4
 """Number of normal draws before the beams' own."""
-LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(5)
-"""Entries of the measurements beside the scan: encoder counts, gyroscope [rad/s], compass [rad], 1 for contact."""
-NUM_OTHERS = 5
-"""Number of these entries."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -101,7 +94,7 @@ def with_peers(circles, states, index, radius):
 
     Args:
         circles: shape (m, 3), float64: (x, y, radius) [m].
-        states: shape (num_robots, 11), float64; see `state`.
+        states: shape (num_robots, 2 or more), float64; see `state`.
         index: of the robot that is left out.
         radius: of the robots' footprints [m].
     """
@@ -111,96 +104,34 @@ def with_peers(circles, states, index, radius):
     for k in range(num_robots):
         if k != index:
             row = count + k - (k > index)
-            joined[row, 0], joined[row, 1], joined[row, 2] = states[k, X], states[k, Y], radius
+            joined[row, 0], joined[row, 1], joined[row, 2] = states[k, at.X], states[k, at.Y], radius
     return joined
 
 
 @njit(cache=True, error_model="numpy")
-def sense(states, draws, numbers, segments, circles, ranges, others):
+def sense(rows, draws, ranges, segments, circles):
     """Measure what all robots sense, but for contact, which the physics determines.
 
     Args:
-        states: shape (num_robots, 11), float64; see `state`.
-        draws: shape (num_robots, n), float64; see `Sensors.draws`.
-        numbers: for `unpack_robot`.
+        rows: shape (num_robots, ROW_SIZE), float64, written; see `state`.
+        draws: shape (num_robots, BLOCK, n), float64; see `Rows.draws`.
+        ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
         segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
-        ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
-        others: shape (num_robots, 5), float64, written; see `LEFT_TICKS`.
     """
-    robot = unpack_robot(numbers)
-    for k in range(states.shape[0]):
-        state, noise, row = states[k], draws[k], others[k]
-        visible = with_peers(circles, states, k, robot.radius)
-        measure_ranges(state, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
-        row[LEFT_TICKS] = math.floor(state[LEFT_ANGLE] * robot.ticks_per_radian)
-        row[RIGHT_TICKS] = math.floor(state[RIGHT_ANGLE] * robot.ticks_per_radian)
-        row[YAW_RATE] = state[MEAN_W] + state[GYRO_BIAS] + robot.gyro_std * noise[GYRO]
+    robot = unpack_robot(rows[0, at.ROBOT :])
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        noise = draws[k, int(row[at.DRAW])]
+        visible = with_peers(circles, rows, k, robot.radius)
+        measure_ranges(row, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
+        row[at.LEFT_TICKS] = math.floor(row[at.LEFT_ANGLE] * robot.ticks_per_radian)
+        row[at.RIGHT_TICKS] = math.floor(row[at.RIGHT_ANGLE] * robot.ticks_per_radian)
+        row[at.YAW_RATE] = row[at.MEAN_W] + row[at.GYRO_BIAS] + robot.gyro_std * noise[GYRO]
         heading = np.nan
         if robot.has_compass:
-            heading = state[THETA] + robot.compass_std * noise[COMPASS]
+            heading = row[at.THETA] + robot.compass_std * noise[COMPASS]
             if robot.compass_resolution > 0.0:
                 heading = robot.compass_resolution * math.floor(heading / robot.compass_resolution + 0.5)
             heading = wrap_angle(heading)
-        row[HEADING] = heading
-
-
-class Sensors:
-    """Noise and measurements of several equal robots.
-
-    All noise of a control period is drawn at once, before the robots move: the order of draws depends neither on the
-    physics nor on what the robots meet.
-    """
-
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
-        num_beams, self._num_uniforms = robot.lidar.num_beams, 0
-        self.draws = np.zeros((num_robots, OTHER_NORMALS + num_beams))
-        """Noise of this control period, shape (num_robots, n): standard normal draws, see `SLIP_LEFT`, and one for each
-        beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
-        self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
-        """Scans, shape (num_robots, num_beams), float32 [m]."""
-        self.others = np.zeros((num_robots, NUM_OTHERS))
-        """The other measurements, shape (num_robots, 5); see `LEFT_TICKS`."""
-        self.set_robot(robot, control_period)
-
-    def set_robot(self, robot: RobotParams, control_period: float) -> None:
-        """Change the robots' parameters; the number of beams stays as it was."""
-        self._gyro_bias_std = robot.imu.gyro_bias_std
-        self.numbers = np.array(robot_record(robot, control_period))
-        """The robots' `RobotRecord` as an array."""
-        if robot.lidar.dropout > 0.0 and not self._num_uniforms:
-            self._num_uniforms = robot.lidar.num_beams
-            self.draws = np.zeros((len(self.draws), OTHER_NORMALS + 2 * self._num_uniforms))
-
-    def draw(self, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the noise of a control period, each robot's from its own generator."""
-        for k, rng in enumerate(rngs):
-            self.draw_rows(rng, self.draws[k : k + 1])
-
-    def draw_rows(self, rng: np.random.Generator, rows: np.ndarray) -> None:
-        """Draw the noise of one robot for n control periods to `rows`, shape (n, k), float64; see `draws`."""
-        if not self._num_uniforms:
-            rng.standard_normal(out=rows)
-            return
-        for row in rows:
-            rng.standard_normal(out=row[: -self._num_uniforms])
-            rng.random(out=row[-self._num_uniforms :])
-
-    def draw_biases(self, states: np.ndarray) -> None:
-        """Write each gyroscope's bias of an episode to its state, by the draw that slip leaves unused at a reset.
-
-        Args:
-            states: shape (num_robots, 11), float64; see `state`.
-        """
-        states[:, GYRO_BIAS] = self._gyro_bias_std * self.draws[:, SLIP_LEFT]
-
-    def sense(self, states: np.ndarray, segments: np.ndarray, circles: np.ndarray) -> None:
-        """Measure everything but contact; see the function of this name for the arguments."""
-        sense(states, self.draws, self.numbers, segments, circles, self.ranges, self.others)
-
-    def readings(self, time: float) -> list[Reading]:
-        """Return the measurements, made `time` [s] after the reset, in fresh arrays."""
-        return [
-            Reading(time, ranges, (int(left), int(right)), yaw_rate, heading, touched > 0.0)
-            for ranges, (left, right, yaw_rate, heading, touched) in zip(self.ranges.copy(), self.others.tolist())
-        ]
+        row[at.HEADING] = heading

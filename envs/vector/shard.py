@@ -151,3 +151,7 @@ class Shard:
 def _prepare(env: Any) -> None:
     with _preparing:
         env.prepare()
+
+
+def make_shard(make_env, memory, first, last, autoreset_mode, max_episode_steps):
+    return Shard([make_env() for _ in range(last - first)], memory.arrays().rows(first, last), autoreset_mode, max_episode_steps)

@@ -17,9 +17,8 @@ from gymnasium.vector.utils import batch_space
 from envs.arguments import clip_hint, is_whole, read_action, read_options
 from envs.processes import interrupts_delayed
 
-from .fused import make_shard
 from .memory import Memory
-from .shard import Extras
+from .shard import Extras, make_shard
 from .workers import Worker
 
 MAX_ENVS = 100_000

@@ -1,0 +1,109 @@
+"""Robots as rows of arrays: what kernels write, and what records of readings and states are made of when asked for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.robots import RobotParams
+
+from . import state as at
+from .records import robot_record
+from .sensors import OTHER_NORMALS, SLIP_LEFT
+from .simulator import Reading, RobotState, Twist
+
+BLOCK = 16
+"""Control periods for which noise is drawn at once."""
+
+
+class Rows:
+    """The numbers, scans and noise of several equal robots.
+
+    All noise of a control period is drawn before the robots move: the order of draws depends neither on the physics
+    nor on what the robots meet.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
+        num_beams, self._num_uniforms = robot.lidar.num_beams, 0
+        self.numbers = np.zeros((num_robots, at.ROW_SIZE))
+        """Shape (num_robots, ROW_SIZE), float64; see `state`."""
+        self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
+        """Scans, shape (num_robots, num_beams), float32 [m]."""
+        self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
+        """Noise, shape (num_robots, BLOCK, n): for a control period standard normal draws, see `SLIP_LEFT`, and one for
+        each beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
+        self.set_robot(robot, control_period)
+
+    def set_robot(self, robot: RobotParams, control_period: float) -> None:
+        """Change the robots' parameters; the number of beams stays as it was."""
+        self._gyro_bias_std = robot.imu.gyro_bias_std
+        self.numbers[:, at.ROBOT :] = robot_record(robot, control_period)
+        if robot.lidar.dropout > 0.0 and not self._num_uniforms:
+            self._num_uniforms = robot.lidar.num_beams
+            self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
+
+    def reset(self) -> None:
+        """Begin an episode: everything is zero."""
+        self.numbers[:, : at.SETUP] = 0.0
+
+    def draw(self, rngs: Sequence[np.random.Generator]) -> None:
+        """Draw the noise of one scan, each robot's from its own generator; `draw_ahead` begins a new block after it."""
+        for rng, block in zip(rngs, self.draws, strict=True):
+            self._draw(rng, block[-1:])
+        self.numbers[:, at.DRAW] = BLOCK - 1
+
+    def draw_biases(self) -> None:
+        """Write each gyroscope's bias of an episode, by the draw that slip leaves unused at a reset."""
+        self.numbers[:, at.GYRO_BIAS] = self._gyro_bias_std * self.draws[:, -1, SLIP_LEFT]
+
+    def draw_ahead(self, rngs: Sequence[np.random.Generator]) -> None:
+        """Draw the noise of a block of control periods if that of the last one is used up."""
+        if self.numbers[0, at.DRAW] == BLOCK - 1:
+            for rng, block in zip(rngs, self.draws, strict=True):
+                self._draw(rng, block)
+            self.numbers[:, at.DRAW] = -1.0
+
+    def _draw(self, rng: np.random.Generator, rows: np.ndarray) -> None:
+        if not self._num_uniforms:
+            rng.standard_normal(out=rows)
+            return
+        for row in rows:
+            rng.standard_normal(out=row[: -self._num_uniforms])
+            rng.random(out=row[-self._num_uniforms :])
+
+    @property
+    def steps(self) -> int:
+        """Control periods since the reset."""
+        return int(self.numbers[0, at.STEPS])
+
+    def tick(self) -> None:
+        """Begin a control period, with a row of noise of its own; `step_robots` does the same."""
+        self.go_to(self.steps + 1)
+        self.numbers[:, at.DRAW] += 1.0
+
+    def go_to(self, steps: int) -> None:
+        """Set the number of control periods since the reset, and the time."""
+        self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
+
+    def state(self, k: int) -> RobotState:
+        """Return the ground truth of a robot."""
+        x, y, theta, *_, v, w, _, _ = self.numbers[k, : at.STATE_SIZE].tolist()
+        return RobotState(Pose2D(x, y, theta), Twist(v, w))
+
+    def reading(self, k: int) -> Reading:
+        """Return the measurements of a robot in fresh arrays."""
+        left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
+        return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
+
+    def load(self, k: int, reading: Reading, state: RobotState) -> None:
+        """Take over what a simulator without rows reports of a robot."""
+        row, self.ranges[k] = self.numbers[k], reading.ranges
+        row[at.X : at.X + 3], row[[at.V, at.W]] = state.pose, state.twist
+        row[at.LEFT_TICKS : at.TOUCHED + 1] = *reading.ticks, reading.yaw_rate, reading.heading, reading.bumper
+        row[at.TIME] = reading.time
+
+    def share(self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray) -> None:
+        """Move to rows of larger arrays, which kernels step together."""
+        for name, rows in (("numbers", numbers), ("ranges", ranges), ("draws", draws)):
+            rows[...] = getattr(self, name)
+            setattr(self, name, rows)

@@ -1,0 +1,111 @@
+"""What a control period does to robots, but for what their scans tell. Kernels over rows, see `envs.simulation.state`.
+
+They are the step of every environment: of one robot, of a team, of a shard's sub-environments, of a drive.
+"""
+
+import numpy as np
+from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from envs.estimation.motion import gyro_motion, wheel_motion
+from envs.estimation.trail import TRAIL_SPACING
+from envs.geometry.pose import between, compose, distance
+from envs.ground_truth import pose_error
+from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from envs.simulation import state as at
+from envs.simulation.kinematic import step_robots
+from envs.slam.key_scans import has_moved
+
+SETUP_SIZE = len(Setup._fields)
+
+
+@njit(cache=True, error_model="numpy")
+def _read(row, first):
+    return row[first], row[first + 1], row[first + 2]
+
+
+@njit(cache=True, error_model="numpy")
+def _write(row, first, pose):
+    row[first], row[first + 1], row[first + 2] = pose
+
+
+@njit(cache=True, error_model="numpy")
+def _is_apart(row, trail, x, y):
+    dx, dy = x - row[trail], y - row[trail + 1]
+    return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
+
+
+@njit(cache=True, error_model="numpy")
+def _odometry(row, setup):
+    left, right = int(row[at.LEFT_TICKS] - row[at.LAST_LEFT]), int(row[at.RIGHT_TICKS] - row[at.LAST_RIGHT])
+    if setup.uses_gyro > 0.0:
+        rate, bias, variance = row[at.YAW_RATE], row[at.BIAS : at.BIAS_VARIANCE + 1], setup.gyro_variance
+        return gyro_motion(left, right, setup.metres_per_tick, rate, row[at.PERIOD], bias, variance)
+    return wheel_motion(left, right, setup.metres_per_tick, setup.track)
+
+
+@njit(cache=True, error_model="numpy")
+def update_robots(rows):
+    """Bring rows up to date once the robots have moved and sensed: contacts, odometry, predicted pose, and `FLAGS`.
+
+    Between key scans the pose follows odometry, as `KeyScanSlam` says.
+    """
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        setup = Setup(*to_fixed_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
+        before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
+        row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
+        row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
+        if setup.uses_gyro >= 0.0:
+            _write(row, at.ODOMETRY, _odometry(row, setup))
+        row[at.TWIST_V] = row[at.ODOMETRY] / row[at.PERIOD]
+        row[at.TWIST_W] = row[at.ODOMETRY + 2] / row[at.PERIOD]
+        if setup.uses_truth > 0.0:
+            _write(row, at.MOTION, between(before[0], before[1], before[2], now[0], now[1], now[2]))
+        elif setup.uses_truth == 0.0:
+            _write(row, at.MOTION, _read(row, at.ODOMETRY))
+        pose, motion, last = _read(row, at.POSE), _read(row, at.MOTION), _read(row, at.KEY_POSE)
+        pose = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
+        _write(row, at.POSE, pose)
+        row[at.FLAGS] = 0
+        travel, turn = setup.min_travel_distance, setup.min_travel_angle
+        if has_moved(last[0], last[1], last[2], pose[0], pose[1], pose[2], travel, turn):
+            row[at.FLAGS] = SCAN
+        elif _is_apart(row, at.TRAIL, pose[0], pose[1]):
+            row[at.FLAGS] = REMEMBER
+        if _is_apart(row, at.TRUE_TRAIL, x, y):
+            row[at.FLAGS] += REMEMBER_TRUE
+        _write(row, at.LAST_X, now)
+        row[at.LAST_LEFT], row[at.LAST_RIGHT] = row[at.LEFT_TICKS], row[at.RIGHT_TICKS]
+        row[at.LAST_TOUCHED] = row[at.TOUCHED]
+
+
+@njit(cache=True, error_model="numpy")
+def step_rows(rows, draws, ranges, worlds, active, num_robots):
+    """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
+
+    Args:
+        rows: shape (num_envs * num_robots, ROW_SIZE), float64, written; see `envs.simulation.state`.
+        draws: shape (num_envs * num_robots, BLOCK, n), float64; see `Rows.draws`.
+        ranges: shape (num_envs * num_robots, num_beams), float32 [m], written.
+        worlds: lists with an array for each environment: segments, circles before and after the period.
+        active: shape (num_envs,), bool.
+        num_robots: number of robots of an environment.
+    """
+    segments, before, after = worlds
+    for i in range(active.shape[0]):
+        if active[i]:
+            first, last = i * num_robots, (i + 1) * num_robots
+            around = (segments[i], before[i], after[i])
+            step_robots(rows[first:last], draws[first:last], ranges[first:last], around[0], around[1], around[2])
+            update_robots(rows[first:last])
+
+
+@njit(cache=True, error_model="numpy")
+def pose_errors(rows):
+    """Return how far estimated poses are off, shape (num_rows, 2), float64: distance [m] and angle [rad]."""
+    errors = np.empty((rows.shape[0], 2))
+    for k in range(rows.shape[0]):
+        start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)
+        errors[k] = pose_error(start[0], start[1], start[2], pose[0], pose[1], pose[2], true[0], true[1], true[2])
+    return errors
