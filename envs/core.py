@@ -290,13 +290,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Return the observation in fresh arrays, or write it to the arrays of `out`."""
         if out is None:
             out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
-        for name, part in self.parts.items():
-            if self._is_team:
-                for robot, row in zip(self.robots, out[name], strict=True):
-                    part.write(robot, row)
-            else:
-                part.write(self.robots[0], out[name])
+        for name in self.parts:
+            self.write_part(name, out[name])
         return dict(out)
+
+    def write_part(self, name: str, out: np.ndarray) -> None:
+        """Write a part of the observation."""
+        part = self.parts[name]
+        if self._is_team:
+            for robot, row in zip(self.robots, out, strict=True):
+                part.write(robot, row)
+        else:
+            part.write(self.robots[0], out)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""

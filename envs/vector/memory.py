@@ -12,6 +12,24 @@ ALIGNMENT = 64
 """Arrays begin at multiples of a cache line [bytes]."""
 
 
+Extras = dict[int, dict[str, Any]]
+"""By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
+WHOLE = ""
+"""Name of an observation that is no `Dict`."""
+
+
+def parts_of(observation: Any) -> Mapping[str, Any]:
+    """Return an observation, or its space, by the names of its parts."""
+    if isinstance(observation, spaces.Dict):
+        return observation.spaces
+    return observation if isinstance(observation, dict) else {WHOLE: observation}
+
+
+def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
+    """Return the observation that has these parts."""
+    return parts[WHOLE] if WHOLE in parts else dict(parts)
+
+
 class Arrays(NamedTuple):
     """What sub-environments read and write in place, one row each."""
 
@@ -43,7 +61,7 @@ class Memory(NamedTuple):
     """Offset [bytes], shape and type of each array."""
 
     @classmethod
-    def of(cls, num_envs: int, observations: spaces.Dict, actions: spaces.Space, context: Any = None) -> "Memory":
+    def of(cls, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> "Memory":
         """Return memory for the arrays of so many sub-environments.
 
         Args:
@@ -51,8 +69,14 @@ class Memory(NamedTuple):
             observations: space of one observation.
             actions: space of one action.
             context: `multiprocessing` context of the processes that share it; None for this process alone.
+
+        Raises:
+            ValueError: an observation is not made of arrays.
         """
-        rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*observations.values(), actions)]
+        parts = parts_of(observations)
+        rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
+        if any(shape is None for shape, _ in rows):
+            raise ValueError(f"observations must be one array, or a Dict of arrays, got {observations}")
         rows += [((), np.float64), ((), np.bool_), ((), np.bool_)]
         layout, size = [], 0
         for shape, kind in rows:
@@ -60,7 +84,7 @@ class Memory(NamedTuple):
             layout.append((size, (num_envs, *shape), dtype))
             size += -(-math.prod((num_envs, *shape)) * dtype.itemsize // ALIGNMENT) * ALIGNMENT
         buffer = bytearray(size) if context is None else context.RawArray(ctypes.c_uint8, size)
-        return cls(buffer, tuple(observations), tuple(layout))
+        return cls(buffer, tuple(parts), tuple(layout))
 
     def arrays(self) -> Arrays:
         """Return the arrays, which show this memory."""

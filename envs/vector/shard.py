@@ -2,14 +2,15 @@
 
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from .memory import Arrays, record_type, to_record
+from .batch import Batch
+from .memory import Extras, Memory, parts_of, record_type, to_record, whole_of
 
 _preparing = threading.Lock()
 """Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
@@ -19,43 +20,47 @@ if hasattr(os, "register_at_fork"):
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
     )
 
-Extras = dict[int, dict[str, Any]]
-"""By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
-
 
 class Shard:
-    """Sub-environments in this process.
+    """Sub-environments in this process: fused ones as a `Batch`, others and wrapped ones one after the other.
 
     Worlds of coming episodes are drawn ahead of time in a thread.
     """
 
     def __init__(
         self,
-        envs: Sequence[Any],
-        arrays: Arrays,
+        make_env: Callable[[], Any],
+        memory: Memory,
+        first: int,
+        last: int,
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Take the sub-environments.
+        """Make the sub-environments.
 
         Args:
-            envs: at least one; see `envs.core.LidarEnv` for what a shard calls.
-            arrays: their rows.
+            make_env: makes one; see `envs.core.LidarEnv` for what a shard calls. It may have Gymnasium's wrappers.
+            memory: of all sub-environments' arrays.
+            first: row of the shard's first sub-environment.
+            last: row after that of its last one.
             autoreset_mode: when a sub-environment whose episode has ended starts the next one.
             max_episode_steps: truncates episodes after so many steps.
         """
-        self._arrays = arrays
+        self.envs = [make_env() for _ in range(last - first)]
+        self._inner = [env.unwrapped for env in self.envs]
+        for env in self._inner:  # each would hold bounds of its own for every pixel
+            env.observation_space = self._inner[0].observation_space
+        self._arrays = arrays = memory.arrays().rows(first, last)
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
-        self.envs = envs
-        for env in self.envs:  # each would hold bounds of its own for every pixel
-            env.observation_space = self.envs[0].observation_space
+        self._is_wrapped = self.envs[0] is not self._inner[0]
         self._rows = [{name: array[i] for name, array in arrays.observations.items()} for i in range(len(self.envs))]
-        self._steps = [0] * len(self.envs)
-        self._has_ended = [False] * len(self.envs)
+        self._steps = np.zeros(len(self.envs), dtype=np.int64)
+        self._has_ended = np.zeros(len(self.envs), dtype=np.bool_)
         self._preparer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="worlds")
         self._preparations: list[Future[None] | None] = [None] * len(self.envs)
         self._records: np.ndarray | None = None
+        self._batch: Batch | None = None
 
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
@@ -75,23 +80,28 @@ class Shard:
             if mask[i]:
                 self._note(i, self._reset(i, seed, options), extras)
                 self._arrays.terminated[i] = self._arrays.truncated[i] = False
+        self._bind(range(len(self.envs)))
         assert self._records is not None
         return self._records, extras
 
     def step(self) -> tuple[np.ndarray, Extras]:
         """Step every sub-environment with its row of the actions; returns as `reset`."""
         assert self._records is not None
-        arrays, extras = self._arrays, Extras()
-        for i, env in enumerate(self.envs):
-            if self._has_ended[i]:
+        arrays, extras, ended = self._arrays, Extras(), self._has_ended.copy()
+        self._steps += ~ended
+        is_last = self._steps == self._max_steps
+        if self._batch is not None:
+            self._batch.step(~ended)
+            self._batch.observe(~ended)
+            is_over = self._batch.judge(~ended, self._records, extras) | is_last
+            arrays.terminated[:] = arrays.truncated[:] = False
+        for i in np.flatnonzero(ended | is_over if self._batch is not None else np.ones_like(ended)).tolist():
+            if ended[i]:
                 info = self._reset(i, None, None)
                 arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
                 self._note(i, info, extras)
                 continue
-            self._steps[i] += 1
-            env.apply(arrays.actions[i])
-            env.observe(self._rows[i])
-            reward, terminated, truncated, info = env.outcome(self._steps[i] == self._max_steps)
+            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
             arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
             if terminated or truncated:
                 self._close_episode(i, info, extras)
@@ -99,15 +109,33 @@ class Shard:
                 self._note(i, info, extras)
         return self._records, extras
 
+    def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Step a sub-environment, but for one of a batch, which has been stepped; see `LidarEnv.outcome`."""
+        env = self.envs[i]
+        if self._is_wrapped:
+            observation, *outcome = env.step(self._arrays.actions[i])
+            self._write(i, observation)
+            return outcome
+        if self._batch is None:
+            env.apply(self._arrays.actions[i])
+            env.observe(self._rows[i])
+        return env.outcome(is_last)
+
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
         """Call a method of every sub-environment, or return an attribute that is none."""
-        found = [getattr(env, name) for env in self.envs]
-        return [value(*args, **kwargs) if callable(value) else value for value in found]
+        found = [env.get_wrapper_attr(name) for env in self.envs]
+        try:
+            return [value(*args, **kwargs) if callable(value) else value for value in found]
+        finally:  # it may have changed some before it failed
+            self._bind(range(len(self.envs)))
 
     def set_attr(self, name: str, values: Sequence[Any]) -> None:
         """Set an attribute of every sub-environment."""
-        for env, value in zip(self.envs, values, strict=True):
-            setattr(env, name, value)
+        try:
+            for env, value in zip(self.envs, values, strict=True):
+                env.set_wrapper_attr(name, value)
+        finally:
+            self._bind(range(len(self.envs)))
 
     def close(self) -> None:
         """Close the sub-environments."""
@@ -121,16 +149,35 @@ class Shard:
         if preparation is not None:
             preparation.result()
         observation, info = env.reset(seed=seed, options=options)
-        for name, row in self._rows[i].items():
-            row[...] = observation[name]
+        self._write(i, observation)
         self._steps[i], self._has_ended[i] = 0, False
-        self._preparations[i] = self._preparer.submit(_prepare, env)
+        self._preparations[i] = self._preparer.submit(_prepare, self._inner[i])
+        if self._batch is not None:
+            self._bind([i])
         return info
+
+    def _write(self, i: int, observation: Any) -> None:
+        parts = parts_of(observation)
+        for name, row in self._rows[i].items():
+            row[...] = parts[name]
+
+    def _bind(self, indices: Sequence[int]) -> None:
+        """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
+        if self._records is None:
+            return
+        if self._is_wrapped or not all(
+            getattr(env, "transition", None) is not None and env.is_fused for env in self.envs
+        ):
+            self._batch = None
+            return
+        if self._batch is None:
+            self._batch, indices = Batch(self.envs, self._arrays), range(len(self.envs))
+        self._batch.bind(indices)
 
     def _close_episode(self, i: int, info: dict[str, Any], extras: Extras) -> None:
         """Take note of an episode's last info, and start the next one where that is due at once."""
         if self._mode == AutoresetMode.SAME_STEP:
-            final = {name: row.copy() for name, row in self._rows[i].items()}
+            final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
             extras[i] = {"final_obs": final, "final_info": info}
             info = self._reset(i, None, None)
         else:
@@ -151,7 +198,3 @@ class Shard:
 def _prepare(env: Any) -> None:
     with _preparing:
         env.prepare()
-
-
-def make_shard(make_env, memory, first, last, autoreset_mode, max_episode_steps):
-    return Shard([make_env() for _ in range(last - first)], memory.arrays().rows(first, last), autoreset_mode, max_episode_steps)

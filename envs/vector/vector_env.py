@@ -17,8 +17,8 @@ from gymnasium.vector.utils import batch_space
 from envs.arguments import clip_hint, is_whole, read_action, read_options
 from envs.processes import interrupts_delayed
 
-from .memory import Memory
-from .shard import Extras, make_shard
+from .memory import Extras, Memory, whole_of
+from .shard import Shard
 from .workers import Worker
 
 MAX_ENVS = 100_000
@@ -42,6 +42,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         max_episode_steps: int | None = None,
         num_workers: int | None = None,
         context: str | None = None,
+        env_wrappers: Sequence[Callable[[Any], Any]] = (),
         **arguments: Any,
     ) -> None:
         """Start the workers.
@@ -55,6 +56,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             num_workers: processes that step sub-environments, this one among them; 0 is the same as 1. None takes as
                 many as there are cores that this process may use.
             context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
+            env_wrappers: what wraps each sub-environment, the first innermost: Gymnasium's wrappers, or functions that
+                make one. Gymnasium's own `make_vec` refuses the name `wrappers`; `envs.vector.make_vec` takes it.
             **arguments: of the sub-environments.
 
         Raises:
@@ -75,20 +78,18 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        make_one = functools.partial(make_env, **arguments)
+        make_one = functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps, arguments)
         self._take_spaces(make_one)
         multiprocessing_context = multiprocessing.get_context(context)
-        observations = self.single_observation_space
-        assert isinstance(observations, spaces.Dict)
         shared_by = multiprocessing_context if num_workers > 1 else None
-        memory = Memory.of(num_envs, observations, self.single_action_space, shared_by)
+        memory = Memory.of(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
         """Of what `info` holds at every step."""
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         makers = [
-            functools.partial(make_shard, make_one, memory, first, last, self.autoreset_mode, max_episode_steps)
+            functools.partial(Shard, make_one, memory, first, last, self.autoreset_mode, max_episode_steps)
             for first, last in itertools.pairwise(bounds)
         ]
         self._bounds = bounds
@@ -225,8 +226,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.action_space = batch_space(env.action_space, self.num_envs)
         self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = env.render_mode
-        self._kind = type(env)
-        self._clips_actions = getattr(env, "clip_actions", False)
+        self._kind, self._is_wrapped = type(env.unwrapped), env is not env.unwrapped
+        self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
         env.close()
 
     def _check_actions(self, actions: Any) -> np.ndarray:
@@ -235,6 +236,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         actions = read_action(actions)
         if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
             raise ValueError(f"actions must have shape {(self.num_envs, *space.shape)}, got {actions.shape}")  # type: ignore[misc]
+        if self._is_wrapped:  # the wrappers and what they wrap know what is allowed
+            return actions.astype(space.dtype, copy=False)
         if isinstance(space, spaces.Discrete):
             if not np.issubdtype(actions.dtype, np.integer):
                 raise ValueError(f"actions must be integers, got {actions.dtype}")
@@ -274,8 +277,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
                 raise result
         return results
 
-    def _observations(self) -> dict[str, np.ndarray]:
-        return {name: array.copy() for name, array in self._arrays.observations.items()}
+    def _observations(self) -> Any:
+        return whole_of({name: array.copy() for name, array in self._arrays.observations.items()})
 
     def _info(self, results: Sequence[tuple[np.ndarray, Extras]]) -> dict[str, Any]:
         records = np.concatenate([records for records, _ in results])
@@ -284,6 +287,28 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             for i, extra in extras.items():
                 info = self._add_info(info, extra, first + i)
         return info
+
+
+def _make(
+    make_env: Callable[..., Any],
+    wrappers: Sequence[Callable[[Any], Any]],
+    max_episode_steps: int | None,
+    arguments: dict[str, Any],
+) -> Any:
+    """Return a sub-environment; one with wrappers has its steps counted as `gymnasium.make` has it."""
+    env = make_env(**arguments)
+    if wrappers and max_episode_steps is not None:
+        env = gymnasium.wrappers.TimeLimit(env, max_episode_steps)
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
+
+
+def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
+    """Return `gymnasium.make_vec`'s environment, whose sub-environments may be wrapped; see `LidarVectorEnv`."""
+    if wrappers:
+        arguments["env_wrappers"] = wrappers
+    return gymnasium.make_vec(id, num_envs, **arguments)
 
 
 def _columns(records: np.ndarray, everyone: np.ndarray) -> dict[str, Any]:

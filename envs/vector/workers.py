@@ -16,7 +16,8 @@ import numpy as np
 
 from envs.processes import follow_parent
 
-from .shard import Extras, Shard
+from .memory import Extras
+from .shard import Shard
 
 SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""

@@ -1,0 +1,119 @@
+"""Sub-environments whose physics, sensing and odometry are one kernel call, and whose common numbers are columns.
+
+What the kernel leaves, each sub-environment does itself, in the cache that it needs for it: see `LidarEnv.finish`.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numba
+import numpy as np
+
+from envs.simulation import state as at
+from envs.simulation.rows import BLOCK
+from envs.tasks.rewards import Weights
+from envs.transition.kernels import pose_errors, step_rows
+
+from .memory import Arrays, Extras
+
+
+class Batch:
+    """Environments of which all are fused; see `LidarEnv.is_fused`."""
+
+    def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
+        """Move the environments' rows to arrays that they share; `arrays` are those of the shard."""
+        self._envs, self._arrays = envs, arrays
+        env = envs[0]
+        self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
+        rows = [each.transition.rows for each in envs]
+        self.numbers, self.ranges, self.draws = (
+            np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
+        )
+        self._worlds: Any = None
+
+    def bind(self, indices: Sequence[int]) -> None:
+        """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
+        envs, num_robots = self._envs, self._num_robots
+        if self._worlds is None:
+            every = [(np.array(env.world.segments), np.array(env.simulator.circles)) for env in envs]
+            lists = [numba.typed.List([pair[kind] for pair in every]) for kind in (0, 1, 1)]
+            self._worlds = tuple(lists)
+        for i in indices:
+            env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
+            env.transition.rows.share(self.numbers[robots], self.ranges[robots], self.draws[robots])
+            segments, before, after = self._worlds
+            segments[i] = np.array(env.world.segments)
+            before[i] = after[i] = np.array(env.simulator.circles)
+        self._time_limits = np.array([env.time_limit for env in envs])
+        self._moving = [i for i, env in enumerate(envs) if env.world.movers]
+        weights = envs[0].task.weights
+        self._has_columns = type(weights).terms is Weights.terms and all(env.task.weights == weights for env in envs)
+
+    def step(self, active: np.ndarray) -> None:
+        """Drive active environments, shape (num_envs,), bool, for one control period by their rows of the actions."""
+        numbers, envs, actions = self.numbers, self._envs, self._arrays.actions
+        numbers[:, at.ACTION_V : at.ACTION_W + 1] = np.clip(actions, -1.0, 1.0).reshape(-1, 2)
+        numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
+        for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
+            envs[i].transition.rows.draw_ahead(envs[i].simulator.rngs)
+        for i in self._moving:
+            if active[i]:
+                _, before, after = self._worlds
+                before[i] = np.array(envs[i].simulator.move_circles())
+                after[i] = np.array(envs[i].simulator.circles)
+        step_rows(numbers, self.draws, self.ranges, self._worlds, active, self._num_robots)
+        for i in np.flatnonzero(active).tolist():
+            envs[i].finish()
+
+    def observe(self, active: np.ndarray) -> None:
+        """Write the observations of active environments."""
+        indices = np.flatnonzero(active).tolist()
+        for name, part in self._envs[0].parts.items():
+            out = self._arrays.observations[name]
+            if hasattr(part, "write_rows"):
+                part.write_rows(
+                    self._envs[0].robot, self.numbers, self.ranges, np.repeat(active, self._num_robots), out
+                )
+            else:
+                for i in indices:
+                    self._envs[i].write_part(name, out[i])
+
+    def judge(self, active: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
+        """Write rewards, records and extras of active environments.
+
+        Returns:
+            Which of their episodes are over, shape (num_envs,), bool.
+        """
+        num_envs, numbers = len(self._envs), self.numbers
+        indices = np.flatnonzero(active).tolist()
+        chosen = slice(None) if len(indices) == num_envs else indices
+        tasks = [self._envs[i].task for i in indices]
+        terms = self._terms(tasks)
+        metrics = [task.metrics() for task in tasks]
+        names = [name for name in metrics[0] if name in (records.dtype.names or ())]
+        for i, row in zip(indices, metrics, strict=True):
+            if len(row) > len(names):
+                extras[i] = {name: row[name] for name in row if name not in names}
+        times = numbers[:: self._num_robots, at.TIME]
+        columns = {name: np.array([row[name] for row in metrics]) for name in names} | {
+            "time": times[chosen],
+            "pose_error": pose_errors(numbers).reshape(num_envs, -1, 2)[chosen],
+            "path_length": numbers[:, at.PATH_LENGTH].reshape(num_envs, -1)[chosen],
+            "collisions": numbers[:, at.COLLISIONS].reshape(num_envs, -1)[chosen],
+        }
+        for name, column in columns.items():
+            records[name][chosen] = column.reshape(len(indices), *records.dtype[name].shape)
+        for name, term in terms.items():
+            records["rewards"][name][chosen] = term
+        self._arrays.rewards[chosen] = sum(terms.values())
+        is_over = np.zeros(num_envs, dtype=np.bool_)
+        is_over[chosen] = [task.end_reason is not None for task in tasks]
+        return is_over | (active & (times >= self._time_limits - 1e-6))
+
+    def _terms(self, tasks: Sequence[Any]) -> dict[str, np.ndarray]:
+        """Return the reward terms of environments as columns."""
+        rows = [task.quantities() for task in tasks]
+        if not self._has_columns:
+            rows = [task.weights.terms(row) for task, row in zip(tasks, rows, strict=True)]
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return tasks[0].weights.terms(columns) if self._has_columns else columns
