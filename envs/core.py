@@ -121,7 +121,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         space: Any = self.observation_space
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
-        self.transition = Transition(simulator, self.robots)
+        self.transition = Transition(self.simulator, self.robots)
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._has_begun = False
         self._renderer: Any = None
@@ -234,8 +234,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 self.robots, self._measure([robot.reading for robot in self.robots]), strict=True
             ):
                 robot.reading = reading
-        for robot, truth in zip(self.robots, self.truths, strict=True):
-            if robot.locate() & REMEMBER_TRUE:  # scan matching -> map
+        flags = self.transition.rows.numbers[:, at.FLAGS].tolist()
+        for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
+            robot.locate(int(flag))  # scan matching -> map
+            if int(flag) & REMEMBER_TRUE:
                 truth.remember()
         self.task.update(self.simulator, self.robots, self.control_period)
         if self.on_period is not None:

@@ -137,6 +137,11 @@ class Robot:
         self._reading = reading
 
     @property
+    def bumper(self) -> bool:
+        """Whether the body touched anything during the last period."""
+        return bool(self.row[at.TOUCHED] > 0.0)
+
+    @property
     def twist(self) -> Twist:
         """Velocity by odometry, or by the estimator where it gives one."""
         return Twist(*self.row[at.TWIST_V : at.TWIST_W + 1].tolist())
@@ -164,7 +169,7 @@ class Robot:
     @property
     def predicted_pose(self) -> Pose2D:
         """Pose estimate before the last scan was processed, and with it once it is."""
-        return Pose2D(*self.row[at.POSE : at.POSE + 3].tolist())
+        return Pose2D(*self.rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(self, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None) -> None:
         """Begin an episode at rest; `integrate` processes the reading's scan.
@@ -199,22 +204,19 @@ class Robot:
         if self.setup.uses_truth < 0.0 and self.ground_truth is not None:
             row[at.MOTION : at.MOTION + 3] = self.ground_truth.update(self.reading)
 
-    def locate(self) -> int:
-        """Do what the kernels of a step have left: process the scan, or follow odometry; returns their `FLAGS`.
+    def locate(self, flags: int) -> None:
+        """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.
 
         Raises:
             ValueError: no map can be made of the belief; see `check_belief`.
         """
-        row = self.row
-        flags = int(row[at.FLAGS])
         if flags & SCAN:
             self.integrate()
-            return flags
-        belief = self.belief
-        belief.pose, belief.update = Pose2D(*row[at.POSE : at.POSE + 3].tolist()), NO_UPDATE
+            return
+        belief = self.estimator.belief
+        belief.pose, belief.update = self.predicted_pose, NO_UPDATE
         if flags & REMEMBER:
             self._remember(belief.pose)
-        return flags
 
     def integrate(self) -> None:
         """Process the scan: pose, map and trail; raises as `locate`."""

@@ -1,14 +1,39 @@
 """Egocentric crops of the map."""
 
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
+from numba import njit
 
 from envs.arguments import is_number, is_whole
+from envs.estimation.map_pyramid import crop_level
 from envs.robot import Robot
 from envs.robots import RobotParams
+from envs.simulation import state as at
 
 MAX_SIZE = 4096
 """Most pixels along a side of a map crop."""
+
+
+@njit(cache=True, error_model="numpy")
+def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
+    """Crop the maps around active rows; see `crop_level`.
+
+    Args:
+        levels: list of the levels' words.
+        sizes: shape (n, 2), int64: rows and columns of the levels.
+        origins: shape (n, 2), float64: corners of the maps [m].
+        rows: shape (n, ROW_SIZE), float64; see `envs.simulation.state`.
+        side: of a block [m].
+        pixel: side of a pixel [blocks].
+        active: shape (n,), bool.
+        out: shape (n, 3, size, size), uint8, written.
+    """
+    for k in range(active.shape[0]):
+        if active[k]:
+            x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side
+            crop_level(levels[k], sizes[k, 0], sizes[k, 1], x, y, rows[k, at.POSE + 2], pixel, out[k])
 
 
 class MapCrop:
@@ -42,3 +67,8 @@ class MapCrop:
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the crop to `out`."""
         robot.pyramid.crop(*robot.belief.pose, self.resolution, out)
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the crops of many robots; see `ObservationPart`."""
+        levels, sizes, origins, side = batch.levels(self.resolution)
+        crop_levels(levels, sizes, origins, batch.numbers, side, self.resolution / side, batch.active, out)

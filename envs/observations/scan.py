@@ -9,6 +9,7 @@ from numba import njit
 
 from envs.robot import Robot
 from envs.robots import RobotParams
+from envs.simulation import state as at
 
 TIME_RANGE = 600.0
 """Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
@@ -42,11 +43,29 @@ class Scan:
         """Write the last scan to `out`."""
         scale_scan(robot.reading.ranges, robot.params.lidar.range_max, out)
 
-    def write_rows(
-        self, robot: RobotParams, rows: Any, ranges: np.ndarray, active: np.ndarray, out: np.ndarray
-    ) -> None:
-        """Write the last scans of many robots at once; see `ObservationPart`."""
-        scale_scans(ranges, robot.lidar.range_max, active, out.reshape(ranges.shape))
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the last scans of many robots; see `ObservationPart`."""
+        scale_scans(batch.ranges, batch.robots[0].params.lidar.range_max, batch.active, out)
+
+
+@njit(cache=True, error_model="numpy")
+def scale_motion(twist, limits, action, bumper, time, out):
+    """Write what `Motion` shows to `out`, shape (6,), float32; twist and limits in m/s and rad/s, time in s."""
+    out[0] = min(max(twist[0] / limits[0], -1.0), 1.0)
+    out[1] = min(max(twist[1] / limits[1], -1.0), 1.0)
+    out[2], out[3] = action
+    out[4] = bumper
+    out[5] = min(time / TIME_RANGE, 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def scale_motions(rows, limits, active, out):
+    """Write the motions of active rows as `scale_motion` does; `out`: shape (n, 6), float32."""
+    for k in range(rows.shape[0]):
+        if active[k]:
+            row = rows[k]
+            twist, action = (row[at.TWIST_V], row[at.TWIST_W]), (row[at.ACTION_V], row[at.ACTION_W])
+            scale_motion(twist, limits, action, row[at.TOUCHED] > 0.0, row[at.TIME], out[k])
 
 
 class Motion:
@@ -62,9 +81,10 @@ class Motion:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the robot's own motion to `out`."""
-        params, twist = robot.params, robot.twist
-        out[0] = min(max(twist.v / params.max_v, -1.0), 1.0)
-        out[1] = min(max(twist.w / params.max_w, -1.0), 1.0)
-        out[2], out[3] = robot.action
-        out[4] = robot.reading.bumper
-        out[5] = min(robot.reading.time / TIME_RANGE, 1.0)
+        limits, reading = (robot.params.max_v, robot.params.max_w), robot.reading
+        scale_motion(tuple(robot.twist), limits, robot.action, reading.bumper, reading.time, out)
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the motions of many robots; see `ObservationPart`."""
+        params = batch.robots[0].params
+        scale_motions(batch.numbers, (params.max_v, params.max_w), batch.active, out)

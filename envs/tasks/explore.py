@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.arguments import is_number
+from envs.estimation import NO_UPDATE
 from envs.geometry import Pose2D
 from envs.observations.home import Home
 from envs.observations.peers import Peers
@@ -168,10 +169,10 @@ class Explore(UnknownWorldTask):
         """Count what was explored, and see whether that is all; see `Task`."""
         self._gained, self._period = 0.0, period
         self._time_home += period * self.is_returning
-        states = simulator.states
-        for robot, state in zip(robots, states, strict=True):
-            self._gained += self._cover(robot, state.pose)
-        self._touching = sum(robot.reading.bumper for robot in robots)
+        for k, robot in enumerate(robots):
+            if robot.belief.update is not NO_UPDATE:
+                self._gained += self._cover(robot, simulator.states[k].pose)
+        self._touching = sum(robot.bumper for robot in robots)
         is_covered = self.coverage.explored_fraction >= self.target_coverage
         self._has_completed = is_covered and not self._is_covered
         self._is_covered |= is_covered
@@ -179,7 +180,7 @@ class Explore(UnknownWorldTask):
             self.end_reason = "covered" if is_covered else None
             return
         self.is_returning |= is_covered
-        (x, y, _), (home_x, home_y, _) = states[0].pose, self.map_pose
+        (x, y, _), (home_x, home_y, _) = simulator.states[0].pose, self.map_pose
         if self.is_returning and math.hypot(x - home_x, y - home_y) <= HOME_RADIUS:
             self.end_reason = "returned"
 

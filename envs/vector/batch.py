@@ -24,11 +24,17 @@ class Batch:
         """Move the environments' rows to arrays that they share; `arrays` are those of the shard."""
         self._envs, self._arrays = envs, arrays
         env = envs[0]
+        self.robots = [robot for each in envs for robot in each.robots]
+        """The robots, environment by environment; the arrays below have a row for each."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.transition.rows for each in envs]
-        self.numbers, self.ranges, self.draws = (
+        self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
+        self.active = np.ones(len(self.robots), dtype=np.bool_)
+        """Which robots have driven in this period."""
+        self._is_new = np.ones(len(self.robots), dtype=np.bool_)
+        self._levels: dict[float, Any] = {}
         self._worlds: Any = None
 
     def bind(self, indices: Sequence[int]) -> None:
@@ -40,10 +46,11 @@ class Batch:
             self._worlds = tuple(lists)
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
-            env.transition.rows.share(self.numbers[robots], self.ranges[robots], self.draws[robots])
+            env.transition.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots])
             segments, before, after = self._worlds
             segments[i] = np.array(env.world.segments)
             before[i] = after[i] = np.array(env.simulator.circles)
+            self._is_new[robots] = True
         self._time_limits = np.array([env.time_limit for env in envs])
         self._moving = [i for i, env in enumerate(envs) if env.world.movers]
         weights = envs[0].task.weights
@@ -52,6 +59,7 @@ class Batch:
     def step(self, active: np.ndarray) -> None:
         """Drive active environments, shape (num_envs,), bool, for one control period by their rows of the actions."""
         numbers, envs, actions = self.numbers, self._envs, self._arrays.actions
+        self.active[:] = np.repeat(active, self._num_robots)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = np.clip(actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
@@ -61,22 +69,47 @@ class Batch:
                 _, before, after = self._worlds
                 before[i] = np.array(envs[i].simulator.move_circles())
                 after[i] = np.array(envs[i].simulator.circles)
-        step_rows(numbers, self.draws, self.ranges, self._worlds, active, self._num_robots)
+        step_rows(numbers, self._draws, self.ranges, self._worlds, active, self._num_robots)
         for i in np.flatnonzero(active).tolist():
             envs[i].finish()
 
-    def observe(self, active: np.ndarray) -> None:
-        """Write the observations of active environments."""
-        indices = np.flatnonzero(active).tolist()
+    def observe(self) -> None:
+        """Write the observations of the environments that have driven."""
+        indices = np.flatnonzero(self.active[:: self._num_robots]).tolist()
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
             if hasattr(part, "write_rows"):
-                part.write_rows(
-                    self._envs[0].robot, self.numbers, self.ranges, np.repeat(active, self._num_robots), out
-                )
+                part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self._envs[0].task.is_team :]))
             else:
                 for i in indices:
                     self._envs[i].write_part(name, out[i])
+        self._is_new[:] = False
+
+    def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
+        """Return the levels of the robots' maps for crops of so many metres per pixel; see `MapPyramid.level`.
+
+        Returns:
+            Their words; their rows and columns, shape (n, 2), int64; corners of the maps, shape (n, 2), float64 [m];
+            and the side of a block [m].
+        """
+        side = 0.0
+        if resolution not in self._levels:
+            pyramids = [robot.pyramid.level(resolution) for robot in self.robots]
+            side = pyramids[0].block * self.robots[0].belief.grid.resolution
+            count = len(pyramids)
+            known: list[Any] = [None] * count
+            words = numba.typed.List([level.words for level in pyramids])
+            self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
+            self._is_new[:] = True
+        words, sizes, origins, side, known = self._levels[resolution]
+        has_scanned = (self.numbers[:, at.FLAGS] % 2.0 > 0.0).reshape(-1, self._num_robots).any(axis=1)
+        for k in np.flatnonzero(self._is_new | np.repeat(has_scanned, self._num_robots)).tolist():
+            robot = self.robots[k]
+            level = robot.pyramid.level(resolution)
+            if level.words is not known[k]:
+                words[k] = known[k] = level.words
+                sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
+        return words, sizes, origins, side
 
     def judge(self, active: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Write rewards, records and extras of active environments.

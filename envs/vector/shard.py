@@ -92,7 +92,7 @@ class Shard:
         is_last = self._steps == self._max_steps
         if self._batch is not None:
             self._batch.step(~ended)
-            self._batch.observe(~ended)
+            self._batch.observe()
             is_over = self._batch.judge(~ended, self._records, extras) | is_last
             arrays.terminated[:] = arrays.truncated[:] = False
         for i in np.flatnonzero(ended | is_over if self._batch is not None else np.ones_like(ended)).tolist():
