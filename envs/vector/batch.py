@@ -56,11 +56,32 @@ class Batch:
         weights = envs[0].task.weights
         self._has_columns = type(weights).terms is Weights.terms and all(env.task.weights == weights for env in envs)
 
-    def step(self, active: np.ndarray) -> None:
-        """Drive active environments, shape (num_envs,), bool, for one control period by their rows of the actions."""
-        numbers, envs, actions = self.numbers, self._envs, self._arrays.actions
+    def step(self, active: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
+        """Step active environments, of which there is one, by their rows of the actions.
+
+        Args:
+            active: shape (num_envs,), bool.
+            records: what `info` holds at every step, written.
+            extras: what else it holds, written.
+
+        Returns:
+            Which of their episodes are over, shape (num_envs,), bool.
+        """
         self.active[:] = np.repeat(active, self._num_robots)
-        numbers[:, at.ACTION_V : at.ACTION_W + 1] = np.clip(actions, -1.0, 1.0).reshape(-1, 2)
+        self._drive(active)
+        indices = np.flatnonzero(active).tolist()
+        for i in indices:
+            self._envs[i].finish()
+        self._observe(indices)
+        is_over = active & (self._times >= self._time_limits - 1e-6)
+        is_over[indices] |= self._judge(indices, records, extras)
+        return is_over
+
+    def _drive(self, active: np.ndarray) -> None:
+        """Drive and sense, up to what the `FLAGS` of the rows ask for."""
+        numbers, envs = self.numbers, self._envs
+        actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
+        numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].transition.rows.draw_ahead(envs[i].simulator.rngs)
@@ -70,12 +91,14 @@ class Batch:
                 before[i] = np.array(envs[i].simulator.move_circles())
                 after[i] = np.array(envs[i].simulator.circles)
         step_rows(numbers, self._draws, self.ranges, self._worlds, active, self._num_robots)
-        for i in np.flatnonzero(active).tolist():
-            envs[i].finish()
 
-    def observe(self) -> None:
-        """Write the observations of the environments that have driven."""
-        indices = np.flatnonzero(self.active[:: self._num_robots]).tolist()
+    @property
+    def _times(self) -> np.ndarray:
+        """Time since the resets, shape (num_envs,) [s]."""
+        return self.numbers[:: self._num_robots, at.TIME]
+
+    def _observe(self, indices: Sequence[int]) -> None:
+        """Write the observations of environments."""
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
             if hasattr(part, "write_rows"):
@@ -111,14 +134,9 @@ class Batch:
                 sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
         return words, sizes, origins, side
 
-    def judge(self, active: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
-        """Write rewards, records and extras of active environments.
-
-        Returns:
-            Which of their episodes are over, shape (num_envs,), bool.
-        """
+    def _judge(self, indices: Sequence[int], records: np.ndarray, extras: Extras) -> list[bool]:
+        """Write rewards, records and extras of environments; return which of their tasks have ended the episode."""
         num_envs, numbers = len(self._envs), self.numbers
-        indices = np.flatnonzero(active).tolist()
         chosen = slice(None) if len(indices) == num_envs else indices
         tasks = [self._envs[i].task for i in indices]
         terms = self._terms(tasks)
@@ -127,9 +145,8 @@ class Batch:
         for i, row in zip(indices, metrics, strict=True):
             if len(row) > len(names):
                 extras[i] = {name: row[name] for name in row if name not in names}
-        times = numbers[:: self._num_robots, at.TIME]
         columns = {name: np.array([row[name] for row in metrics]) for name in names} | {
-            "time": times[chosen],
+            "time": self._times[chosen],
             "pose_error": pose_errors(numbers).reshape(num_envs, -1, 2)[chosen],
             "path_length": numbers[:, at.PATH_LENGTH].reshape(num_envs, -1)[chosen],
             "collisions": numbers[:, at.COLLISIONS].reshape(num_envs, -1)[chosen],
@@ -139,9 +156,7 @@ class Batch:
         for name, term in terms.items():
             records["rewards"][name][chosen] = term
         self._arrays.rewards[chosen] = sum(terms.values())
-        is_over = np.zeros(num_envs, dtype=np.bool_)
-        is_over[chosen] = [task.end_reason is not None for task in tasks]
-        return is_over | (active & (times >= self._time_limits - 1e-6))
+        return [task.end_reason is not None for task in tasks]
 
     def _terms(self, tasks: Sequence[Any]) -> dict[str, np.ndarray]:
         """Return the reward terms of environments as columns."""

@@ -89,13 +89,11 @@ class Shard:
         assert self._records is not None
         arrays, extras, ended = self._arrays, Extras(), self._has_ended.copy()
         self._steps += ~ended
-        is_last = self._steps == self._max_steps
-        if self._batch is not None:
-            self._batch.step(~ended)
-            self._batch.observe()
-            is_over = self._batch.judge(~ended, self._records, extras) | is_last
+        is_last, is_left = self._steps == self._max_steps, np.ones_like(ended)
+        if self._batch is not None and not ended.all():
+            is_left = ended | is_last | self._batch.step(~ended, self._records, extras)
             arrays.terminated[:] = arrays.truncated[:] = False
-        for i in np.flatnonzero(ended | is_over if self._batch is not None else np.ones_like(ended)).tolist():
+        for i in np.flatnonzero(is_left).tolist():
             if ended[i]:
                 info = self._reset(i, None, None)
                 arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
