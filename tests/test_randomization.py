@@ -16,7 +16,6 @@ from envs.geometry import Pose2D
 from envs.randomization import RANDOMIZABLE, Randomization
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
-from envs.vector.fused import is_shard_fusible
 from tests.rollouts import rollout
 from tests.side_by_side import step_both
 from tests.simulation.conftest import make_world
@@ -182,7 +181,7 @@ def test_sub_environments_draw_what_single_ones_draw(case):
 
 
 def test_randomized_environments_are_still_stepped_by_the_kernel():
-    assert is_shard_fusible(LidarEnv(Explore, **QUICK, slam="hector", randomize=RANGES))
+    assert LidarEnv(Explore, **QUICK, slam="hector", randomize=RANGES).is_fused
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])

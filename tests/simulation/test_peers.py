@@ -38,7 +38,7 @@ def test_a_robot_that_runs_into_a_wall_does_not_bump_into_the_peer_beside_it():
     world = hall(ahead + BURGER.radius + 2e-5)
     simulator = reset_at(world, Pose2D(1.0, 2.0, 0.0), Pose2D(ahead, 2.0, 0.0))
     # A gap of 0.05 mm is less than robots may start with.
-    simulator.rows[0, X] += 1.5e-4
+    simulator.rows.numbers[0, X] += 1.5e-4
     for _ in range(3):
         readings = simulator.step([STILL, Twist(BURGER.max_v, 0.0)])
         assert [reading.bumper for reading in readings] == [False, True]

@@ -9,9 +9,10 @@ import pytest
 from envs.geometry import Pose2D, wrap_angle
 from envs.robots import ImuParams, LidarParams, Mount, load_robot
 from envs.simulation import Twist, make_simulator
+from envs.simulation import state as at
 from envs.simulation.records import robot_record
-from envs.simulation.sensors import TOUCHED, Sensors, disturb_ranges
-from envs.simulation.state import LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, STATE_SIZE, THETA, X, Y
+from envs.simulation.rows import Rows
+from envs.simulation.sensors import disturb_ranges, sense
 from envs.worlds import World
 
 BOX = np.array([[-2, -3, 4, -3], [4, -3, 4, 5], [4, 5, -2, 5], [-2, 5, -2, -3]], dtype=float)
@@ -25,12 +26,13 @@ def read(
     lidar=None, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=NO_CIRCLES
 ):
     robot = replace(BURGER, lidar=lidar or LidarParams(num_beams=4, range_max=10.0), imu=imu or ImuParams())
-    sensors, rows = Sensors(robot, 0.1, 1), np.zeros((1, STATE_SIZE))
-    rows[0, [X, Y, THETA, LEFT_ANGLE, RIGHT_ANGLE, MEAN_W]] = *pose, *angles, yaw_rate
-    sensors.draw([np.random.default_rng(seed)])
-    sensors.others[0, TOUCHED] = bumper
-    sensors.sense(rows, BOX, circles)
-    return sensors.readings(1.5)[0]
+    rows = Rows(robot, 0.1, 1)
+    row = rows.numbers[0]
+    row[[at.X, at.Y, at.THETA, at.LEFT_ANGLE, at.RIGHT_ANGLE, at.MEAN_W]] = *pose, *angles, yaw_rate
+    rows.draw([np.random.default_rng(seed)])
+    row[at.TOUCHED], row[at.TIME] = bumper, 1.5
+    sense(rows.numbers, rows.draws, rows.ranges, BOX, circles)
+    return rows.reading(0)
 
 
 def test_a_perfect_lidar_measures_the_box():
