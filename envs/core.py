@@ -13,7 +13,6 @@ from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
 from envs.estimation import Belief
-from envs.estimation.motion import TrueMotion, make_motion_source
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.observations import Observations, make_parts
@@ -22,7 +21,7 @@ from envs.rendering.scene import Scene
 from envs.robot import REMEMBER_TRUE, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
-from envs.simulation import Reading, Simulator, Twist, make_simulator
+from envs.simulation import Reading, Twist, make_simulator
 from envs.simulation import state as at
 from envs.slam import PoseGraphView
 from envs.task import Task
@@ -94,7 +93,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots)
-        self.robots = [self._make_robot(k) for k in range(num_robots)]
+        self.robots = [self._make_robot() for _ in range(num_robots)]
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
@@ -415,10 +414,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
 
-    def _make_robot(self, index: int) -> Robot:
-        task, params, period = self.task, self.robot, self.control_period
-        truth = TrueMotion(partial(_true_pose, self.simulator, index)) if task.uses_true_motion else None
-        return Robot(params, period, task.make_estimator(), make_motion_source(params, period), truth)
+    def _make_robot(self) -> Robot:
+        task = self.task
+        return Robot(self.robot, self.control_period, task.make_estimator(), uses_true_motion=task.uses_true_motion)
 
     def set_goal(self, goal: tuple[float, float, float]) -> None:
         """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
@@ -491,7 +489,3 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])
 """Names of the arguments that environments of all tasks share."""
-
-
-def _true_pose(simulator: Simulator, index: int) -> Pose2D:
-    return simulator.states[index].pose

@@ -8,7 +8,7 @@ import numpy as np
 from envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
 from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
-from envs.estimation.motion import GyroMotion, MotionSource, TrueMotion, WheelMotion
+from envs.estimation.motion import update_bias
 from envs.estimation.peers import PeerFilter
 from envs.estimation.trail import Trail, interpolate
 from envs.geometry import OccupancyGrid, Pose2D
@@ -30,10 +30,10 @@ class Setup(NamedTuple):
     metres_per_tick: float
     track: float
     uses_gyro: float
-    """1 for odometry by the gyroscope, 0 by the wheels alone, -1 where Python has written the motion."""
+    """1 for odometry by wheels and gyroscope, 0 by the wheels alone."""
     gyro_variance: float
     uses_truth: float
-    """1 where the estimator learns of the true motion, 0 of odometry, -1 where Python has written the motion."""
+    """1 where the estimator learns of the true motion in place of odometry's."""
     min_travel_distance: float
     """Distance from the last key scan at which the next one is due [m]; negative where every scan is processed."""
     min_travel_angle: float
@@ -64,8 +64,8 @@ def _follows_odometry(slam: Any) -> bool:
 class Robot:
     """A robot with its sensors, odometry and estimator: a view of its row, see `envs.simulation.state`, and its map.
 
-    Holds no ground truth. What `ground_truth` tells it of its motion, where users ask for `slam="truth"`, reaches the
-    estimator alone.
+    Holds no ground truth. What it is told of its true motion, where users ask for `slam="truth"`, reaches the estimator
+    alone.
     """
 
     rows: Rows
@@ -74,28 +74,20 @@ class Robot:
     """Its row."""
 
     def __init__(
-        self,
-        params: RobotParams,
-        control_period: float,
-        estimator: Estimator,
-        odometry: MotionSource,
-        ground_truth: MotionSource | None = None,
+        self, params: RobotParams, control_period: float, estimator: Estimator, *, uses_true_motion: bool = False
     ) -> None:
         """Assemble a robot.
 
         Args:
-            params: the robot.
+            params: the robot; its odometry is by the wheels, or by wheels and gyroscope, as `odometry.uses_gyro` says.
             control_period: time between two readings [s].
             estimator: turns readings and motions into a belief.
-            odometry: motion by the robot's own sensors.
-            ground_truth: motion that the estimator gets instead; None for odometry.
+            uses_true_motion: whether the estimator gets the true motion in place of odometry's.
         """
         self.params = params
         self.estimator = estimator
         kind = type(estimator)  # checks of the project's own would take a twentieth of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("envs.") else kind.__name__
-        self.odometry = odometry
-        self.ground_truth = ground_truth
         self.control_period = control_period
         """Time between two readings [s]."""
         self.peers: list[Robot] = []
@@ -103,17 +95,17 @@ class Robot:
         self._peer_filter = PeerFilter(params)
         self.follows_odometry = _follows_odometry(estimator)
         """Whether the estimator looks at key scans alone, and its pose follows odometry in between."""
-        slam = estimator.params if self.follows_odometry else None  # type: ignore[attr-defined]
-        self.setup = Setup(
+        slam: Any = estimator.params if self.follows_odometry else None  # type: ignore[attr-defined]
+        self._reading: Reading
+        self._setup = Setup(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
-            uses_gyro=1.0 if type(odometry) is GyroMotion else 0.0 if type(odometry) is WheelMotion else -1.0,
+            uses_gyro=float(params.odometry.uses_gyro),
             gyro_variance=params.imu.gyro_std**2,
-            uses_truth=0.0 if ground_truth is None else 1.0 if type(ground_truth) is TrueMotion else -1.0,
-            min_travel_distance=-1.0 if slam is None else slam.min_travel_distance,
-            min_travel_angle=0.0 if slam is None else slam.min_travel_angle,
+            uses_truth=float(uses_true_motion),
+            min_travel_distance=slam.min_travel_distance if self.follows_odometry else -1.0,
+            min_travel_angle=slam.min_travel_angle if self.follows_odometry else 0.0,
         )
-        """What kernels are told of odometry and estimator."""
 
     @property
     def belief(self) -> Belief:
@@ -183,26 +175,17 @@ class Robot:
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self.reading, row = reading, self.row
-        self.odometry.reset(reading)
-        if self.ground_truth is not None:
-            self.ground_truth.reset(reading)
         self.trail = Trail()
         """Estimated positions so far, map frame."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """The map at the scales of observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self.setup, self.belief.pose, np.inf
+        row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self._setup, self.belief.pose, np.inf
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
-        row[at.BIAS : at.BIAS_VARIANCE + 1] = getattr(self.odometry, "gyro", 0.0)
-
-    def measure_motion(self) -> None:
-        """Write the motion of a control period where a source of the user's own tells it; kernels know the others."""
-        row = self.row
-        if self.setup.uses_gyro < 0.0:
-            row[at.ODOMETRY : at.ODOMETRY + 3] = row[at.MOTION : at.MOTION + 3] = self.odometry.update(self.reading)
-        if self.setup.uses_truth < 0.0 and self.ground_truth is not None:
-            row[at.MOTION : at.MOTION + 3] = self.ground_truth.update(self.reading)
+        bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
+        bias[:] = 0.0, self.params.imu.gyro_bias_std**2
+        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest
 
     def locate(self, flags: int) -> None:
         """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.

@@ -1,7 +1,6 @@
 """Sources of motion: how far a robot has come since the last reading, by its own sensors."""
 
 import math
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -98,10 +97,6 @@ class WheelMotion:
 
     def reset(self, reading: Reading) -> None:
         """Start at a reading."""
-        self.resume(reading)
-
-    def resume(self, reading: Reading) -> None:
-        """Go on from a reading that something else has processed."""
         self._ticks = reading.ticks
 
     def update(self, reading: Reading) -> Pose2D:
@@ -140,20 +135,3 @@ class GyroMotion(WheelMotion):
         counts = self._counts(reading)
         motion = gyro_motion(*counts, self._metres_per_tick, reading.yaw_rate, self._period, self.gyro, self.variance)
         return Pose2D(*motion)
-
-
-class TrueMotion:
-    """The true motion of the base, for mapping without drift."""
-
-    def __init__(self, true_pose: Callable[[], Pose2D]) -> None:
-        """Take what returns the true pose of the base at the last reading, world frame."""
-        self._true_pose = true_pose
-
-    def reset(self, reading: Reading) -> None:
-        """Start at the pose of the moment."""
-        self._last = self._true_pose()
-
-    def update(self, reading: Reading) -> Pose2D:
-        """Return the pose of the base now, seen from the base at the last reading."""
-        before, self._last = self._last, self._true_pose()
-        return before.between(self._last)

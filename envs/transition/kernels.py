@@ -52,19 +52,17 @@ def update_robots(rows):
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = Setup(*to_fixed_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
+        setup = Setup(*to_fixed_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))  # type: ignore[call-arg]
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
         row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
-        if setup.uses_gyro >= 0.0:
-            _write(row, at.ODOMETRY, _odometry(row, setup))
-        row[at.TWIST_V] = row[at.ODOMETRY] / row[at.PERIOD]
-        row[at.TWIST_W] = row[at.ODOMETRY + 2] / row[at.PERIOD]
+        motion = _odometry(row, setup)
+        _write(row, at.ODOMETRY, motion)
+        row[at.TWIST_V], row[at.TWIST_W] = motion[0] / row[at.PERIOD], motion[2] / row[at.PERIOD]
         if setup.uses_truth > 0.0:
-            _write(row, at.MOTION, between(before[0], before[1], before[2], now[0], now[1], now[2]))
-        elif setup.uses_truth == 0.0:
-            _write(row, at.MOTION, _read(row, at.ODOMETRY))
-        pose, motion, last = _read(row, at.POSE), _read(row, at.MOTION), _read(row, at.KEY_POSE)
+            motion = between(before[0], before[1], before[2], now[0], now[1], now[2])
+        _write(row, at.MOTION, motion)
+        pose, last = _read(row, at.POSE), _read(row, at.KEY_POSE)
         pose = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
         _write(row, at.POSE, pose)
         row[at.FLAGS] = 0

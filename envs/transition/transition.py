@@ -23,11 +23,9 @@ class Transition:
 
     @property
     def why_not_fused(self) -> str:
-        """Why physics and sensing need Python; empty where kernels do them, for one environment or for many."""
-        if type(self._simulator) is not KinematicSimulator:
-            return f"{type(self._simulator).__name__} steps in Python"
-        own = [type(robot.odometry).__name__ for robot in self._robots if robot.setup.uses_gyro < 0.0]
-        return f"odometry by {own[0]} works in Python" if own else ""
+        """Why kernels cannot step many such environments together; empty where they can."""
+        kind = type(self._simulator)
+        return "" if kind is KinematicSimulator else f"{kind.__name__} steps in Python"
 
     def begin(self, readings: Sequence[Reading], map_pose: Pose2D) -> list[GroundTruth]:
         """Begin an episode once the simulator has been reset; the robots are reset afterwards.
@@ -54,8 +52,6 @@ class Transition:
         else:
             self.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = commands
             self._load(simulator.step(commands))
-        for robot in self._robots:
-            robot.measure_motion()
         update_robots(self.rows.numbers)
 
     def _load(self, readings: Sequence[Reading]) -> None:
