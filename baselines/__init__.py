@@ -8,7 +8,7 @@ import gymnasium
 from gymnasium import spaces
 
 from envs.core import lidar_env_of
-from envs.files import explain_unknown, resolve
+from envs.files import resolve
 
 from .explorer import Explorer, Omniscient, OnePerRobot, Policy
 from .frontier import explore_lite, next_best_view
@@ -83,18 +83,6 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
     return OnePerRobot(make())
 
 
-def find_policy(name: str, env: gymnasium.Env[Any, Any]) -> Callable[[], Any]:
-    """Return what makes the classic policy of a name for an environment, which must have been reset.
-
-    Raises:
-        ValueError: there is none of this name for its task; lists those that there are.
-    """
-    makers = policies_for(env)
-    if name not in makers:
-        raise ValueError(f"unknown policy {explain_unknown(name, makers)}, which can do this task")
-    return makers[name]
-
-
 def make_explorer(name: str) -> Explorer:
     """Return a new explorer with its default parameters, by name or as `module:attribute`.
 
@@ -134,7 +122,6 @@ __all__ = [
     "TourExplorer",
     "TourParams",
     "WallFollower",
-    "find_policy",
     "make_explorer",
     "policies_for",
 ]

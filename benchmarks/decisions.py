@@ -1,21 +1,20 @@
 """How long explorers take to decide, step by step: `python -m benchmarks.decisions`.
 
 Each explorer explores one world from the same start, kinematic physics, TinySLAM in the loop. What is timed is each
-`act`, by the processor time of its thread: what else the machine does hardly adds to that. A robot steered at 10 Hz
+`act`, by the processor time of the process: what else the machine does hardly adds to that. A robot steered at 10 Hz
 misses a control period where one takes 100 ms or more. With `--robots 4` a team explores, and its `act` decides for
 all robots.
 """
 
-import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import gymnasium
 import numpy as np
 from rich.table import Table
 
 import envs  # noqa: F401  (registers the environments)
-from baselines import EXPLORERS, RrtTeam, make_explorer
-from baselines.episode import begin_episode, decide_with, run
+from baselines import EXPLORERS, policies_for
+from baselines.episode import run_episode
 from envs.command_line import Count, make_console, run_command
 from envs.core import lidar_env_of
 
@@ -40,20 +39,16 @@ class Decisions(NamedTuple):
 
 def time_decisions(world: str, name: str, seed: int = 0, max_time: float = np.inf, num_robots: int = 1) -> Decisions:
     """Let an explorer, or `TEAM`, explore with the world's usual robot for at most so long [s]; time its decisions."""
-    settings: dict[str, Any] = {"world": world, "physics": "kinematic", "split": "test", "disable_env_checker": True}
-    explorer: Any = RrtTeam() if name == TEAM else make_explorer(name)
-    if name == TEAM:
-        env = gymnasium.make("lidarnaut/ExploreTeam-v0", num_robots=num_robots, **settings)
-    else:
-        env = gymnasium.make("lidarnaut/Explore-v0", **settings)
-    start = begin_episode(env, explorer, seed, np.random.default_rng([seed, 1]))
-    period = lidar_env_of(env).control_period
-    ended = run(env, decide_with(explorer, env), *start, max_steps=max_time / period, clock=time.thread_time)
+    id, team = ("ExploreTeam", {"num_robots": num_robots}) if name == TEAM else ("Explore", {})
+    limit = {"time_limit": max_time} if np.isfinite(max_time) else {}
+    env = gymnasium.make(f"lidarnaut/{id}-v0", world=world, physics="kinematic", split="test", **limit, **team)
+    env.reset(seed=seed)
+    episode, period = run_episode(env, policies_for(env)[name](), seed), lidar_env_of(env).control_period
     env.close()
-    taken = np.array(ended.decision_times[WARM_UP:])
+    taken = episode.decision_times[WARM_UP:]
     times = (1e3 * float(time) for time in (taken.mean(), np.percentile(taken, 99), taken.max()))
     missed = np.count_nonzero(taken >= period)
-    return Decisions(len(taken), *times, int(missed), ended.info["explored_fraction"])
+    return Decisions(len(taken), *times, int(missed), episode.explored_fraction)
 
 
 def main(

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 import envs  # noqa: F401  (registers the environments)
-from baselines import find_policy
+from baselines import policies_for
 from baselines.episode import run_episode
 from envs.command_line import run_command
 from envs.core import lidar_env_of
@@ -85,7 +85,7 @@ def main(out: Path = Path("docs/images/environments"), only: str = "") -> None:
         driver, seed = next(driver for start, driver in DRIVERS if id.startswith(start)), SEEDS.get(id, 0)
         env.reset(seed=seed)
         film = Film(env)
-        run_episode(env, find_policy(driver, env)(), seed)
+        run_episode(env, policies_for(env)[driver](), seed)
         film.save(path := out / f"{id.partition('/')[2].lower()}.webp")
         env.close()
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

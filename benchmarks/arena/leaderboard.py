@@ -229,5 +229,5 @@ def axis_section(rows: Sequence[Row], axis: str, measures: Measures) -> Section 
         f", those of times and distances as shares of what the policy needed under {base}." if measures.marks else "."
     )
     head = ("", *(m.title for m in measures.on_axes), *(m.title + f", difference to {base}" for m in measures.gaps))
-    title = "What mapping error costs" if axis == "slam" and measures.marks else f"What {axis} costs"
-    return Section(title, (text, Table(head, lines)))
+    errors = "What mapping error costs" if measures.marks else "What errors of the pose cost"
+    return Section(errors if axis == "slam" else f"What {axis} costs", (text, Table(head, lines)))

@@ -15,7 +15,7 @@ from benchmarks.arena.page import Cell, Figure, Section, Table, data_url, figure
 from benchmarks.arena.pairs import split
 from benchmarks.arena.plots import draw_curves, draw_growth, draw_map, sample_curves
 from benchmarks.arena.records import Row
-from benchmarks.arena.settings import Settings
+from benchmarks.arena.settings import Settings, estimator_of
 from benchmarks.arena.statistics import Estimate
 from benchmarks.arena.summary import Summary
 from benchmarks.arena.theme import DARK, LIGHT, Picture, Theme, short
@@ -106,7 +106,8 @@ def _facts(rows: Sequence[Row], settings: Settings) -> str:
     facts = {
         "environment": settings.id,
         **{name: str(value) for name, value in settings.arguments.items()},
-        **{name: ", ".join(dict.fromkeys(row[name] for row in rows)) for name in ("robot", "physics", "slam")},
+        **{name: ", ".join(dict.fromkeys(row[name] for row in rows)) for name in ("robot", "physics")},
+        estimator_of(settings.id) or "slam": ", ".join(dict.fromkeys(row["slam"] for row in rows)),
         "episodes": str(len(rows)),
         "seeds": f"{min(seeds)} to {max(seeds)}",
     }

@@ -19,10 +19,13 @@ from envs.worlds import FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
 """Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
-ESTIMATORS = ("slam", "localizer")
-"""Arguments of environments that name what estimates poses; an environment has one of them, or neither."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
 """Words that stand for many worlds."""
+
+
+def estimator_of(id: str) -> str:
+    """Return the argument of an environment that names what estimates poses; empty where it has none."""
+    return next((name for name in ("slam", "localizer") if name in arguments_of(id)), "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +60,7 @@ class Case:
     @property
     def slam_name(self) -> str:
         """The SLAM or localizer; empty where the environment has neither."""
-        return self._named(self._estimator, self.slam)
-
-    @property
-    def _estimator(self) -> str:
-        return next((name for name in ESTIMATORS if name in arguments_of(self.id)), "")
+        return self._named(estimator_of(self.id), self.slam)
 
     def _named(self, argument: str, value: str) -> str:
         """Return a value of an argument, or for the usual one what that is."""
@@ -82,7 +81,7 @@ class Case:
         observation, None for the environment's own.
         """
         taken = arguments_of(self.id)
-        parts = {"world": self.world, "robot": self.robot, "physics": self.physics, self._estimator: self.slam}
+        parts = {"world": self.world, "robot": self.robot, "physics": self.physics, estimator_of(self.id): self.slam}
         own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
         more = {"time_limit": time_limit, "observations": observations, "render_mode": render_mode}
         own |= {name: value for name, value in more.items() if value is not None}
