@@ -146,7 +146,7 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
     cases = list(split(evaluation.rows()))
     for case in cases if evaluation.settings.world_sections else ():
         print_case(console, summary, case, measures)
-    if len(cases) > 1:
+    if len(cases) > 1 or not evaluation.settings.world_sections:
         rows = relate(common_starts(evaluation.rows()), measures)
         printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
         for title, part in {
