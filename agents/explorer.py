@@ -1,7 +1,6 @@
 """Policies that were trained with `train.py`, by whatever algorithm."""
 
 import math
-import warnings
 from pathlib import Path
 from typing import Any, Self
 
@@ -37,11 +36,10 @@ class LearnedPolicy:
         self.observations = self.arguments.get("observations")
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
         self.control_hz: float | None = record.control_hz or self.arguments.get("control_hz")
-        """Control steps per second in its training."""
+        """Control steps per second in its training: where there are more, actions are repeated (`run_episode`)."""
         spaces = {key: described.space() for key, described in record.observation.items()}
-        self._calls, self._repeats = 0, 1
+        self._is_new = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
-        self._action: Any = None
         self._needed = {key: (space.shape, str(space.dtype)) for key, space in spaces.items()}
 
     @classmethod
@@ -65,22 +63,12 @@ class LearnedPolicy:
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for an episode.
 
-        A policy of twists decides as often as it did in training. Where it is asked more often, it repeats its
-        decision. A scan with another number of beams is shown to it as that of the lidar of its training.
+        A scan with another number of beams is shown to it as that of the lidar of its training.
 
         Raises:
             CheckpointError: if the robot's lidar has another number of beams, and that of the training is not known.
         """
-        self._rng, self._calls, self._repeats = rng, 0, 1
-        self._beams = self._match_beams(robot)
-        if self.level == "twist" and self.control_hz is not None:
-            self._repeats = max(1, round(1.0 / self.control_hz / control_period))
-            if abs(self._repeats * control_period * self.control_hz - 1.0) > 0.01:
-                warnings.warn(
-                    f"{self._name} was trained to decide every {1.0 / self.control_hz:.3g} s, and is asked every "
-                    f"{control_period:.3g} s: it will decide every {self._repeats * control_period:.3g} s",
-                    stacklevel=2,
-                )
+        self._rng, self._is_new, self._beams = rng, True, self._match_beams(robot)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
         """Return the action: shape (2,), float32, for twists; the candidate to go to, for decisions.
@@ -88,15 +76,12 @@ class LearnedPolicy:
         Raises:
             CheckpointError: if the observation is not the one that the policy was trained on.
         """
-        if self._calls % self._repeats == 0:
-            if self._beams is not None and "scan" in observation:
-                nearest, in_view, scale = self._beams
-                scan = observation["scan"][nearest]
-                scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
-                observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
-            self._action = self._decide(observation)
-        self._calls += 1
-        return self._action.copy()
+        if self._beams is not None and "scan" in observation:
+            nearest, in_view, scale = self._beams
+            scan = observation["scan"][nearest]
+            scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
+            observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
+        return self._decide(observation)
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return which beams show what those of the training would: indices, whether they do, and a factor of ranges.
@@ -123,7 +108,8 @@ class LearnedPolicy:
         if given != self._needed:
             needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
             raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
-        batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._calls == 0])
+        batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_new])
+        self._is_new = False
         if self._deterministic:
             return self._actor(batch, starts)[0]
         with torch.random.fork_rng(devices=[]):

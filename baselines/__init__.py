@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium
 from gymnasium import spaces
 
-from envs.core import lidar_env_of
 from envs.files import resolve
 
 from .explorer import Explorer, Omniscient, OnePerRobot, Policy
@@ -69,7 +68,7 @@ def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     What the task offers decides, and how the environment is driven: a task of your own with a `goal` is driven by
     `pursuit`, too. The same name may mean another policy where the task is another.
     """
-    inner = lidar_env_of(env)
+    inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):
         rules = {name: make for name, make in EXPLORERS.items() if isinstance(make(), RuleExplorer)}
         return {"random": RandomChooser, **rules}

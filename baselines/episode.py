@@ -123,7 +123,8 @@ def begin_episode(
     period = inner.control_period * _repeats(policy, env)
     rate = getattr(policy, "control_hz", None)
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
-        warnings.warn(f"{policy!r} states control_hz {rate:g}: it decides every {period:.3g} s here", stacklevel=2)
+        name = type(policy).__name__
+        warnings.warn(f"{name} states control_hz {rate:g}: it decides every {period:.3g} s here", stacklevel=2)
     policy.reset(inner.robot, period, rng)
     if isinstance(policy, Omniscient) and hasattr(inner.task, "coverage"):
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
