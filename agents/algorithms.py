@@ -1,6 +1,7 @@
 """Algorithms of stable-baselines3 and sb3-contrib by name, their hyperparameters, and the models that they train."""
 
 import inspect
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -77,11 +78,10 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
     defaults = next((values for name, values in DEFAULTS if name in allowed), {})
     if "buffer_size" in allowed:
-        number = np.float32(0).nbytes if takes_vectors(algorithm) else 0
-        sizes = (
-            np.prod(space.shape or (1,)) * (number or np.dtype(space.dtype).itemsize) for space in env.parts.values()
-        )
-        affordable = BUFFER_BYTES // (2 * int(sum(sizes)))
+        seen = env.observation_space
+        parts = seen.values() if isinstance(seen, spaces.Dict) else [seen]
+        size = sum(np.dtype(space.dtype).itemsize * math.prod(space.shape or (1,)) for space in parts)
+        affordable = BUFFER_BYTES // (2 * size)
         defaults = {"buffer_size": min(affordable, BUFFER_STEPS, max(config.total_steps, 1000))} | defaults
     network = _read_network(config, env.parts, env.action_space).model_dump()
     completed = {"hyperparameters": {**defaults, **config.hyperparameters}, "network": network}
