@@ -179,10 +179,10 @@ class TrainingConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _read_older(cls, data: Any) -> Any:
-        is_older = isinstance(data, dict) and any(
-            isinstance(data.get(name), dict) for name in ("ppo", "decision_network")
-        )
-        return _converted(data) if is_older and isinstance(data.get("environment", {}), dict) else data
+        if not isinstance(data, dict) or "algorithm" in data or not isinstance(data.get("environment"), dict):
+            return data
+        sections = (data.get(name) for name in ("ppo", "decision_network"))
+        return _converted(data) if any(isinstance(section, dict) for section in sections) else data
 
     @field_validator("algorithm")
     @classmethod
