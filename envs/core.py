@@ -29,7 +29,7 @@ from envs.transition import Transition
 from envs.transition.kernels import pose_errors
 from envs.worlds import World
 
-FUSED_METHODS = ("apply", "twists", "advance", "finish", "observe", "outcome", "info", "is_over")
+FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
 """What a vector environment does for many environments at once, if none of them does it in its own way."""
 
 
@@ -227,21 +227,24 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.finish()
 
     def finish(self) -> None:
-        """Do what the kernels of a control period leave: scans, the task."""
+        """Do what the kernels of a control period leave: own sensors, scans, the task."""
         if self.sensors:
-            for robot, reading in zip(
-                self.robots, self._measure([robot.reading for robot in self.robots]), strict=True
-            ):
+            readings = self._measure([robot.reading for robot in self.robots])
+            for robot, reading in zip(self.robots, readings, strict=True):
                 robot.reading = reading
+        self.locate()
+        self.task.update(self.simulator, self.robots, self.control_period)
+        if self.on_period is not None:
+            numbers = self.transition.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
+            self.on_period([Twist(v, w) for v, w in numbers.tolist()])
+
+    def locate(self) -> None:
+        """Bring the robots' estimates up to date, and their trails."""
         flags = self.transition.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
             if int(flag) & REMEMBER_TRUE:
                 truth.remember()
-        self.task.update(self.simulator, self.robots, self.control_period)
-        if self.on_period is not None:
-            numbers = self.transition.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
-            self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def _measure(self, readings: list[Reading], is_first: bool = False) -> list[Reading]:
         """Return the readings with what the user's own sensors measure."""

@@ -14,7 +14,6 @@ from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN
 from envs.simulation import state as at
 from envs.simulation.kinematic import step_robots
 from envs.simulation.rows import BLOCK
-from envs.tasks.explore import Explore
 from envs.transition.kernels import update_robots
 
 UNCHECKED = -1
@@ -98,7 +97,7 @@ class FusedDrive:
         """Return why control periods of a decision need Python one by one; empty where kernels do several at once."""
         if env.transition.why_not_fused or not env.robots[0].follows_odometry:
             return env.transition.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
-        if type(env.task) is not Explore or env.task.return_home:
+        if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} looks at every control period"
         if env.world.movers or env.sensors or env.on_period or env.render_mode == "human":
             return "movers, own sensors, recorders and windows look at every control period"

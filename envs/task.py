@@ -20,7 +20,8 @@ class ObservationPart(Protocol):
     """One entry of an observation, for each robot.
 
     A part that keeps something for an episode also has `reset(robot)`, which is called for each robot once it has
-    processed its first reading.
+    processed its first reading. One that has `write_rows(batch, out)` writes the rows of many robots at once where
+    `batch.active`; see `envs.vector.batch.Batch`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
@@ -62,6 +63,10 @@ class Task(ABC):
     """How many robots there are."""
     is_team: ClassVar[bool] = False
     """Whether actions and observations have an axis for the robots."""
+    rests_between_scans: bool = False
+    """Whether periods in which no robot integrates a scan change nothing but time and contact: `quantities` has the
+    seconds that all passed as "time", those in contact as "collision", and zeros; `metrics` stays. Kernels pass over
+    such periods of many environments, or of a decision, without `update`."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
     weights: RewardTerms | Mapping[str, float]

@@ -113,6 +113,11 @@ class Explore(UnknownWorldTask):
     return_home: bool = False
     """Whether the robot is to come back to its start after exploring."""
 
+    @property
+    def rests_between_scans(self) -> bool:  # type: ignore[override]
+        """True but for robots that return, and for subclasses of the user's own; see `Task`."""
+        return type(self) in (Explore, ExploreTeam) and not self.return_home
+
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
         if not (is_number(self.target_coverage) and 0 < self.target_coverage <= 1):

@@ -9,6 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from envs.robot import SCAN
 from envs.simulation import state as at
 from envs.simulation.rows import BLOCK
 from envs.tasks.rewards import Weights
@@ -34,6 +35,10 @@ class Batch:
         self.active = np.ones(len(self.robots), dtype=np.bool_)
         """Which robots have driven in this period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
+        self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
+        self._time_limits, self._period = np.zeros(len(envs)), env.control_period
+        self._has_own_parts = not all(map(_writes_rows, env.parts.values()))
+        self._names: tuple[str, ...] = ()
         self._levels: dict[float, Any] = {}
         self._worlds: Any = None
 
@@ -51,31 +56,48 @@ class Batch:
             segments[i] = np.array(env.world.segments)
             before[i] = after[i] = np.array(env.simulator.circles)
             self._is_new[robots] = True
-        self._time_limits = np.array([env.time_limit for env in envs])
+            self._time_limits[i] = env.time_limit
+            follows = all(robot.follows_odometry for robot in env.robots)
+            self._rests[i] = env.task.rests_between_scans and follows and not env.sensors and env.on_period is None
         self._moving = [i for i, env in enumerate(envs) if env.world.movers]
         weights = envs[0].task.weights
         self._has_columns = type(weights).terms is Weights.terms and all(env.task.weights == weights for env in envs)
 
-    def step(self, active: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
+    def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions.
 
         Args:
             active: shape (num_envs,), bool.
+            is_last: shape (num_envs,), bool: whose episodes end here whatever happens.
             records: what `info` holds at every step, written.
             extras: what else it holds, written.
 
         Returns:
-            Which of their episodes are over, shape (num_envs,), bool.
+            Which episodes of active environments are over, shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
-        indices = np.flatnonzero(active).tolist()
-        for i in indices:
+        flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
+        is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
+        busy = active & (~self._rests | (flags % 2.0 == SCAN).any(axis=1) | self._is_new[:: self._num_robots] | is_over)
+        idle = active & ~busy
+        for i in np.flatnonzero(idle if self._has_own_parts else idle & flags.any(axis=1)).tolist():
+            self._envs[i].locate()
+        chosen = np.flatnonzero(busy).tolist()
+        for i in chosen:
             self._envs[i].finish()
-        self._observe(indices)
-        is_over = active & (self._times >= self._time_limits - 1e-6)
-        is_over[indices] |= self._judge(indices, records, extras)
+        self._is_behind = (self._is_behind | idle) & ~busy
+        self._observe(np.flatnonzero(active).tolist())
+        self._judge(active, chosen, records, extras)
+        for i in chosen:
+            is_over[i] |= self._envs[i].task.end_reason is not None
         return is_over
+
+    def catch_up(self) -> None:
+        """Bring the objects of environments up to date whose tasks have been at rest."""
+        for i in np.flatnonzero(self._is_behind).tolist():
+            self._envs[i].finish()
+        self._is_behind[:] = False
 
     def _drive(self, active: np.ndarray) -> None:
         """Drive and sense, up to what the `FLAGS` of the rows ask for."""
@@ -101,7 +123,7 @@ class Batch:
         """Write the observations of environments."""
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
-            if hasattr(part, "write_rows"):
+            if _writes_rows(part):
                 part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self._envs[0].task.is_team :]))
             else:
                 for i in indices:
@@ -134,34 +156,43 @@ class Batch:
                 sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
         return words, sizes, origins, side
 
-    def _judge(self, indices: Sequence[int], records: np.ndarray, extras: Extras) -> list[bool]:
-        """Write rewards, records and extras of environments; return which of their tasks have ended the episode."""
-        num_envs, numbers = len(self._envs), self.numbers
-        chosen = slice(None) if len(indices) == num_envs else indices
-        tasks = [self._envs[i].task for i in indices]
-        terms = self._terms(tasks)
+    def _judge(self, active: np.ndarray, chosen: list[int], records: np.ndarray, extras: Extras) -> None:
+        """Write rewards, records and extras of active environments; the tasks of those chosen have been updated."""
+        num_envs, numbers, tasks = len(active), self.numbers, [self._envs[i].task for i in chosen]
+        touching = (numbers[:, at.TOUCHED] > 0.0).reshape(num_envs, -1).sum(axis=1)
+        columns = {"time": np.full(num_envs, self._period), "collision": self._period * touching}
+        rows = [task.quantities() for task in tasks]
+        self._names = tuple(rows[0]) if rows else self._names
+        quantities = {name: columns.get(name, np.zeros(num_envs)) for name in self._names}
+        for name, column in quantities.items():
+            column[chosen] = [row[name] for row in rows]
+        terms = self._terms(quantities)
+        self._arrays.rewards[active] = np.broadcast_to(sum(terms.values()), num_envs)[active]
+        for name, term in terms.items():
+            records["rewards"][name][active] = np.broadcast_to(term, num_envs)[active]
+        columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]}
+        columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
+        for name, column in columns.items():
+            records[name][active] = column.reshape(num_envs, *records.dtype[name].shape)[active]
         metrics = [task.metrics() for task in tasks]
-        names = [name for name in metrics[0] if name in (records.dtype.names or ())]
-        for i, row in zip(indices, metrics, strict=True):
+        names = [name for name in metrics[0] if name in (records.dtype.names or ())] if metrics else []
+        for name in names:
+            records[name][chosen] = [row[name] for row in metrics]
+        for i, row in zip(chosen, metrics, strict=True):
             if len(row) > len(names):
                 extras[i] = {name: row[name] for name in row if name not in names}
-        columns = {name: np.array([row[name] for row in metrics]) for name in names} | {
-            "time": self._times[chosen],
-            "pose_error": pose_errors(numbers).reshape(num_envs, -1, 2)[chosen],
-            "path_length": numbers[:, at.PATH_LENGTH].reshape(num_envs, -1)[chosen],
-            "collisions": numbers[:, at.COLLISIONS].reshape(num_envs, -1)[chosen],
-        }
-        for name, column in columns.items():
-            records[name][chosen] = column.reshape(len(indices), *records.dtype[name].shape)
-        for name, term in terms.items():
-            records["rewards"][name][chosen] = term
-        self._arrays.rewards[chosen] = sum(terms.values())
-        return [task.end_reason is not None for task in tasks]
 
-    def _terms(self, tasks: Sequence[Any]) -> dict[str, np.ndarray]:
+    def _terms(self, quantities: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the reward terms of environments as columns."""
-        rows = [task.quantities() for task in tasks]
-        if not self._has_columns:
-            rows = [task.weights.terms(row) for task, row in zip(tasks, rows, strict=True)]
-        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        return tasks[0].weights.terms(columns) if self._has_columns else columns
+        tasks = [env.task for env in self._envs]
+        if self._has_columns:
+            return tasks[0].weights.terms(quantities)
+        values = zip(*(column.tolist() for column in quantities.values()), strict=True)
+        rows = [task.weights.terms(dict(zip(quantities, row, strict=True))) for task, row in zip(tasks, values)]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _writes_rows(part: Any) -> bool:
+    """Tell whether an observation part writes many rows at once, and does not overwrite how it writes one."""
+    kind = next((kind for kind in type(part).__mro__ if {"write", "write_rows"} & vars(kind).keys()), object)
+    return "write_rows" in vars(kind)

@@ -1,8 +1,9 @@
 """A share of a vector environment's sub-environments, stepped one after the other in one process."""
 
+import contextlib
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -91,7 +92,7 @@ class Shard:
         self._steps += ~ended
         is_last, is_left = self._steps == self._max_steps, np.ones_like(ended)
         if self._batch is not None and not ended.all():
-            is_left = ended | is_last | self._batch.step(~ended, self._records, extras)
+            is_left = ended | self._batch.step(~ended, is_last, self._records, extras)
             arrays.terminated[:] = arrays.truncated[:] = False
         for i in np.flatnonzero(is_left).tolist():
             if ended[i]:
@@ -121,18 +122,24 @@ class Shard:
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
         """Call a method of every sub-environment, or return an attribute that is none."""
-        found = [env.get_wrapper_attr(name) for env in self.envs]
-        try:
+        with self._objects():
+            found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
-        finally:  # it may have changed some before it failed
-            self._bind(range(len(self.envs)))
 
     def set_attr(self, name: str, values: Sequence[Any]) -> None:
         """Set an attribute of every sub-environment."""
-        try:
+        with self._objects():
             for env, value in zip(self.envs, values, strict=True):
                 env.set_wrapper_attr(name, value)
-        finally:
+
+    @contextlib.contextmanager
+    def _objects(self) -> Iterator[None]:
+        """Bring the sub-environments' objects up to date, which may be changed then."""
+        if self._batch is not None:
+            self._batch.catch_up()
+        try:
+            yield
+        finally:  # some may have been changed before it failed
             self._bind(range(len(self.envs)))
 
     def close(self) -> None:
