@@ -15,18 +15,19 @@ from envs.arguments import check_positive, choose_robot, clip_hint, is_number, r
 from envs.estimation import Belief
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
+from envs.ground_truth import GroundTruth
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene
 from envs.robot import REMEMBER_TRUE, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
-from envs.simulation import Reading, Twist, make_simulator
+from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from envs.simulation import state as at
+from envs.simulation.rows import Rows
 from envs.slam import PoseGraphView
 from envs.task import Task
-from envs.transition import Transition
-from envs.transition.kernels import pose_errors
+from envs.transition import pose_errors, update_robots
 from envs.worlds import World
 
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
@@ -120,7 +121,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         space: Any = self.observation_space
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
-        self.transition = Transition(self.simulator, self.robots)
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._has_begun = False
         self._renderer: Any = None
@@ -158,11 +158,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
         readings = self.simulator.reset(self.world, starts, rngs[::2])
-        self.truths = self.transition.begin(readings, task.map_pose)
+        rows = self.simulator.rows
+        rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
+        self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
         own = {key: options[key] for key in task.reset_options if key in options}
         readings = self._measure(readings, is_first=True)
         self._priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        reset_robots(self.robots, readings, self._priors, rngs[1::2])
+        reset_robots(self.robots, rows, readings, self._priors, rngs[1::2])
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -223,7 +225,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
-        self.transition.move(commands)  # world -> physics -> sensors -> odometry
+        self.simulator.move(commands)  # world -> physics -> sensors
+        update_robots(self.rows.numbers)  # odometry -> predicted poses
         self.finish()
 
     def finish(self) -> None:
@@ -235,12 +238,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.locate()
         self.task.update(self.simulator, self.robots, self.control_period)
         if self.on_period is not None:
-            numbers = self.transition.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
+            numbers = self.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def locate(self) -> None:
         """Bring the robots' estimates up to date, and their trails."""
-        flags = self.transition.rows.numbers[:, at.FLAGS].tolist()
+        flags = self.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
             if int(flag) & REMEMBER_TRUE:
@@ -282,7 +285,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def why_not_fused(self) -> str:
         """Why it does not; empty where it does."""
         own = [name for name in FUSED_METHODS if getattr(type(self), name) is not getattr(LidarEnv, name)]
-        return f"{type(self).__name__} has {own[0]} of its own" if own else self.transition.why_not_fused
+        if own:
+            return f"{type(self).__name__} has {own[0]} of its own"
+        kind = type(self.simulator)
+        return "" if kind is KinematicSimulator else f"{kind.__name__} steps in Python"
 
     @property
     def is_over(self) -> tuple[bool, bool]:
@@ -310,7 +316,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
         info: dict[str, Any] = self.task.metrics()
-        rows = self.transition.rows.numbers
+        rows = self.rows.numbers
         if self._randomization is not None:
             info["randomized"] = dict(self.randomized)
         info["time"] = self.time
@@ -334,9 +340,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._prepared = state, self.task.draw_world(None, self.np_random)
 
     @property
+    def rows(self) -> Rows:
+        """What the robots' readings, poses and true states are views of."""
+        return self.robots[0].rows
+
+    @property
     def time(self) -> float:
         """Time since the reset [s]."""
-        return float(self.transition.rows.numbers[0, at.TIME])
+        return float(self.rows.numbers[0, at.TIME])
 
     @property
     def map_pose(self) -> Pose2D:

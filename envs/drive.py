@@ -14,7 +14,7 @@ from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN
 from envs.simulation import state as at
 from envs.simulation.kinematic import step_robots
 from envs.simulation.rows import BLOCK
-from envs.transition.kernels import update_robots
+from envs.transition import update_robots
 
 UNCHECKED = -1
 """Progress of a drive that has not been checked after the last control period."""
@@ -95,8 +95,8 @@ class FusedDrive:
     @staticmethod
     def why_not(env: Any) -> str:
         """Return why control periods of a decision need Python one by one; empty where kernels do several at once."""
-        if env.transition.why_not_fused or not env.robots[0].follows_odometry:
-            return env.transition.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
+        if env.why_not_fused or not env.robots[0].follows_odometry:
+            return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} looks at every control period"
         if env.world.movers or env.sensors or env.on_period or env.render_mode == "human":
@@ -116,7 +116,7 @@ class FusedDrive:
             scan was processed.
         """
         env, navigator, passed = self._env, self._navigator, self._passed
-        simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.transition.rows
+        simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
         count, progress = drive(

@@ -68,11 +68,6 @@ class Robot:
     alone.
     """
 
-    rows: Rows
-    """What its reading, motion and pose are views of; a `Transition` sets it."""
-    index = 0
-    """Its row."""
-
     def __init__(
         self, params: RobotParams, control_period: float, estimator: Estimator, *, uses_true_motion: bool = False
     ) -> None:
@@ -163,10 +158,14 @@ class Robot:
         """Pose estimate before the last scan was processed, and with it once it is."""
         return Pose2D(*self.rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
-    def reset(self, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None) -> None:
+    def reset(
+        self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
+    ) -> None:
         """Begin an episode at rest; `integrate` processes the reading's scan.
 
         Args:
+            rows: what its reading, motion and pose are views of.
+            index: its row.
             reading: the first.
             prior: what the robot is told.
             rng: source of the estimator's noise.
@@ -174,6 +173,7 @@ class Robot:
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
+        self.rows, self.index = rows, index
         self.reading, row = reading, self.row
         self.trail = Trail()
         """Estimated positions so far, map frame."""
@@ -244,6 +244,7 @@ class Robot:
 
 def reset_robots(
     robots: Sequence[Robot],
+    rows: Rows,
     readings: Sequence[Reading],
     priors: Sequence[Prior],
     rngs: Sequence[np.random.Generator],
@@ -252,13 +253,14 @@ def reset_robots(
 
     Args:
         robots: all robots.
+        rows: their rows.
         readings: their first ones.
         priors: what they are told.
         rngs: sources of their estimators' noise.
     """
     shared_map = None
-    for robot, reading, prior, rng in zip(robots, readings, priors, rngs, strict=True):
-        robot.reset(reading, prior, rng, shared_map)
+    for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
+        robot.reset(rows, k, reading, prior, rng, shared_map)
         shared_map = getattr(robot.estimator, "map", None)
     if len(robots) > 1:
         pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])

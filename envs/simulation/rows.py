@@ -95,13 +95,6 @@ class Rows:
         left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
         return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
 
-    def load(self, k: int, reading: Reading, state: RobotState) -> None:
-        """Take over what a simulator without rows reports of a robot."""
-        row, self.ranges[k] = self.numbers[k], reading.ranges
-        row[at.X : at.X + 3], row[[at.V, at.W]] = state.pose, state.twist
-        row[at.LEFT_TICKS : at.TOUCHED + 1] = *reading.ticks, reading.yaw_rate, reading.heading, reading.bumper
-        row[at.TIME] = reading.time
-
     def share(self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray) -> None:
         """Move to rows of larger arrays, which kernels step together."""
         for name, rows in (("numbers", numbers), ("ranges", ranges), ("draws", draws)):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -70,6 +70,11 @@ class Simulator(Protocol):
         ...
 
     @property
+    def rows(self) -> Any:
+        """`envs.simulation.rows.Rows`: states, measurements and noise as arrays; see `BaseSimulator`."""
+        ...
+
+    @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot after the last `reset` or `step`."""
         ...
@@ -107,6 +112,10 @@ class Simulator(Protocol):
             ValueError: a command holds NaN or infinity, or there are not as many commands as robots.
             RuntimeError: there was no reset.
         """
+        ...
+
+    def move(self, commands: Sequence[Twist]) -> None:
+        """Drive as `step` does; `rows` then hold what it returns. An environment calls this one."""
         ...
 
     def close(self) -> None:

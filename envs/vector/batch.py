@@ -13,7 +13,7 @@ from envs.robot import SCAN
 from envs.simulation import state as at
 from envs.simulation.rows import BLOCK
 from envs.tasks.rewards import Weights
-from envs.transition.kernels import pose_errors, step_rows
+from envs.transition import pose_errors, step_rows
 
 from .memory import Arrays, Extras
 
@@ -28,7 +28,7 @@ class Batch:
         self.robots = [robot for each in envs for robot in each.robots]
         """The robots, environment by environment; the arrays below have a row for each."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
-        rows = [each.transition.rows for each in envs]
+        rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
@@ -51,7 +51,7 @@ class Batch:
             self._worlds = tuple(lists)
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
-            env.transition.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots])
+            env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots])
             segments, before, after = self._worlds
             segments[i] = np.array(env.world.segments)
             before[i] = after[i] = np.array(env.simulator.circles)
@@ -106,7 +106,7 @@ class Batch:
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
-            envs[i].transition.rows.draw_ahead(envs[i].simulator.rngs)
+            envs[i].rows.draw_ahead(envs[i].simulator.rngs)
         for i in self._moving:
             if active[i]:
                 _, before, after = self._worlds

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from envs.core import LidarEnv
+
 from .batch import Batch
 from .memory import Extras, Memory, parts_of, record_type, to_record, whole_of
 
@@ -170,9 +172,7 @@ class Shard:
         """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
         if self._records is None:
             return
-        if self._is_wrapped or not all(
-            getattr(env, "transition", None) is not None and env.is_fused for env in self.envs
-        ):
+        if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in self.envs):
             self._batch = None
             return
         if self._batch is None:
