@@ -16,8 +16,7 @@ from envs.observations import Motion
 from envs.slam import KnownPoses, load_params
 from envs.tasks.explore import Explore
 from envs.tasks.rewards import RewardWeights
-from envs.vector import LidarEnvs
-from envs.vector.vector_env import make_vec
+from envs.vector import LidarEnvs, make_vec
 from tests.side_by_side import step_both
 from tests.test_vector import QUICK, actions_of
 

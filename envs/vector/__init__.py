@@ -6,9 +6,9 @@ from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
-from .vector_env import LidarVectorEnv
+from .vector_env import LidarVectorEnv, make_vec
 
-__all__ = ["ExploreFrontiersAbstractEnvs", "ExploreFrontiersEnvs", "LidarEnvs", "LidarVectorEnv"]
+__all__ = ["ExploreFrontiersAbstractEnvs", "ExploreFrontiersEnvs", "LidarEnvs", "LidarVectorEnv", "make_vec"]
 
 
 def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
