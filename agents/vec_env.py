@@ -1,24 +1,22 @@
 """The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
-import functools
 import inspect
 import multiprocessing
-import re
 from collections.abc import Callable
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import EnvSpec, load_env_creator
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-import envs  # noqa: F401  (registers the environments)
 from agents.config import EnvironmentConfig
 from agents.networks import flat_space, flatten
-from envs.files import explain_unknown, load_object
+from envs.files import explain_unknown
+from envs.ids import arguments_of, find_spec
 from envs.vector import LidarVectorEnv
 
 Observations = dict[str, np.ndarray]
@@ -33,8 +31,7 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     Raises:
         ValueError: if there is no such environment, it refuses an argument, or its task declares no measures.
     """
-    spec = _find(config.id)
-    env = _make(functools.partial(gymnasium.make, spec), config, split)
+    env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     if not hasattr(task_env_of(env), "task"):
         raise ValueError(f"environment.id: {config.id!r} has no task that declares measures; see envs.task.Task")
     return env
@@ -48,8 +45,9 @@ def make_vector(
     Raises:
         ValueError: if there is no such environment, or it refuses an argument.
     """
-    spec = _find(config.id)
-    entry, mode = _entry_point(spec), config.vectorization
+    spec, arguments = find_spec(config.id), _arguments(config, split)
+    entry: Any = spec.entry_point
+    entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if mode == "native" and isinstance(entry, type) and not hasattr(entry, "outcome"):
         mode = "sync"  # an environment of another kind, which shards cannot step
@@ -58,19 +56,29 @@ def make_vector(
         methods = multiprocessing.get_all_start_methods()
         settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
     if mode != "native":
-        made: Any = functools.partial(gymnasium.make_vec, spec, num_envs, mode, settings)
-    elif spec.vector_entry_point is not None:
-        settings["num_workers"] = config.num_workers
-        made = functools.partial(gymnasium.make_vec, spec, num_envs, "vector_entry_point", **settings)
-    else:
-        settings["num_workers"] = config.num_workers
-        made = functools.partial(LidarVectorEnv, entry, num_envs, **settings, **spec.kwargs)
-    return _make(made, config, split)
+        return gymnasium.make_vec(spec, num_envs, mode, settings, **arguments)
+    settings["num_workers"] = config.num_workers
+    if spec.vector_entry_point is not None:
+        return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
+    return LidarVectorEnv(entry, num_envs, **settings, **{**spec.kwargs, **arguments})
 
 
 def task_env_of(env: gymnasium.Env[Any, Any]) -> Any:
     """Return what holds task and robot of an environment, whatever wraps it, be it driven by twists or decisions."""
     return getattr(env.unwrapped, "explore", env.unwrapped)
+
+
+def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
+    """Return the arguments of an environment, with its split and quick physics where it takes them.
+
+    Raises:
+        ValueError: if there is no such environment, or an argument is unknown; names the nearest.
+    """
+    taken, given = arguments_of(config.id), config.arguments
+    if unknown := [name for name in given if name not in taken]:
+        raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], taken)}")
+    usual = {"split": split, "physics": "kinematic"}
+    return {name: value for name, value in usual.items() if name in taken} | given
 
 
 def keyword_arguments(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
@@ -83,51 +91,6 @@ def keyword_arguments(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
         if not any(one.kind == inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
             break
     return found
-
-
-def _find(id: str) -> EnvSpec:
-    """Return the specification of an environment; `module:id` imports the module, also from the current folder.
-
-    Raises:
-        ValueError: if there is no such module or environment; names the nearest.
-    """
-    module, _, name = id.rpartition(":")
-    if module:
-        load_object(f"{module}:__name__")
-    try:
-        return gymnasium.spec(name)
-    except gymnasium.error.Error:
-        known = [one for one in gymnasium.registry if not module or one.partition("/")[0] == name.partition("/")[0]]
-        raise ValueError(f"environment.id: unknown environment {explain_unknown(name, known)}") from None
-
-
-def _entry_point(spec: EnvSpec) -> Callable[..., Any]:
-    entry = spec.entry_point
-    return load_env_creator(entry) if isinstance(entry, str) else entry  # type: ignore[return-value]
-
-
-def _make(make: Callable[..., Any], config: EnvironmentConfig, split: Split) -> Any:
-    """Call `make` with the arguments of an environment, and, where it takes them, its split and quick physics.
-
-    Raises:
-        ValueError: if an argument is unknown; names the nearest.
-    """
-    usual = {"split": split, "physics": "kinematic"}
-    while True:
-        try:
-            return make(**{**usual, **config.arguments})
-        except TypeError as error:
-            what = str(error.__cause__ or error)  # Gymnasium adds all arguments
-            unknown = re.search(r"(?:unexpected keyword|has no) argument '(\w+)'", what)
-            if unknown is None:
-                raise
-            if unknown[1] not in usual or unknown[1] in config.arguments:
-                if "allowed are" not in what:
-                    what = (
-                        f"no argument {explain_unknown(unknown[1], keyword_arguments(_entry_point(_find(config.id))))}"
-                    )
-                raise ValueError(f"environment: {config.id}: {what}") from error
-            del usual[unknown[1]]
 
 
 class GymnasiumVecEnv(VecEnv):

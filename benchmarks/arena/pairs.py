@@ -103,7 +103,9 @@ def relate(rows: Sequence[Row], measures: Measures, reference: str | None = None
     for row in rows:
         row = row | {reached.name: int(np.isfinite(row[measures.marks[0].name])) for reached in measures.reached}
         same_start = references.get(start_of(row))
-        for mark in measures.marks if same_start else ():
+        for mark in measures.marks:
+            if same_start is None:
+                break
             unit, share = value_of(same_start, mark), share_of(mark)
             for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
                 # Zero where the first scan shows 95 %: it shows that to everyone.

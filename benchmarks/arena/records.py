@@ -58,7 +58,7 @@ WORLD_COLUMNS: Readers = {"world": str, "source": str, "content": str}
 def columns_of(measures: Measures) -> Readers:
     """Return the columns of rows: which episode, fingerprint of a learned policy's weights, measures, how it ended."""
     own = {measure.name: int if measure.is_share else float for measure in measures.all}
-    return Key.__annotations__ | {"model": str} | own | ENDING
+    return {**Key.__annotations__, "model": str, **own, **ENDING}
 
 
 def make_row(policy: Policy, key: Key, episode: Episode, columns: Readers) -> Row:

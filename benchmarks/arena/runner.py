@@ -12,7 +12,6 @@ from gymnasium import spaces
 
 from agents.run_folder import CheckpointError
 from baselines import policies_for
-from benchmarks.arena.ids import CHOOSE
 from benchmarks.arena.measures import Measures
 from benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from benchmarks.arena.recordings import recording_path
@@ -22,6 +21,7 @@ from benchmarks.arena.trace import episode_name, trace_path
 from benchmarks.arena.workers import FAULTS, Result, Task, explain_fault, prepare, run_all, run_on_ray
 from envs.core import lidar_env_of
 from envs.files import Lock, write_file
+from envs.ids import CHOOSE
 from envs.worlds import FAMILIES, WORLD_NAMES
 
 NOT_RUN = "not tried yet"
@@ -252,7 +252,7 @@ class Evaluation:
         The task tells them, and its measures, once an episode has begun in one of the cases.
         """
         classic: Makers | None = None
-        first: Exception | None = None
+        first: BaseException | None = None
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
             if case in self._robots:
                 continue

@@ -12,7 +12,7 @@ import tyro
 from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 
 from agents.config import Section
-from benchmarks.arena.ids import EXPLORE, arguments_of
+from envs.ids import EXPLORE, arguments_of
 from envs.observations import Observations
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import FAMILIES, WORLD_NAMES

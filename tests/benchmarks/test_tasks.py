@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.arena.ids import arguments_of, find_spec
+from envs.ids import arguments_of, find_spec
 from envs.tasks.explore import Explore
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
