@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from envs.core import LidarEnv
 from envs.measures import Measure, when
 
 ID = "tests.agents.fake_env:Fake-v0"
@@ -24,8 +25,9 @@ SIDE = 16
 BEAMS = 36
 
 
-class FakeEnv(gymnasium.Env):
+class FakeEnv(LidarEnv):
     metadata = {"render_modes": []}  # noqa: RUF012
+    belief, time = None, 0.0
 
     def __init__(self, *, split="train", world="rooms", control_hz=5.0, time_limit=None, render_mode=None, **_ignored):
         crop = spaces.Box(0, 255, (3, 40, 40), np.uint8)
@@ -46,13 +48,15 @@ class FakeEnv(gymnasium.Env):
         self.time_limit = time_limit or 4.0
         self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
         self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction")
-        self.belief = None
         self.steps = 0
         if split == "test":
             self.world = "rooms"
 
+    def close(self):
+        """Release nothing."""
+
     def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
+        gymnasium.Env.reset(self, seed=seed)
         self.time = 0.0
         self.seen = np.zeros((SIDE, SIDE), dtype=bool)
         self.position = self.np_random.uniform(2, SIDE - 2, 2)
