@@ -36,9 +36,9 @@ class LearnedPolicy:
         self.observations = self.arguments.get("observations")
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
         self.control_hz: float | None = record.control_hz or self.arguments.get("control_hz")
-        """Control steps per second in its training: where there are more, actions are repeated (`run_episode`)."""
+        """Control steps per second in its training; `baselines.episode.run_episode` asks it as often."""
         spaces = {key: described.space() for key, described in record.observation.items()}
-        self._is_new = True
+        self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
         self._needed = {key: (space.shape, str(space.dtype)) for key, space in spaces.items()}
 
@@ -61,14 +61,12 @@ class LearnedPolicy:
         return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode.
-
-        A scan with another number of beams is shown to it as that of the lidar of its training.
+        """Prepare for an episode. A scan with another number of beams is shown as that of the lidar of the training.
 
         Raises:
             CheckpointError: if the robot's lidar has another number of beams, and that of the training is not known.
         """
-        self._rng, self._is_new, self._beams = rng, True, self._match_beams(robot)
+        self._rng, self._is_first, self._beams = rng, True, self._match_beams(robot)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
         """Return the action: shape (2,), float32, for twists; the candidate to go to, for decisions.
@@ -81,7 +79,17 @@ class LearnedPolicy:
             scan = observation["scan"][nearest]
             scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
             observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
-        return self._decide(observation)
+        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
+        if given != self._needed:
+            needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
+            raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
+        batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
+        self._is_first = False
+        if self._deterministic:
+            return self._actor(batch, starts)[0]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(self._rng.integers(2**63)))
+            return self._actor(batch, starts)[0]
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return which beams show what those of the training would: indices, whether they do, and a factor of ranges.
@@ -102,16 +110,3 @@ class LearnedPolicy:
         match = lidar.directions.T @ robot.lidar.directions
         in_view = match.max(axis=1) >= math.cos(1.5 * robot.lidar.angle_increment)
         return match.argmax(axis=1), in_view, robot.lidar.range_max / lidar.range_max
-
-    def _decide(self, observation: dict[str, np.ndarray]) -> Any:
-        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
-        if given != self._needed:
-            needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
-            raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
-        batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_new])
-        self._is_new = False
-        if self._deterministic:
-            return self._actor(batch, starts)[0]
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(self._rng.integers(2**63)))
-            return self._actor(batch, starts)[0]
