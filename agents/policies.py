@@ -20,8 +20,8 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     """Return what drives, made from an explorer, a policy, or a class or function that makes one.
 
     - A frontier rule: a callable of two arguments, `rule(candidates, belief)`, which returns the index of a candidate.
-    - An `Explorer`: has `reset`, `act(reading, belief)`, `end_reason` and `plan`. In a team, each robot gets a copy,
-      unless it has `is_team` and drives all of them.
+    - An `Explorer`: has `reset` and `act(reading, belief)`, and may have `end_reason` and `plan`. In a team, each robot
+      gets a copy, unless it has `is_team` and drives all of them.
     - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in
       stable-baselines3. It is asked for `deterministic=True`, and given `action_masks` and `state`, if it takes them.
     - Any other callable of one argument: gets the observation and returns the action.
@@ -38,9 +38,10 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     if isinstance(value, type) or (is_function and not _required(value)):
         value = value()
     if hasattr(value, "act"):
-        protocol = ("reset", "act", "end_reason", "plan")
-        if missing := [name for name in protocol if name not in dir(value)]:  # properties may need a reset
-            raise ValueError(f"explorer {value!r} lacks {', '.join(missing)}; see baselines.explorer.Explorer")
+        if not hasattr(value, "reset"):
+            raise ValueError(f"explorer {value!r} lacks reset; see baselines.explorer.Explorer")
+        for name in {"end_reason", "plan"} - {*dir(value)}:  # properties may need a reset
+            setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1
         return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
     if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
