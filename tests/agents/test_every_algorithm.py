@@ -1,4 +1,4 @@
-"""Every algorithm, and every environment, from a configuration to a resumed training and a policy that acts."""
+"""Every algorithm, from a configuration to a resumed training and a policy that acts."""
 
 import json
 import shutil
@@ -15,7 +15,6 @@ from agents.replay import FOLDER
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
 from agents.vec_env import make_env, task_env_of
-from envs import ENVIRONMENTS
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
 """Algorithms for environments in which actions are choices."""
@@ -24,8 +23,7 @@ WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
 CASES = [
     *((name, id) for name in ALGORITHMS if name not in DISCRETE for id in ("Explore", "Navigate")),
     *((name, "ExploreFrontiersAbstract") for name in CHOOSING),
-    *(("PPO", id.partition("/")[2].removesuffix("-v0")) for id in ENVIRONMENTS),
-]  # fmt: skip
+]
 
 
 def tiny(algorithm, id, **changes):
