@@ -121,13 +121,13 @@ def test_the_command_line_overrides_the_file_and_refuses_mistakes(tmp_path, monk
         (["--config", ""], "unknown configuration ''"),
         (
             ["--environment.id", "CartPole-v1", "--environment.time-limit", "1"],
-            "CartPole-v1: no argument 'time_limit'; allowed are sutton",
+            "CartPole-v1 has no argument 'time_limit'; allowed are sutton",
         ),
-        (["--environment.id", "lidarnaut/Navigat-v0"], "unknown environment 'lidarnaut/Navigat-v0' (did you mean 'li"),
+        (["--environment.id", "lidarnaut/Navigat-v0"], "unknown id 'lidarnaut/Navigat-v0' (did you mean 'li"),
         (["--environment.id", "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),
         (
             ["--environment.id", "lidarnaut/ExploreFrontiers-v0", "--environment.wrold", "rooms"],
-            "ExploreFrontiers-v0: task Explore has no argument 'wrold' (did you mean 'world'?); allowed are world",
+            "ExploreFrontiers-v0 has no argument 'wrold' (did you mean 'world'?); allowed are world",
         ),
         (["--ray", "auto"], "--ray is for sweeps and evolutions"),
         (["--evaluation.references", "random", "nerest"], "unknown policy 'nerest'"),
