@@ -12,7 +12,7 @@ from envs.robots import RobotParams
 from envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
-from .rows import Rows
+from .rows import BLOCK, Rows
 from .sensors import sense
 from .simulator import Reading, RobotState, Twist
 from .state import COMMAND_V, COMMAND_W, TOUCHED, Y
@@ -66,18 +66,23 @@ class BaseSimulator:
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
         """Drive for one control period; see `Simulator`."""
-        self.move(commands)
+        self.move(commands, 1)
         return self._readings()
 
-    def move(self, commands: Sequence[Twist]) -> None:
-        """Drive for one control period, after which `rows` hold what `step` returns; raises as `step`."""
+    def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
+        """Drive for one control period, after which `rows` hold what `step` returns; raises as `step`.
+
+        Args:
+            commands: as for `step`.
+            ahead: control periods for which noise is drawn at once, which nobody else may draw from the generators.
+        """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
         for k, (v, w) in enumerate(commands):
             if not (math.isfinite(v) and math.isfinite(w)):
                 raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
             rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
-        rows.draw_ahead(self.rngs)
+        rows.draw_ahead(self.rngs, ahead)
         self._move(world, self.move_circles())
 
     def move_circles(self) -> np.ndarray:

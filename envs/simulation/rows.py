@@ -33,6 +33,7 @@ class Rows:
         """Noise, shape (num_robots, BLOCK, n): for a control period standard normal draws, see `SLIP_LEFT`, and one for
         each beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
         self.set_robot(robot, control_period)
+        self.reset()
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
         """Change the robots' parameters; the number of beams stays as it was."""
@@ -43,25 +44,25 @@ class Rows:
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
 
     def reset(self) -> None:
-        """Begin an episode: everything is zero."""
+        """Begin an episode: everything is zero, and no noise is left."""
         self.numbers[:, : at.SETUP] = 0.0
+        self.numbers[:, at.DRAW] = BLOCK - 1
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the noise of one scan, each robot's from its own generator; `draw_ahead` begins a new block after it."""
-        for rng, block in zip(rngs, self.draws, strict=True):
-            self._draw(rng, block[-1:])
-        self.numbers[:, at.DRAW] = BLOCK - 1
+        """Draw the noise of one scan, each robot's from its own generator."""
+        self.draw_ahead(rngs, 1)
+        self.numbers[:, at.DRAW] += 1.0
 
     def draw_biases(self) -> None:
         """Write each gyroscope's bias of an episode, by the draw that slip leaves unused at a reset."""
         self.numbers[:, at.GYRO_BIAS] = self._gyro_bias_std * self.draws[:, -1, SLIP_LEFT]
 
-    def draw_ahead(self, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the noise of a block of control periods if that of the last one is used up."""
+    def draw_ahead(self, rngs: Sequence[np.random.Generator], count: int = BLOCK) -> None:
+        """Draw the noise of so many control periods if what was drawn before is used up."""
         if self.numbers[0, at.DRAW] == BLOCK - 1:
             for rng, block in zip(rngs, self.draws, strict=True):
-                self._draw(rng, block)
-            self.numbers[:, at.DRAW] = -1.0
+                self._draw(rng, block[BLOCK - count :])
+            self.numbers[:, at.DRAW] = BLOCK - 1 - count
 
     def _draw(self, rng: np.random.Generator, rows: np.ndarray) -> None:
         if not self._num_uniforms:
