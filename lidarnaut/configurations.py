@@ -16,7 +16,7 @@ def find_configuration(name: str) -> Path:
     """
     if name.endswith((".yaml", ".yml")) or Path(name).is_file():
         return Path(name)
-    known = {path.stem: path for path in sorted(CONFIGURATIONS.glob("*.yaml"))}
+    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml"))}
     if name not in known:
         raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
     return known[name]

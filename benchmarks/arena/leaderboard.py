@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.arena.measures import Measures
+from benchmarks.arena.measures import Measures, share_of
 from benchmarks.arena.page import Cell, Section, Table
 from benchmarks.arena.pairs import (
     PAIRED_AXES,
@@ -23,7 +23,7 @@ from benchmarks.arena.pairs import (
 )
 from benchmarks.arena.policies import is_bound
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Estimate, paired_difference, probability_of_improvement
+from benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
 from benchmarks.arena.summary import best_of, gaps, standing
 from benchmarks.arena.theme import short
 from envs.measures import SUCCESS, Measure
@@ -31,6 +31,8 @@ from envs.measures import SUCCESS, Measure
 EASIEST = {"slam": "truth"}
 """Values that the others of their axis are compared with; where it is not among them, the first one."""
 DASH = Cell("-")
+LEAST = 1.0
+"""Times and distances below count as this one in ratios: the first scan may show a small world as a whole [s, m]."""
 
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
@@ -142,12 +144,13 @@ def measures_section(rows: Sequence[Row], measures: Measures) -> Section:
     return Section("All other measures", (text, Table(("", *(m.title for m in others)), lines)))
 
 
-def pairs_section(rows: Sequence[Row], measures: Sequence[Measure]) -> Section | None:
+def pairs_section(rows: Sequence[Row], measures: Sequence[Measure], marks: Sequence[Measure]) -> Section | None:
     """Return every policy against the reference on the starts that they share; None if there is only one.
 
     Args:
         rows: episodes; related ones for relative measures.
         measures: in which they are compared. Where the rows are of several worlds, they should be comparable.
+        marks: times and distances of which there are ratios, too.
     """
     policies = policies_of(rows)
     reference = reference_of(policies)
@@ -159,6 +162,9 @@ def pairs_section(rows: Sequence[Row], measures: Sequence[Measure]) -> Section |
             if policy != reference and a:
                 better = Cell.of(probability_of_improvement(a, b, bool(measure.higher_is_better)), SUCCESS)
                 cells += [Cell.of(paired_difference(a, b), measure, sign="+"), Cell(f"{better.text} %", better.note)]
+        for mark in marks if cells else ():
+            a, b = ([values.clip(LEAST) for values in one] for one in paired_values(rows, policy, reference, mark))
+            cells.append(Cell.of(paired_ratio(a, b), replace(share_of(mark), digits=3)))
         if cells:
             lines.append([Cell(short(policy)), *cells])
     if not lines:
@@ -168,7 +174,10 @@ def pairs_section(rows: Sequence[Row], measures: Sequence[Measure]) -> Section |
         f"Difference to {reference} from the same start (interquartile mean), and the probability of improvement: the "
         "share of starts from which the policy does better, ties counting half."
     )
+    if marks:
+        text += f" Ratios are geometric means; what was not reached counts as its limit, less than {LEAST:g} as that."
     head = ("", *(title for m in measures for title in (m.title, f"better than {reference}")))
+    head += tuple(f"{mark.label} / {reference}'s" for mark in marks)
     return Section("Pair by pair", (text, Table(head, lines)))
 
 

@@ -3,17 +3,20 @@
 import glob
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+import yaml
 from gymnasium import spaces
 
 from agents.policies import Level, level_of, make_policy, observations_of
 from baselines import CLASSIC, EXPLORERS
 from baselines.explorer import Omniscient
 from baselines.explorer import Policy as Driver
-from envs.files import load_object, resolve
+from envs.files import explain_unknown, load_object, resolve
 from envs.observations import Observations
 
 GROUND_TRUTH = " (ground truth)"
@@ -61,8 +64,9 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
 
     Args:
         name: a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
-            by pursuit), `module:attribute`, or `LABEL=` before one of the latter. PATH is the folder of a run or a
-            checkpoint, or `pretrained/NAME`; of several that a pattern with `*` fits, the last by name.
+            by pursuit), `module:attribute`, a classic policy with parameters, `nearest?max_time=8,inflation=0.3`, or
+            `LABEL=` before one of the latter. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`; of
+            several that a pattern with `*` fits, the last by name.
         classic: what the task allows.
         given: policies by further names.
 
@@ -74,11 +78,18 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
         return _checked(Policy(name, given[name]), given[name])
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, rest = what.partition(":")
-    if label != name and (label in CLASSIC or not rest):
+    base, _, changes = what.partition("?")
+    if label != name and (label in CLASSIC or not (rest or changes)):
         raise ValueError(
-            f"policy {name!r}: only ppo:PATH and module:attribute can have names of their own, as LABEL=ppo:PATH, and "
-            f"not that of a classic policy ({', '.join(classic)})"
+            f"policy {name!r}: only ppo:PATH, module:attribute and classic policies with parameters can have names of "
+            f"their own, as LABEL=ppo:PATH, and not that of a classic policy ({', '.join(classic)})"
         )
+    if changes and base in classic:
+        make = partial(make_changed, classic[base], changes)
+        try:
+            return _checked(Policy(label, make), make)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"policy {name!r}: {error}") from error
     if kind in ("ppo", "learned", "pursuit") and rest:
         from agents.learned import find_policy, fingerprint
 
@@ -93,6 +104,40 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     if not rest:
         resolve(what, {**classic, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # says what is allowed
     return _checked(Policy(label, what), load_object(what))
+
+
+def make_changed(make: Callable[..., Any], changes: str) -> Any:
+    """Make a classic policy with some of its parameters, or of those of its navigator, changed.
+
+    Args:
+        make: makes the policy, of `params` if it is given them.
+        changes: `max_time=8,inflation=0.3`; the values are YAML, where infinity is `.inf`.
+
+    Raises:
+        ValueError: if there is no such parameter; lists those there are.
+    """
+    given = {
+        name: yaml.safe_load(text) for name, _, text in (c.partition("=") for c in re.split(r",(?=\w+=)", changes))
+    }
+    allowed: list[str] = []
+
+    def changed(params: Any) -> Any:
+        known = {field.name: getattr(params, field.name) for field in fields(params)}
+        allowed.extend(known)
+        taken = {name: given.pop(name) for name in known.keys() & given.keys()}
+        return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
+
+    own = getattr(signature(make).parameters.get("params"), "default", None)
+    policy = make(changed(own)) if is_dataclass(own) else make()
+    for part in ("params", "planning"):
+        if is_dataclass(params := getattr(policy, part, None)):
+            setattr(policy, part, changed(params))
+    if hasattr(policy, "max_time"):
+        allowed.append("max_time")
+        policy.max_time = float(given.pop("max_time", policy.max_time))
+    for name in given:
+        raise ValueError(f"unknown parameter {explain_unknown(name, allowed or ['none'])}")
+    return policy
 
 
 def _checked(policy: Policy, source: Any) -> Policy:

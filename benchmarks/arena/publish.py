@@ -103,7 +103,7 @@ def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence
             worst_section(folder, fair, measures),
             curves_section(folder, fair, measures),
             leaderboard.gap_section(fair, measures),
-            leaderboard.pairs_section(fair, measures.gaps),
+            leaderboard.pairs_section(fair, measures.gaps, measures.marks),
             leaderboard.measures_section(fair, measures),
         ]
         if fair

@@ -133,7 +133,7 @@ def _sections(rows: Sequence[Row], estimates: Estimates, pictures: Pictures, mea
     return [
         Section(f"{measures.label.capitalize()} over time and distance", curves),
         Section("All measures", (measures_table(estimates, measures),)),
-        pairs_section(rows, measures.compared)
+        pairs_section(rows, measures.compared, measures.marks)
         or Section("Pair by pair", ("There is no other policy to compare with.",)),
         Section("How the episodes ended", (_endings_table(rows, list(estimates)),)),
         *growth,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.arena.leaderboard import axis_section, gap_section, ranking_section, worlds_section
+from benchmarks.arena.leaderboard import axis_section, gap_section, pairs_section, ranking_section, worlds_section
 from benchmarks.arena.measures import texts
 from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
 from benchmarks.arena.statistics import Estimate
@@ -96,6 +96,13 @@ def test_only_starts_that_all_competitors_share_count():
 def test_cases_are_named_by_what_differs():
     rows = [row("a"), row("a", slam="truth"), row("a", world="caves", robot="create3")]
     assert list(label_cases(rows).values()) == ["maze, tinyslam", "maze, truth", "caves"]
+
+
+def test_ratios_of_times_are_geometric_means():
+    times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # of the last, less than a second counts
+    rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
+    table = pairs_section(relate(rows, MEASURES), MEASURES.gaps, MEASURES.marks).parts[1]
+    assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
 
 
 def test_an_axis_is_compared_pair_by_pair():
