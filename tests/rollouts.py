@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from envs.navigation.candidate_features import COST, FAILURES
+
 
 def rollout(env, seed, steps):
     """Drive with fixed pseudo-random actions; return everything that comes out."""
@@ -12,3 +14,9 @@ def rollout(env, seed, steps):
         if out[-1][2] or out[-1][3]:
             break
     return out
+
+
+def nearest(observation):
+    """Return the candidate with the cheapest path, as an action; those that failed come last."""
+    features, mask = observation["candidates"], observation["action_mask"] == 1
+    return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())

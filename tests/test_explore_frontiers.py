@@ -13,12 +13,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
-from benchmarks.decision_rules import COST, FAILURES, gain_over_cost, nearest
+from agents.frontiers.score import FrontierScore
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.core import LidarEnv
 from envs.estimation import Correction, MapUpdate, Window
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
+from envs.navigation.candidate_features import COST, FAILURES
 from envs.robots import load_robot
 from envs.simulation import Twist
 from envs.slam import (
@@ -33,6 +34,7 @@ from envs.slam import (
     load_params,
 )
 from envs.tasks.rewards import RewardWeights
+from tests.rollouts import nearest
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
 INFO_KEYS = {
@@ -338,7 +340,7 @@ def test_nothing_left_to_reach_terminates():
     assert "map_iou" in info
 
 
-@pytest.mark.parametrize("rule", [nearest, gain_over_cost])
+@pytest.mark.parametrize("rule", [nearest, FrontierScore()])
 @pytest.mark.parametrize(
     ("world", "size", "seed"),
     [("rooms", (10.0, 10.0), 0), ("rooms", (10.0, 10.0), 1), ("turtlebot3_house", None, 0)],

@@ -10,12 +10,12 @@ import pytest
 import envs  # noqa: F401  (registers the environments)
 from baselines import make_explorer
 from baselines.episode import begin_episode, decide_with, run
-from benchmarks.decision_rules import nearest
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from envs.tasks.rewards import RewardWeights
+from tests.rollouts import nearest
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
 
