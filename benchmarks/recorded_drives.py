@@ -1,16 +1,18 @@
 """Drives through known worlds, recorded once and replayed through SLAMs and localizers as often as needed."""
 
 import math
+import time
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from envs.estimation import Estimator
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap, plan_path
 from envs.robots import RobotParams
-from envs.simulation import Twist, make_simulator
+from envs.simulation import Reading, Twist, make_simulator
 from envs.worlds import ExplorableArea, World, explorable_area
 
 RESOLUTION = 0.05
@@ -108,3 +110,30 @@ def record(
         truth.append(simulator.states[0].pose)
     simulator.close()
     return Drive(np.array(ranges), np.array(motions), np.array(truth))
+
+
+def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
+    """Drive a robot from the world's first spawn to random goals, so long [s]; the seed is that of noise and goals."""
+    rng_simulator, _, rng_driver = np.random.default_rng(seed).spawn(3)
+    return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
+
+
+class Track(NamedTuple):
+    """What a SLAM estimated along a drive with n scans."""
+
+    poses: np.ndarray
+    """Shape (n, 3), float64: the pose after each scan, map frame [m, rad]."""
+    is_lost: np.ndarray
+    """Shape (n,), bool."""
+    seconds: np.ndarray
+    """Shape (n,), float64: time of each update [s]."""
+
+
+def track(slam: Estimator, drive: Drive) -> Track:
+    """Run a SLAM, which was reset, along a drive."""
+    rows = []
+    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
+        began = time.perf_counter()
+        belief = slam.update(Reading.of_scan(ranges), Pose2D(*motion))
+        rows.append((belief.pose, belief.is_lost, time.perf_counter() - began))
+    return Track(*map(np.array, zip(*rows)))

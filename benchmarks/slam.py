@@ -1,28 +1,32 @@
 """All SLAMs on the log of a real robot and on simulated drives: `python -m benchmarks.slam --json FILE`.
 
 The log is the Intel Research Lab's, by its relation error (Kuemmerle et al., On measuring the accuracy of SLAM
-algorithms, 2009); without `--log` it is left out. Drives are those of `benchmarks.slam_drive`, in library worlds, the
-same for every SLAM; errors are root mean squares against ground truth.
+algorithms, 2009); without `--log` it is left out. On drives a robot is driven by ground truth to random goals, so that
+the route, the same for every SLAM, does not depend on estimates; errors are root mean squares over all scans against
+ground truth, in the frame of the start. `--slams hector odometry` compares with the robot's own odometry.
 """
 
 import json
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 from rich.table import Table
 
-from benchmarks.recorded_drives import RESOLUTION, make_setup
-from benchmarks.slam_drive import evaluate, record_drive
+from benchmarks.recorded_drives import RESOLUTION, Drive, Setup, make_setup, record_drive, track
 from envs.command_line import Count, make_console, run_command
-from envs.logs import load_log, load_relations
+from envs.estimation import Estimator
+from envs.logs import compose_poses, load_log, load_relations, pose_errors, rms
 from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
 from envs.progress import Progress
-from envs.robots import load_robot
+from envs.robots import RobotParams, load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
+from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
 
 DRIVES = (
@@ -68,25 +72,39 @@ def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds
         yield row | {"p99_ms": np.median([run.milliseconds_p99 for run in runs])}
 
 
-def drive_rows(name: str, slams: tuple[str, ...], seeds: int, minutes: float) -> Iterator[Row]:
+def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> dict[str, float]:
+    """Run a SLAM along a drive that began at the first spawn; return what is measured by keys of `COLUMNS`."""
+    slam.reset(np.random.default_rng(seed).spawn(2)[1])
+    tracked, start = track(slam, drive), setup.world.spawns[0]
+    distance, angle = pose_errors(compose_poses(np.array([start]), tracked.poses[1:]), drive.truth[1:])
+    return {
+        "translation_m": rms(distance),
+        "rotation_deg": math.degrees(rms(angle)),
+        "online_m": rms(distance),
+        "map_iou": map_iou(slam.belief.grid, setup.area, start),
+        "ms_per_scan": 1e3 * float(tracked.seconds.mean()),
+        "p99_ms": 1e3 * float(np.percentile(tracked.seconds, 99)),
+    }
+
+
+def drive_rows(
+    name: str, slams: tuple[str, ...], seeds: int, minutes: float, physics: str, preset: str, tilt: float
+) -> Iterator[Row]:
     """Yield the medians over drives of each SLAM in `WORLD:ROBOT`."""
     world, _, robot = name.partition(":")
-    setup = make_setup(load_world(world), load_robot(robot), "kinematic")
+    setup = make_setup(load_world(world), tilted(load_robot(robot), tilt), physics)
     drives = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
     for slam_name in Progress(slams, name, leave=False):
-        slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
-        errors = [evaluate(setup, each, slam, seed) for seed, each in enumerate(drives)]
-        median = {field: float(np.median([getattr(e, field) for e in errors])) for field in errors[0]._fields}
-        yield {
-            "slam": slam_name,
-            "data": name,
-            "translation_m": median["slam_position"],
-            "rotation_deg": median["slam_heading"],
-            "online_m": median["slam_position"],
-            "map_iou": median["map_iou"],
-            "ms_per_scan": median["milliseconds"],
-            "p99_ms": median["milliseconds_p99"],
-        }
+        slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
+        found = [measure_drive(setup, each, slam, seed) for seed, each in enumerate(drives)]
+        medians = {key: float(np.median([one[key] for one in found])) for key in found[0]}
+        yield {"slam": slam_name, "data": name, **medians}
+
+
+def tilted(robot: RobotParams, tilt: float) -> RobotParams:
+    """Return a robot whose lidar looks down by an angle [deg]."""
+    mount = replace(robot.lidar.mount, pitch=math.radians(tilt))
+    return replace(robot, lidar=replace(robot.lidar, mount=mount))
 
 
 def main(
@@ -96,6 +114,9 @@ def main(
     relations: Path | None = None,
     seeds: Count = 5,
     minutes: float = 10.0,
+    physics: Literal["bullet", "kinematic"] = "kinematic",
+    preset: str = "default",
+    tilt: float = 0.0,
     json_path: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
 ) -> None:
     """Measure, and print a table.
@@ -107,6 +128,9 @@ def main(
         relations: its hand-verified relations.
         seeds: drives in each world, and runs on the log.
         minutes: length of each drive [min].
+        physics: simulator of the drives.
+        preset: of the parameters of the SLAMs on the drives.
+        tilt: pitch of the lidar, positive looking down [deg]; the SLAM takes it to be level.
         json_path: also write the rows to this file.
     """
     if (log is None) != (relations is None):
@@ -115,7 +139,7 @@ def main(
     if log is not None and relations is not None:
         rows += log_rows(log, relations, slams, seeds)
     for name in drives:
-        rows += drive_rows(name, slams, seeds, minutes)
+        rows += drive_rows(name, slams, seeds, minutes, physics, preset, tilt)
     table = Table(*COLUMNS.values())
     for row in rows:
         values = [row.get(key, "") for key in COLUMNS]

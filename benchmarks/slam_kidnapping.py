@@ -11,12 +11,10 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.parallel import run_each
-from benchmarks.recorded_drives import PERIOD, RESOLUTION, make_setup, record
+from benchmarks.recorded_drives import PERIOD, RESOLUTION, make_setup, record, track
 from envs.command_line import Count, make_console, run_command
-from envs.geometry import Pose2D
 from envs.logs import compose_poses, pose_errors
 from envs.robots import load_robot
-from envs.simulation import Reading
 from envs.slam import make_slam
 from envs.worlds import load_world
 
@@ -44,14 +42,9 @@ def kidnap(slam_name: str, world: str, robot: str, seed: int, minutes: float, se
     drive = first.then(record(setup, elsewhere, rngs[2], rngs[3], seconds), len(first.ranges))
     slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
     slam.reset(rngs[5])
-    poses, lost = [], []
-    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
-        belief = slam.update(Reading.of_scan(ranges), Pose2D(*motion))
-        poses.append(belief.pose)
-        lost.append(belief.is_lost)
-    after = slice(len(first.ranges), None)
-    estimated = compose_poses(np.array([start]), np.array(poses[after]))
-    is_lost, errors = np.array(lost[after]), pose_errors(estimated, drive.truth[after])[0]
+    tracked, after = track(slam, drive), slice(len(first.ranges), None)
+    estimated = compose_poses(np.array([start]), tracked.poses[after])
+    is_lost, errors = tracked.is_lost[after], pose_errors(estimated, drive.truth[after])[0]
     is_right = ~is_lost & (errors <= FOUND)
     wrong = np.flatnonzero(~is_right)
     found = 0.0 if len(wrong) == 0 else PERIOD * (wrong[-1] + 1) if wrong[-1] < len(is_right) - 1 else np.inf

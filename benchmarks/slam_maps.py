@@ -10,15 +10,13 @@ from matplotlib.patches import Patch, Rectangle
 from PIL import Image
 from scipy import ndimage
 
-from benchmarks.recorded_drives import RESOLUTION, make_setup
-from benchmarks.slam_drive import record_drive
+from benchmarks.recorded_drives import RESOLUTION, make_setup, record_drive, track
 from envs.estimation import Estimator
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.logs import load_log, load_relations, pose_errors, rms
 from envs.logs.runs import measure, replay
 from envs.rendering import style
 from envs.robots import load_robot
-from envs.simulation import Reading
 from envs.slam import SLAMS, make_slam
 from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
@@ -65,8 +63,7 @@ def draw_drive(path: Path, world: str, robot: str, seed: int, minutes: float) ->
     for name, title in NAMES.items():
         slam = make_slam(name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
         slam.reset(np.random.default_rng(seed), setup.world.spawns[0])  # the map frame is the world's
-        steps = zip(drive.ranges, drive.motions.tolist())
-        poses = np.array([slam.update(Reading.of_scan(ranges), Pose2D(*motion)).pose for ranges, motion in steps])
+        poses = track(slam, drive).poses
         grid, iou = slam.belief.grid, map_iou(slam.belief.grid, setup.area, Pose2D(0.0, 0.0, 0.0))
         error = rms(pose_errors(poses, drive.truth)[0])
         panels.add(f"{title}: RMSE {error:.2f} m, map IoU {iou:.2f}", grid, poses, wrong_cells(grid, walls, far))

@@ -12,7 +12,7 @@ import envs  # noqa: F401  (registers the environments)
 
 NAMESPACE = "lidarnaut"
 PICTURES = Path("images/environments")
-"""Folder of the animated pictures, `python -m benchmarks.gallery environments`."""
+"""Folder of the animated pictures, `python -m benchmarks.films`."""
 INDEX = """\
 # Environments
 

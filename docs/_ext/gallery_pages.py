@@ -1,9 +1,10 @@
-"""Galleries of worlds and robots, drawn by `benchmarks.gallery`."""
+"""Galleries of worlds and robots, drawn by `gallery`."""
 
 import math
 from pathlib import Path
 
-from benchmarks import gallery
+import gallery
+
 from envs.robots import RobotParams
 from envs.worlds import World
 
@@ -50,7 +51,7 @@ def pages(folder: Path) -> dict[str, str]:
 
 def _is_old(folder: Path) -> bool:
     """Tell whether a world or robot has changed, or how it is drawn, since the pictures were."""
-    root = Path(gallery.__file__).parents[1]
+    root = Path(gallery.__file__).parents[2]
     sources = [*root.glob("envs/worlds/**/*"), *root.glob("envs/robots/**/*"), Path(gallery.__file__)]
     newest = max(path.stat().st_mtime for path in sources if path.suffix in (".py", ".yaml"))
     return min((path.stat().st_mtime for path in folder.glob("*.png")), default=0.0) < newest

@@ -1,7 +1,4 @@
-"""Pictures of every world and every robot, with scale bars: `python -m benchmarks.gallery --out runs/gallery`.
-
-The documentation draws them when it is built.
-"""
+"""Pictures of every world and every robot, with scale bars."""
 
 from pathlib import Path
 
@@ -11,7 +8,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
-from envs.command_line import run_command
 from envs.geometry import Pose2D
 from envs.rendering import style
 from envs.robots import ROBOT_NAMES, RobotParams, load_robot
@@ -125,16 +121,3 @@ def _draw_spawn(ax: Axes, spawn: Pose2D, *, is_first: bool) -> None:
     marker = (3, 0, np.degrees(spawn.theta) - 90.0)
     face = _SPAWN if is_first else "none"
     ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
-
-
-def main(out: Path = Path("runs/gallery")) -> None:
-    """Draw every world and every robot.
-
-    Args:
-        out: Folder of the pictures.
-    """
-    print(f"{len(save_all(out))} pictures in {out}")
-
-
-if __name__ == "__main__":
-    run_command(main)
