@@ -3,7 +3,7 @@
 All designs are measured in turn, in one run, pinned to one core unless said; every figure is a median. They explore
 the same two halls with the same robot (360 beams of 10 m, ten steps per second, cells of 0.05 m) and the same actions,
 under TinySLAM (100 candidates) and at the true pose. `naive` is what one writes with PyBullet and NumPy, see
-`benchmarks/naive.py`; its map crop has 64 x 64 pixels, the two crops of the other designs 40 x 40 each. `ppo` is a
+`speed/naive.py`; its map crop has 64 x 64 pixels, the two crops of the other designs 40 x 40 each. `ppo` is a
 whole training, rollouts and updates. Run it on a machine that does nothing else.
 """
 

@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
-from benchmarks.naive import NaiveExploreEnv
 from benchmarks.speed.halls import Hall
+from benchmarks.speed.naive import NaiveExploreEnv
 from envs.robots import RobotParams, load_robot
 
 HOLD = 10
@@ -29,8 +29,8 @@ class Design(NamedTuple):
     """What is measured, and on how much of the machine."""
 
     name: Literal["naive", "bullet", "kinematic", "vector", "bullet_vector", "subproc", "ppo"]
-    """`naive`: `benchmarks.naive`. `bullet` and `kinematic`: the single environment under either physics. `vector` and
-    `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
+    """`naive`: `benchmarks.speed.naive`. `bullet` and `kinematic`: the single environment under either physics.
+    `vector` and `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
     stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from `vector`, end to end."""
     num_envs: int = 1
     cores: int = 1

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from benchmarks import naive_slam
-from benchmarks.naive_slam import NaiveSlam
+from benchmarks.speed import naive_slam
 from benchmarks.speed.designs import benchmark_robot
 from benchmarks.speed.halls import Hall
+from benchmarks.speed.naive_slam import NaiveSlam
 from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
 from envs.estimation import Window
 from envs.estimation.map_pyramid import Level, crop_level, pool_cells

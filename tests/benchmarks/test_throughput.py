@@ -8,12 +8,11 @@ from gymnasium.utils.env_checker import check_env
 from scipy import ndimage
 
 from benchmarks import throughput
-from benchmarks.naive import NaiveExploreEnv
-from benchmarks.naive_physics import NaivePhysics
-from benchmarks.naive_slam import NaiveSlam
 from benchmarks.speed.designs import Design, benchmark_robot, make_actions
 from benchmarks.speed.halls import GAP, Box, make_hall
 from benchmarks.speed.kernels import make_kernels
+from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
+from benchmarks.speed.naive_slam import NaiveSlam
 from benchmarks.speed.references import advance_in_numpy
 from benchmarks.speed.report import plot_growth, targets
 from benchmarks.speed.results import Effort, Results
