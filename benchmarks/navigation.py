@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.simulation import measure
+from benchmarks.speed.parts import measure
 from envs.command_line import make_console, run_command
 from envs.core import LidarEnv
 from envs.geometry.polyline import lengths_along

@@ -1,1 +1,1 @@
-"""What `benchmarks.throughput` measures, and how."""
+"""Speed: kernels, physics, environments, decisions and training, beside the usual design of an environment."""

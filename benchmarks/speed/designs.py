@@ -3,7 +3,8 @@
 import contextlib
 import dataclasses
 import multiprocessing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -12,17 +13,16 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
-from benchmarks.speed.halls import Hall
+from benchmarks.speed.halls import make_hall
 from benchmarks.speed.naive import NaiveExploreEnv
 from envs.robots import RobotParams, load_robot
 
-HOLD = 10
-"""Steps for which an action is held: at white noise a robot would tremble on the spot."""
-NUM_ACTIONS = 500
-"""Actions of a sub-environment before they start again."""
-SUBPROCESSES = 2
+HOLD, NUM_ACTIONS = 10, 500
+"""Steps for which an action is held, at white noise a robot would tremble on the spot; actions before they repeat."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 """Network and settings of `ppo`; where it learns and in how many sub-environments is up to the benchmark."""
+FEW, MANY = 16, 256
+"""Sub-environments of the vector environments that are measured on one core and on two."""
 
 
 class Design(NamedTuple):
@@ -37,6 +37,18 @@ class Design(NamedTuple):
     """Cores that they may use; from two on, a vector environment has as many shards."""
 
 
+DESIGNS = (
+    Design("naive"),
+    Design("bullet"),
+    Design("kinematic"),
+    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEW, 64, MANY)),
+    *(Design("bullet_vector", FEW, cores) for cores in (1, 2)),
+    *(Design("subproc", 2, cores) for cores in (1, 2)),
+    Design("ppo", MANY, 2),
+)
+"""What is measured side by side; `naive` is first, since the others are told as multiples of it."""
+
+
 class Case(NamedTuple):
     """A design at work in a hall, under "tinyslam" or "truth"."""
 
@@ -48,6 +60,16 @@ class Case(NamedTuple):
     """Side of a map cell [m]; the naive design has 0.05 m alone."""
 
 
+class Drive(NamedTuple):
+    """Environments of one design that are being stepped."""
+
+    step: Callable[[int], object]
+    """Steps every sub-environment so many times."""
+    close: Callable[[], object]
+    at_once: int
+    """Steps of a sub-environment between two looks at the clock."""
+
+
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
     """Return a TurtleBot3 Burger whose lidar sees 10 m far."""
     robot = load_robot("turtlebot3_burger")
@@ -55,112 +77,83 @@ def benchmark_robot(num_beams: int = 360) -> RobotParams:
     return dataclasses.replace(robot, lidar=lidar)
 
 
-def open_drive(case: Case, hall: Hall) -> "Drive":
-    """Start driving in the middle of a hall, which must be the one that the case names."""
-    design, robot = case.design, benchmark_robot(case.num_beams)
-    if design.name == "naive":
-        return SingleDrive(NaiveExploreEnv(hall, robot, case.slam))
-    arguments: dict[str, Any] = {
-        "world": hall.world,
-        "robot": robot,
-        "physics": "bullet" if design.name.startswith("bullet") else "kinematic",
-        "slam": case.slam,
-        "start": "spawn",
-        "map_resolution": case.map_resolution,
-    }
-    if design.name == "subproc":
-        return Drive(_subprocesses(design.num_envs, arguments), design.num_envs)
-    if design.name not in ("vector", "bullet_vector", "ppo"):
-        return SingleDrive(_make_registered(arguments))
-    mode = AutoresetMode.SAME_STEP if design.name == "ppo" else AutoresetMode.NEXT_STEP
-    # Not forked: a process that learns has threads, which copies of it would miss.
-    arguments |= {"autoreset_mode": mode, "num_workers": design.cores if design.cores > 1 else 0}
-    arguments |= {"context": "forkserver"}
-    env = gymnasium.make_vec("lidarnaut/Explore-v0", design.num_envs, "vector_entry_point", **arguments)
-    if design.name == "ppo":
-        return TrainingDrive(env, design.cores)
-    env.reset(seed=0)
-    return Drive(env, design.num_envs)
-
-
-def _make_registered(arguments: dict[str, Any]) -> gymnasium.Env:
-    import envs  # noqa: F401  (registers the environments, also in the processes of `subproc`)
-
-    return gymnasium.make("lidarnaut/Explore-v0", **arguments)
-
-
-def _subprocesses(num_envs: int, arguments: dict[str, Any]) -> Any:
-    """Return single environments in processes under stable-baselines3's `SubprocVecEnv`, after a reset."""
-    from stable_baselines3.common.vec_env import SubprocVecEnv
-
-    # Imported once in the process that the others are forked from.
-    multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
-    env = SubprocVecEnv([lambda: _make_registered(arguments)] * num_envs, start_method="forkserver")
-    env.seed(0)
-    env.reset()
-    return env
-
-
 def make_actions(num_envs: int) -> Iterator[np.ndarray]:
     """Yield actions without end, shape (num_envs, 2), float32: forward, turning either way; the same at every run."""
-    rng = np.random.default_rng(0)
-    table = rng.uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
+    table = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
     while True:
-        for actions in table:
-            for _ in range(HOLD):
-                yield actions
+        yield from (actions for actions in table for _ in range(HOLD))
 
 
-class Drive:
-    """Environments of one design that are being stepped."""
+def open_drive(case: Case) -> Drive:
+    """Start driving in the middle of the hall that the case names."""
+    (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
+    arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "start": "spawn"}
+    arguments |= {"physics": "bullet" if name.startswith("bullet") else "kinematic"}
+    arguments |= {"map_resolution": case.map_resolution}
+    make_single = partial(gymnasium.make, "envs:lidarnaut/Explore-v0", **arguments)
+    if name == "naive":
+        return _drive_single(NaiveExploreEnv(hall, robot, case.slam))
+    if name in ("bullet", "kinematic"):
+        return _drive_single(make_single())
+    if name == "subproc":
+        from stable_baselines3.common.vec_env import SubprocVecEnv
 
-    def __init__(self, env: Any, num_envs: int = 1) -> None:
-        """Take an environment after its reset, which steps with an action for each of `num_envs`."""
-        self.at_once = 5 if num_envs < 64 else 1
-        """Steps of a sub-environment between two looks at the clock."""
-        self._env, self._actions = env, make_actions(num_envs)
+        # Imported once in the process that the others are forked from.
+        multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
+        subproc = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
+        subproc.seed(0)
+        subproc.reset()
+        return _drive_many(subproc, num_envs)
+    mode = AutoresetMode.SAME_STEP if name == "ppo" else AutoresetMode.NEXT_STEP
+    # Not forked: a process that learns has threads, which copies of it would miss.
+    workers = {"autoreset_mode": mode, "num_workers": cores if cores > 1 else 0, "context": "forkserver"}
+    env = gymnasium.make_vec(
+        "envs:lidarnaut/Explore-v0", num_envs, "vector_entry_point", **arguments | workers
+    )  # fmt: skip
+    if name == "ppo":
+        return _train(env, cores)
+    env.reset(seed=0)
+    return _drive_many(env, num_envs)
 
-    def step(self, count: int) -> None:
-        """Step every sub-environment `count` times."""
+
+def _drive_single(env: gymnasium.Env) -> Drive:
+    actions = make_actions(1)
+    env.reset(seed=0)
+
+    def step(count: int) -> None:
         for _ in range(count):
-            self._env.step(next(self._actions))
-
-    def close(self) -> None:
-        """Release what the design holds."""
-        with contextlib.suppress(EOFError, BrokenPipeError):
-            self._env.close()
-
-
-class SingleDrive(Drive):
-    """One environment."""
-
-    def __init__(self, env: gymnasium.Env) -> None:
-        super().__init__(env)
-        env.reset(seed=0)
-
-    def step(self, count: int) -> None:
-        for _ in range(count):
-            _, _, terminated, truncated, _ = self._env.step(next(self._actions)[0])
+            _, _, terminated, truncated, _ = env.step(next(actions)[0])
             if terminated or truncated:
-                self._env.reset()
+                env.reset()
+
+    return Drive(step, env.close, at_once=5)
 
 
-class TrainingDrive(Drive):
-    """PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
+def _drive_many(env: Any, num_envs: int) -> Drive:
+    actions = make_actions(num_envs)
 
-    def __init__(self, env: gymnasium.vector.VectorEnv, cores: int) -> None:
-        from stable_baselines3.common.logger import Logger
+    def step(count: int) -> None:
+        for _ in range(count):
+            env.step(next(actions))
 
-        from agents.algorithms import build_model
-        from agents.config import TrainingConfig
-        from agents.vec_env import GymnasiumVecEnv
-        from envs.files import read_record
+    def close() -> None:
+        with contextlib.suppress(EOFError, BrokenPipeError):
+            env.close()
 
-        config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
-        super().__init__(GymnasiumVecEnv(env), env.num_envs)
-        self.at_once = config.hyperparameters["n_steps"]
-        self._model = build_model(config, self._env)
-        self._model.set_logger(Logger(None, []))
+    return Drive(step, close, at_once=5 if num_envs < 64 else 1)
 
-    def step(self, count: int) -> None:
-        self._model.learn(count * self._env.num_envs, reset_num_timesteps=False)
+
+def _train(env: gymnasium.vector.VectorEnv, cores: int) -> Drive:
+    """Learn by PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
+    from stable_baselines3.common.logger import Logger
+
+    from agents.algorithms import build_model
+    from agents.config import TrainingConfig
+    from agents.vec_env import GymnasiumVecEnv
+    from envs.files import read_record
+
+    config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
+    model = build_model(config, GymnasiumVecEnv(env))
+    model.set_logger(Logger(None, []))
+    learn = partial(model.learn, reset_num_timesteps=False)
+    return Drive(lambda count: learn(count * env.num_envs), env.close, at_once=config.hyperparameters["n_steps"])

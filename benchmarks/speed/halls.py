@@ -1,6 +1,7 @@
 """Halls full of crates: worlds of any number of bodies, the same at every run."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -8,18 +9,14 @@ import numpy as np
 from envs.geometry import Pose2D
 from envs.worlds import World
 
-SIDE = 16.0
-"""Inner length and width of a hall [m]."""
-GAP = 0.35
-"""Least distance between two bodies: the robots of the benchmark pass everywhere [m]."""
-FREE_AROUND_SPAWN = 0.7
-"""Least distance of anything from the middle of the hall [m]."""
+SIDE, WALL = 16.0, 0.2
+"""Inner length and width of a hall, and thickness of its walls [m]."""
+GAP, FREE_AROUND_SPAWN = 0.35, 0.7
+"""Least distance between two bodies, which the robots of the benchmark pass, and of any from the middle [m]."""
 PACKING = 0.45
 """Share of the floor that the largest bodies would take, each with half the gap around it."""
 PILLARS = 10
 """Every so manieth body is round."""
-WALL = 0.2
-"""Thickness of the hall's walls [m]."""
 
 
 class Box(NamedTuple):
@@ -47,11 +44,9 @@ class Hall(NamedTuple):
     """Crates and walls. The pillars are `world.circles`."""
 
 
+@lru_cache(maxsize=2)
 def make_hall(num_bodies: int) -> Hall:
     """Scatter bodies over a hall, one in ten of them a pillar and the others crates, and leave room to pass everywhere.
-
-    Args:
-        num_bodies: crates and pillars; the more, the smaller.
 
     Raises:
         RuntimeError: so many do not fit.
@@ -75,16 +70,10 @@ def make_hall(num_bodies: int) -> Hall:
         diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
         size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
         crates.append(Box(x, y, float(rng.uniform(-math.pi, math.pi)), *size))
-    pillars = placed[::PILLARS] * (1.0, 1.0, 0.5)
-    half = 0.5 * SIDE
-    world = World(
-        name=f"hall_{num_bodies}",
-        segments=np.vstack([Box(0.0, 0.0, 0.0, SIDE, SIDE).outline(), *(crate.outline() for crate in crates)]),
-        circles=np.ascontiguousarray(pillars),
-        spawns=(Pose2D(0.0, 0.0, 0.0),),
-        bounds=(-half, -half, half, half),
-    )
-    middle, length = half + 0.5 * WALL, SIDE + 2.0 * WALL
+    half, middle, length = 0.5 * SIDE, 0.5 * (SIDE + WALL), SIDE + 2.0 * WALL
+    segments = np.vstack([Box(0.0, 0.0, 0.0, SIDE, SIDE).outline(), *(crate.outline() for crate in crates)])
+    pillars = np.ascontiguousarray(placed[::PILLARS] * (1.0, 1.0, 0.5))
+    spawns, bounds = (Pose2D(0.0, 0.0, 0.0),), (-half, -half, half, half)
+    world = World(f"hall_{num_bodies}", segments, pillars, spawns=spawns, bounds=bounds)
     walls = [Box(0.0, y, 0.0, length, WALL) for y in (middle, -middle)]
-    walls += [Box(x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle)]
-    return Hall(world, (*crates, *walls))
+    return Hall(world, (*crates, *walls, *(Box(x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle))))

@@ -33,16 +33,10 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool a map into blocks; see `envs.estimation.map_pyramid`.
+    """Pool a map, shape (height, width), int8, into blocks of cells; see `envs.estimation.map_pyramid`.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        visited: shape (n, 2), int64, (row, column) of the cells in which the robot has been.
-        block: side of a block [cells].
-
-    Returns:
-        Shape (3, rows, columns), uint8: 255 where a block has an occupied cell, the share of its cells that are free
-        times 255, and 255 where the robot has been in it.
+    `visited` are (row, column) of the cells in which the robot has been, shape (n, 2), int64. Returns shape (3, rows,
+    columns), uint8: 255 where a block has an occupied cell, its share of free cells times 255, 255 where it was visited.
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
@@ -72,15 +66,9 @@ def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: f
 
 
 def advance_in_numpy(
-    state: np.ndarray,
-    command: tuple[float, float],
-    normals: tuple[float, float],
-    period: float,
-    substeps: int,
-    robot: RobotParams,
-    segments: np.ndarray,
-    circles: np.ndarray,
-) -> np.ndarray:
+    state: np.ndarray, command: tuple[float, float], normals: tuple[float, float], period: float, substeps: int,
+    robot: RobotParams, segments: np.ndarray, circles: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Move a robot among static obstacles; see `envs.simulation.kinematic.advance`.
 
     `normals` are standard normal draws for the slip of the left and the right wheel, `substeps` are the equal parts

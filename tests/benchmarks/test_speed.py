@@ -7,15 +7,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy import ndimage
 
-from benchmarks import throughput
+from benchmarks.speed import __main__ as command
+from benchmarks.speed import parts
 from benchmarks.speed.designs import Design, benchmark_robot, make_actions
+from benchmarks.speed.growth import plot_growth
 from benchmarks.speed.halls import GAP, Box, make_hall
 from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
 from benchmarks.speed.naive_slam import NaiveSlam
 from benchmarks.speed.references import advance_in_numpy
-from benchmarks.speed.report import plot_growth, targets
-from benchmarks.speed.results import Effort, Results
 from envs.core import LidarEnv
 from envs.estimation.motion import WheelMotion
 from envs.geometry import Pose2D
@@ -40,7 +40,7 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
     hall = make_hall(num_bodies)
     crates, walls = hall.boxes[:-4], hall.boxes[-4:]
     assert len(crates) + len(hall.world.circles) == num_bodies
-    np.testing.assert_array_equal(hall.world.segments, make_hall(num_bodies).world.segments)
+    np.testing.assert_array_equal(hall.world.segments, make_hall.__wrapped__(num_bodies).world.segments)
     # The world's segments are the boxes' outlines, and the walls' inner faces.
     np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([crate.outline() for crate in crates]))
     assert np.abs(hall.world.segments[:4]).min() == min(abs(wall.x + wall.y) - 0.1 for wall in walls)
@@ -138,8 +138,8 @@ def test_naive_environment_does_the_job_of_ours(hall):
     own.close()
 
 
-def test_every_kernel_computes_what_its_reference_does(hall):
-    kernels = make_kernels(hall)
+def test_every_kernel_computes_what_its_reference_does():
+    kernels = make_kernels(50)
     assert {"cast_rays", "match", "integrate_scan", "pool_map", "crop", "advance"} == {k.name for k in kernels}
     for kernel in kernels:
         result, reference = kernel.result().astype(float), kernel.reference().astype(float)
@@ -158,58 +158,39 @@ def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
     assert touched
 
 
-def test_a_run_measures_every_design_and_writes_what_is_documented(tmp_path, monkeypatch):
-    designs = (
-        Design("naive"),
-        Design("bullet"),
-        Design("kinematic"),
-        Design("vector", 16),
-        Design("vector", 16, cores=2),
-        Design("bullet_vector", 2),
-        Design("subproc", 2),
-    )
-    effort = Effort(seconds=0.02, repeats=1, designs=designs, growth=False, bodies=(50,), slams=("truth",))
-    monkeypatch.setattr(throughput, "QUICK", effort)
-    throughput.main(json_file=tmp_path / "speed.json", quick=True)
+def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch):
+    designs = (Design("naive"), Design("kinematic"), Design("bullet_vector", 2), Design("vector", 16, 2))
+    designs += (Design("subproc", 2), Design("ppo", 4))
+    monkeypatch.setattr(command, "DESIGNS", designs)
+    monkeypatch.setattr(command, "BODIES", (50,))
+    command.main(("designs", "kernels", "memory", "physics"), tmp_path / "speed.json", quick=True)
     written = json.loads((tmp_path / "speed.json").read_text())
-    rows = written["rows"]
-    keys = ["design", "world", "slam", "num_envs", "cores", "steps_per_second", "ratio_to_naive"]
-    assert all(list(row) == keys for row in rows)
-    measured = [(row["design"], row["num_envs"], row["cores"]) for row in rows]
-    assert measured[:4] == [tuple(design) for design in designs[:4]]
-    assert rows[0]["ratio_to_naive"] == 1.0
+    assert list(written) == ["machine", "designs", "kernels", "memory", "physics"]
+    rows = written["designs"]
+    assert [(row["name"], row["num_envs"], row["cores"]) for row in rows[:6]] == [tuple(d) for d in designs]
     for row in rows:
-        assert row["ratio_to_naive"] == pytest.approx(row["steps_per_second"] / rows[0]["steps_per_second"])
+        assert row["ratio"] == pytest.approx(
+            row["steps_per_second"] / rows[6 * (row["slam"] == "truth")]["steps_per_second"]
+        )
         assert 5 < row["steps_per_second"] < 1e6
-    assert rows[2]["ratio_to_naive"] > 3  # the kinematic environment, whatever else the machine does
-    assert all(list(row) == ["kernel", "us", "us_reference"] for row in written["kernels"])
-    assert all(0 < row["us"] < row["us_reference"] for row in written["kernels"])
-    assert 800_000 < written["state_bytes_per_env"] < 4_000_000  # two arrays of 400 x 400 cells at least
+    assert rows[1]["ratio"] > 3  # the kinematic environment, whatever else the machine does
+    assert all(0 < row["us"] < row["NumPy us"] for row in written["kernels"])
+    assert (
+        0.8 < written["memory"][0]["MiB of a further sub-environment"] < 4.0
+    )  # two arrays of 400 x 400 cells at least
+    assert all(0 < row["least us"] <= row["median us"] for row in written["physics"])
 
 
-def made_up(speed):
-    results = Results(state_bytes_per_env=2**19)
-    for hall in ("hall_50", "hall_300"):
-        for design, num_envs, cores in (("naive", 1, 1), ("bullet", 1, 1), ("vector", 256, 1), ("vector", 256, 2)):
-            row = {"design": design, "world": hall, "slam": "tinyslam", "num_envs": num_envs, "cores": cores}
-            results.rows.append({**row, "steps_per_second": speed(hall, design, cores), "ratio_to_naive": 1.0})
-    return results
-
-
-def test_targets_take_the_worse_hall_and_leave_out_what_was_not_measured():
-    speeds = {"naive": 300.0, "bullet": 4500.0, "vector": 12000.0}
-    results = made_up(lambda hall, design, cores: speeds[design] * cores**0.9 * (0.5 if hall == "hall_300" else 1.0))
-    found = {target.name.split(" [")[0]: target for target in targets(results)}
-    assert found["vector, 256 sub-environments, one core, tinyslam"].measured == 6000.0
-    assert not found["vector, 256 sub-environments, one core, tinyslam"].met
-    assert found["bullet over naive, tinyslam"].measured == pytest.approx(15.0)
-    assert found["vector on two cores over one, tinyslam"].met
-    assert found["state of a sub-environment, 400 x 400 cells"].met
-    assert "vector, 256 sub-environments, one core, truth" not in found
-    assert "vector over kinematic, tinyslam" not in found
+def test_one_and_many_environments_decide(monkeypatch):
+    monkeypatch.setattr(parts, "NUM_DECIDING", (1, 2))
+    rows = parts.decisions(6)
+    assert [row["sub-environments"] for row in rows] == [1, 2]
+    assert all(row["decisions/s"] > 0 and row["steps/decision"] > 1 for row in rows)
 
 
 def test_growth_is_drawn(tmp_path):
-    points = [{"slam": slam, "at": at, "us": 0.3 * at} for slam in ("tinyslam", "truth") for at in (90, 180)]
-    plot_growth(Results(growth={"beams": points, "num_envs": points}), tmp_path / "growth.png")
+    keys = [(key, slam, at) for key in ("beams", "num_envs") for slam in ("tinyslam", "truth") for at in (90, 180)]
+    plot_growth(
+        [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys], tmp_path / "growth.png"
+    )
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,102 @@
+"""How fast everything is: `python -m benchmarks.speed`.
+
+All designs are measured in turn, in one run, pinned to one core unless said; every figure is a median. They explore
+the same two halls with the same robot (360 beams of 10 m, ten steps per second, cells of 0.05 m) and the same actions,
+under TinySLAM (100 candidates) and at the true pose. `naive` is what one writes with PyBullet and NumPy; its map crop
+has 64 x 64 pixels, the two crops of the other designs 40 x 40 each. `ppo` is a whole training, rollouts and updates.
+Run it on a machine that does nothing else.
+"""
+
+import contextlib
+import json
+import os
+import platform
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import tyro
+from rich.table import Table
+
+from benchmarks.speed import measuring, parts
+from benchmarks.speed.designs import DESIGNS
+from benchmarks.speed.growth import plot_growth
+from benchmarks.speed.kernels import time_kernels
+from envs.command_line import make_console, run_command
+from envs.progress import Progress
+
+Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions"]
+PLOT = Path(__file__).parents[2] / "docs" / "images" / "throughput.png"
+BODIES = (50, 300)
+"""Crates and pillars in the halls that are driven in."""
+PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")
+
+
+def main(
+    only: tuple[Stage, ...] = get_args(Stage),
+    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    quick: bool = False,
+    plot: Path = PLOT,
+) -> None:
+    """Measure, print a table for each stage, and draw how cost grows with beams, cells and sub-environments.
+
+    Args:
+        only: what to measure.
+        json_file: also write everything measured to this file.
+        quick: shorter measurements, no growth.
+        plot: where to draw how cost grows.
+    """
+    seconds, repeats = (0.1, 3) if quick else (0.4, 5)
+    results: dict[str, Any] = {"machine": machine()}
+    console = make_console()
+    with contextlib.ExitStack() as stack:
+        available = range(1, min(len(os.sched_getaffinity(0)), 2) + 1)
+        calls = {cores: stack.enter_context(measuring.confined(cores)) for cores in available}
+        one = calls[1]
+        run: dict[str, Callable[[], list[dict[str, Any]]]] = {
+            "designs": lambda: measuring.compare_designs(calls, DESIGNS, BODIES, seconds, repeats),
+            "kernels": lambda: [row for bodies in BODIES for row in one(time_kernels, bodies, 0.1 * seconds)],
+            "memory": lambda: one(measuring.memory, BODIES[0]),
+            "growth": lambda: measuring.growth(calls, BODIES[0], seconds, repeats),
+            "physics": lambda: one(parts.physics, 20 if quick else 200),
+            "decisions": lambda: one(parts.decisions, 12 if quick else 120),
+        }
+        for stage in Progress([s for s in only if not (quick and s == "growth")], desc="speed", unit="stage"):
+            results[stage] = run[stage]()
+            console.print(table(stage, side_by_side(results[stage]) if stage == "designs" else results[stage]))
+    if json_file is not None:
+        json_file.write_text(json.dumps(results, indent=1) + "\n")
+    if "growth" in results:
+        plot_growth(results["growth"], plot)
+
+
+def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a row for each design, with a column for each hall and SLAM: steps per second, how often naive's."""
+    lines: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for row in rows:
+        design = {key: row[key] for key in ("name", "num_envs", "cores")}
+        speed = f"{row['steps_per_second']:,.0f} ({row['ratio']:.0f}x)"
+        lines.setdefault(tuple(design.values()), design)[f"{row['bodies']}, {row['slam']}"] = speed
+    return list(lines.values())
+
+
+def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
+    """Return a table of rows that have the same keys."""
+    made = Table(*rows[0], title=title)
+    for row in rows:
+        made.add_row(*(f"{value:,.4g}" if isinstance(value, float) else str(value) for value in row.values()))
+    return made
+
+
+def machine() -> dict[str, str]:
+    """Say what the figures were measured on."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+    cpu = f"{model or platform.processor() or platform.machine()}, {len(os.sched_getaffinity(0))} cores"
+    return {"cpu": cpu, "python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+if __name__ == "__main__":
+    run_command(main)

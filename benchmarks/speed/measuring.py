@@ -1,0 +1,141 @@
+"""Steps per second and memory of designs, measured in processes that are confined to a number of cores.
+
+On which cores a process and its threads run is decided once, so that each number of cores has a process of its own. A
+process waits without using a core while another one measures.
+"""
+
+import contextlib
+import gc
+import itertools
+import multiprocessing
+import os
+import signal
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+from benchmarks.speed.designs import FEW, Case, Design, Drive, open_drive
+
+SLAMS = ("tinyslam", "truth")
+WARM_UP = 5000
+"""Steps of all sub-environments together before anything is measured, but 20 to 100 of each."""
+GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
+"""What cost is measured to grow with: beams of a scan, cells along a side of a map of 20 m, sub-environments."""
+MAP_SIDE = 20.0
+"""Side of a new map [m]."""
+STATE_ENVS = (4, 12)
+"""Numbers of sub-environments whose memory is compared."""
+Call = Callable[..., Any]
+"""Calls a function with its arguments in a process of its own, and returns what it returns."""
+
+_drives: dict[Case, Drive] = {}
+"""What is being driven in this process."""
+
+
+@contextlib.contextmanager
+def confined(num_cores: int) -> Iterator[Call]:
+    """Offer a process that may use so many cores, the last ones of those that are available."""
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    cores = sorted(os.sched_getaffinity(0))[-num_cores:]
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result()
+        pool.submit(close_cases).result()
+
+
+def _start(cores: list[int]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the command ends its processes
+    os.sched_setaffinity(0, cores)
+
+
+def open_cases(cases: list[Case]) -> None:
+    """Set cases going in this process, in place of those before."""
+    close_cases()
+    for case in cases:
+        _drives[case] = open_drive(case)
+        _drives[case].step(min(max(WARM_UP // case.design.num_envs, 20), 100))
+    # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
+    gc.collect()
+    gc.freeze()
+
+
+def steps_per_second(case: Case, seconds: float) -> float:
+    """Drive on for about so many seconds; return steps of all sub-environments together by the wall clock [1/s]."""
+    drive, count, start = _drives[case], 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < seconds or not count:
+        drive.step(drive.at_once)
+        count += drive.at_once
+    return count * case.design.num_envs / elapsed
+
+
+def close_cases() -> None:
+    """Stop all cases of this process."""
+    for drive in _drives.values():
+        drive.close()
+    _drives.clear()
+    gc.unfreeze()
+    gc.collect()
+
+
+def compare(calls: dict[int, Call], cases: list[Case], seconds: float, repeats: int) -> dict[Case, float]:
+    """Return the median steps per second of cases, measured in turn: what else the machine does meets all alike.
+
+    Args:
+        calls: processes by the number of their cores.
+        cases: those whose number of cores is missing are left out.
+        seconds: length of one measurement [s].
+        repeats: measurements of which the median is taken.
+    """
+    for cores, call in calls.items():
+        call(open_cases, [case for case in cases if case.design.cores == cores])
+    turns = [case for case in cases if case.design.cores in calls]
+    speeds: dict[Case, list[float]] = {case: [] for case in turns}
+    for case in turns * repeats:
+        speeds[case].append(calls[case.design.cores](steps_per_second, case, seconds))
+    return {case: statistics.median(values) for case, values in speeds.items()}
+
+
+def compare_designs(
+    calls: dict[int, Call], designs: tuple[Design, ...], bodies: tuple[int, ...], seconds: float, repeats: int
+) -> list[dict[str, Any]]:
+    """Return for each hall, SLAM and design its steps per second, and how many times those of the first one."""
+    rows = []
+    for num_bodies, slam in itertools.product(bodies, SLAMS):
+        speeds = compare(calls, [Case(design, num_bodies, slam) for design in designs], seconds, repeats)
+        naive = next(iter(speeds.values()))
+        for case, speed in speeds.items():
+            where = {**case.design._asdict(), "bodies": num_bodies, "slam": slam}
+            rows.append({**where, "steps_per_second": speed, "ratio": speed / naive})
+    return rows
+
+
+def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
+    """Return what a step of a sub-environment costs as what `GROWTH` names grows [us]."""
+    rows = []
+    for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
+        cases = {}
+        for at in values:
+            size = {"beams": 360, "map_cells": 400, "num_envs": FEW} | {key: at}
+            design = Design("vector", size["num_envs"])
+            cases[Case(design, num_bodies, slam, size["beams"], MAP_SIDE / size["map_cells"])] = at
+        speeds = compare(calls, list(cases), seconds, repeats)
+        rows += [{"grows": key, "slam": slam, "at": cases[case], "us": 1e6 / speed} for case, speed in speeds.items()]
+    return rows
+
+
+def memory(num_bodies: int) -> list[dict[str, Any]]:
+    """Return how much memory a further sub-environment takes, with a map of 400 x 400 cells and observations."""
+    open_drive(Case(Design("vector"), num_bodies, "tinyslam")).close()  # fills what all share
+    sizes = []
+    for num_envs in STATE_ENVS:
+        gc.collect()
+        tracemalloc.start()
+        drive = open_drive(Case(Design("vector", num_envs), num_bodies, "tinyslam"))
+        drive.step(1)
+        gc.collect()
+        sizes.append(tracemalloc.get_traced_memory()[0])
+        drive.close()
+        tracemalloc.stop()
+    return [{"MiB of a further sub-environment": (sizes[1] - sizes[0]) / (STATE_ENVS[1] - STATE_ENVS[0]) / 2**20}]

@@ -1,0 +1,101 @@
+"""Both physics alone, and whole decisions: what one process on one core does."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs.robots import load_robot
+from envs.simulation import PHYSICS, Twist, make_simulator
+from envs.worlds import load_world
+
+ROBOTS = ("turtlebot3_burger", "turtlebot3_waffle_pi")
+ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
+"""Where decisions are taken."""
+NUM_DECIDING = (1, 16, 64, 256)
+"""Numbers of sub-environments that decide; 1 is the single environment."""
+WARM_UP, SLICES = 3, 6
+"""Decisions before the clock starts, which compile and draw the first worlds; turns that the others are taken in."""
+
+
+def measure(calls: dict[str, Callable[[], object]], repetitions: int, batch: int) -> dict[str, np.ndarray]:
+    """Time every call `repetitions` times in batches of `batch`, one call after the other [us]."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        call()
+    for _ in range(repetitions):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            for _ in range(batch):
+                call()
+            times[name].append(1e6 * (time.perf_counter() - start) / batch)
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def physics(repetitions: int) -> list[dict[str, Any]]:
+    """Time one control step of 0.1 s with all sensors, and a reset."""
+    world, calls = load_world("turtlebot3_world"), {}
+    for name in PHYSICS:
+        for robot in map(load_robot, ROBOTS):
+            driven, placed = (make_simulator(name, robot, 0.1) for _ in range(2))
+            start = world, [world.spawns[0]], [np.random.default_rng(0)]
+            driven.reset(*start)
+            label = f"{name}, {robot.name} ({robot.lidar.num_beams} beams)"
+            calls[f"step, {label}"] = partial(driven.step, [Twist(0.2, robot.max_w / 2)])
+            calls[f"reset, {label}"] = partial(placed.reset, *start)
+    times = measure(calls, repetitions, batch=10)
+    return [{"what": name, "least us": us.min(), "median us": np.median(us)} for name, us in times.items()]
+
+
+def decisions(count: int) -> list[dict[str, Any]]:
+    """Take `count` decisions in each sub-environment, always the nearest frontier; return what they take.
+
+    Rooms of 20 m x 20 m, TurtleBot3 Burger (360 beams of 3.5 m), Hector, kinematic physics, all in one process. Every
+    number of sub-environments explores for as many decisions, so that maps small and large are in all figures; they
+    take turns. What counts is processor time, worlds that are drawn ahead in the background included: the wall clock of
+    a shared machine also measures other processes.
+    """
+    deciding = {number: _deciding(number) for number in NUM_DECIDING}
+    done = {number: np.zeros(4) for number in deciding}
+    for decide in deciding.values():
+        for _ in range(WARM_UP):
+            decide()
+    for turn in range(SLICES):
+        for number, decide in deciding.items():
+            began = time.process_time()
+            for _ in range(count * (turn + 1) // SLICES - count * turn // SLICES):
+                done[number][:3] += decide()
+            done[number][3] += time.process_time() - began
+    rows = []
+    for number, (taken, steps, simulated, seconds) in done.items():
+        rates = {"decisions/s": taken / seconds, "steps/decision": steps / taken, "simulated s": simulated / taken}
+        rows.append({"sub-environments": number, **rates, "us/step": 1e6 * seconds / steps})
+    return rows
+
+
+def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
+    """Return what decides once in every sub-environment; it returns decisions, control steps and simulated time [s]."""
+    id = "envs:lidarnaut/ExploreFrontiers-v0"
+    if number > 1:
+        envs = gymnasium.make_vec(id, number, "vector_entry_point", num_workers=0, **ROOMS)
+        envs.reset(seed=0)
+
+        def decide_in_all() -> tuple[int, int, float]:
+            *_, info = envs.step(np.zeros(number, dtype=np.int64))
+            taken = int(np.count_nonzero(info["outcome"] != "reset"))
+            return taken, info["decision_steps"].sum(), info["decision_time"].sum()
+
+        return decide_in_all
+    env = gymnasium.make(id, **ROOMS)
+    env.reset(seed=0)
+
+    def decide() -> tuple[int, int, float]:
+        *_, terminated, truncated, info = env.step(np.int64(0))
+        if terminated or truncated:
+            env.reset()
+        return 1, info["decision_steps"], info["decision_time"]
+
+    return decide
