@@ -222,14 +222,12 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             simulator.circles = world.circles_at(rows.steps * explore.control_period)
         rows.draw([rng])
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, simulator.circles)
-        reading = rows.reading(0)
-        num_beams = len(reading.ranges)
-        if num_false := rng.binomial(num_beams, self._false_returns):
-            beams = rng.integers(num_beams, size=num_false)
-            reading.ranges[beams] = np.fmin(reading.ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
-        robot.reading = reading
+        ranges = robot.ranges
+        if num_false := rng.binomial(len(ranges), self._false_returns):
+            beams = rng.integers(len(ranges), size=num_false)
+            ranges[beams] = np.fmin(ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
         truth.update()
-        robot.follow(self._mapping.process_key_scan(reading.ranges, pose))
+        robot.follow(self._mapping.process_key_scan(ranges, pose))
         explore.task.update(simulator, explore.robots, explore.control_period)
         self._note(count, 0)
         return is_free

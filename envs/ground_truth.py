@@ -3,6 +3,7 @@
 from numba import njit
 
 from envs.estimation.trail import Trail
+from envs.geometry import Pose2D
 from envs.geometry.pose import between, compose, distance
 from envs.simulation import RobotState
 from envs.simulation import state as at
@@ -39,7 +40,8 @@ class GroundTruth:
 
     def remember(self) -> None:
         """Append the position to the trail, if it is far enough from the last one."""
-        if self.trail.append(self.state.pose):
+        x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
+        if self.trail.append(Pose2D(x, y, theta)):
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
 
     def update(self) -> None:

@@ -124,6 +124,11 @@ class Robot:
         self._reading = reading
 
     @property
+    def ranges(self) -> np.ndarray:
+        """The last scan, as in its reading; a view that the next one overwrites."""
+        return self.rows.ranges[self.index]
+
+    @property
     def bumper(self) -> bool:
         """Whether the body touched anything during the last period."""
         return bool(self.row[at.TOUCHED] > 0.0)
@@ -206,7 +211,7 @@ class Robot:
         estimator: Any = self.estimator
         if self.follows_odometry and estimator.last_key_pose is not None:
             predicted = self.predicted_pose
-            self.follow(estimator.process_key_scan(self._filtered(self.rows.ranges[self.index]), predicted))
+            self.follow(estimator.process_key_scan(self._filtered(self.ranges), predicted))
             return
         reading = self.reading
         if self.peers:
@@ -224,12 +229,10 @@ class Robot:
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
-        row = self.row
-        row[at.POSE : at.POSE + 3] = belief.pose
-        if self.follows_odometry:
-            row[at.KEY_POSE : at.KEY_POSE + 3] = self.estimator.last_key_pose  # type: ignore[attr-defined]
+        key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose  # type: ignore[attr-defined]
+        self.row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
         if belief.twist is not None:
-            row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
+            self.row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
         self.pyramid.update(belief.update)
@@ -239,7 +242,7 @@ class Robot:
         """Append the position to the trail, and show it on the map, if it is far enough from the last one."""
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
-        self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+            self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
 
 
 def reset_robots(

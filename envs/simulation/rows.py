@@ -88,7 +88,7 @@ class Rows:
 
     def state(self, k: int) -> RobotState:
         """Return the ground truth of a robot."""
-        x, y, theta, *_, v, w, _, _ = self.numbers[k, : at.STATE_SIZE].tolist()
+        x, y, theta, *_, v, w = self.numbers[k, : at.W + 1].tolist()
         return RobotState(Pose2D(x, y, theta), Twist(v, w))
 
     def reading(self, k: int) -> Reading:

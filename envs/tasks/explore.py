@@ -220,7 +220,7 @@ class Explore(UnknownWorldTask):
 
     def _cover(self, robot: Robot, true_pose: Pose2D) -> float:
         belief = robot.belief
-        return self.coverage.update(belief.update, belief.grid.resolution, robot.reading.ranges, true_pose)
+        return self.coverage.update(belief.update, belief.grid.resolution, robot.ranges, true_pose)
 
 
 @dataclass(kw_only=True, eq=False)

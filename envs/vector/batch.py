@@ -35,6 +35,7 @@ class Batch:
         self.active = np.ones(len(self.robots), dtype=np.bool_)
         """Which robots have driven in this period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
+        self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
         self._time_limits, self._period = np.zeros(len(envs)), env.control_period
         self._has_own_parts = not all(map(_writes_rows, env.parts.values()))
@@ -78,8 +79,9 @@ class Batch:
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
+        self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
-        busy = active & (~self._rests | (flags % 2.0 == SCAN).any(axis=1) | self._is_new[:: self._num_robots] | is_over)
+        busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | is_over)
         idle = active & ~busy
         for i in np.flatnonzero(idle if self._has_own_parts else idle & flags.any(axis=1)).tolist():
             self._envs[i].locate()
@@ -147,8 +149,7 @@ class Batch:
             self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
             self._is_new[:] = True
         words, sizes, origins, side, known = self._levels[resolution]
-        has_scanned = (self.numbers[:, at.FLAGS] % 2.0 > 0.0).reshape(-1, self._num_robots).any(axis=1)
-        for k in np.flatnonzero(self._is_new | np.repeat(has_scanned, self._num_robots)).tolist():
+        for k in np.flatnonzero(self._is_new | np.repeat(self._has_scanned, self._num_robots)).tolist():
             robot = self.robots[k]
             level = robot.pyramid.level(resolution)
             if level.words is not known[k]:
@@ -166,14 +167,15 @@ class Batch:
         quantities = {name: columns.get(name, np.zeros(num_envs)) for name in self._names}
         for name, column in quantities.items():
             column[chosen] = [row[name] for row in rows]
-        terms = self._terms(quantities)
-        self._arrays.rewards[active] = np.broadcast_to(sum(terms.values()), num_envs)[active]
+        terms, where = self._terms(quantities), slice(None) if active.all() else active
+        self._arrays.rewards[where] = sum(terms.values())[where]  # type: ignore[index]
+        rewards = records["rewards"]
         for name, term in terms.items():
-            records["rewards"][name][active] = np.broadcast_to(term, num_envs)[active]
+            rewards[name][where] = term[where]
         columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]}
         columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
         for name, column in columns.items():
-            records[name][active] = column.reshape(num_envs, *records.dtype[name].shape)[active]
+            records[name][where] = column.reshape(num_envs, *records.dtype[name].shape)[where]
         metrics = [task.metrics() for task in tasks]
         names = [name for name in metrics[0] if name in (records.dtype.names or ())] if metrics else []
         for name in names:

@@ -15,9 +15,8 @@ ROBOT = load_robot("turtlebot3_burger")
 def hall(circles=(), movers=()):
     corners = [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)]
     segments = np.array([[*a, *b] for a, b in zip(corners, [*corners[1:], corners[0]])])
-    return World(
-        "hall", segments, np.array(circles, dtype=np.float64).reshape(-1, 3), tuple(movers), (Pose2D(1, 2, 0),)
-    )
+    circles = np.array(circles, dtype=np.float64).reshape(-1, 3)
+    return World("hall", segments, circles, (Pose2D(1, 2, 0),), (0.0, 0.0, 6.0, 4.0), tuple(movers))
 
 
 def drive(simulator, world, poses, twists, seconds=20.0):
