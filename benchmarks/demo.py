@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from PIL import Image
 from rich.console import Console
 
 from agents.config import TrainingConfig
@@ -21,7 +20,7 @@ from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.theme import Picture
 from benchmarks.arena.trace import Trace, trace_path
-from benchmarks.pictures import save_gif
+from benchmarks.films import save_film
 from benchmarks.side_by_side import SideBySide
 from envs.files import Lock, read_record
 
@@ -98,7 +97,7 @@ def _demo(
     ratio, pair = median_pair(rows)
     pictures = SideBySide({row["policy"]: Trace.load(trace_path(work, row)) for row in pair})
     frames = pictures.frames(NUM_FRAMES)
-    save_gif(frames, work / "exploration.gif", frames[-1].shape[1], Image.fromarray(frames[-1]).quantize())
+    save_film(frames, work / "exploration.gif", frames[-1].shape[1])
     (work / "paths.png").write_bytes(Picture.of(lambda _: pictures.draw()).light)
     where = f"seed {pair[0]['seed']}, the median of {episodes} starts by the ratio of times to 95 %, here {ratio:.2f}"
     captions = {

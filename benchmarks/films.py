@@ -1,11 +1,16 @@
-"""Animated pictures of the registered environments: `python -m benchmarks.films --out docs/images/environments`."""
+"""Films of environments: `python -m benchmarks.films` films all that are registered, for the documentation.
 
-from collections.abc import Sequence
+`python -m benchmarks.films --only Explore-v0 --out FILM.gif --policy frontier` films one of them.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
+import yaml
 from PIL import Image
 
 import envs  # noqa: F401  (registers the environments)
@@ -13,13 +18,15 @@ from baselines import policies_for
 from baselines.episode import run_episode
 from envs.command_line import run_command
 from envs.core import lidar_env_of
+from envs.files import resolve
+from envs.geometry.polyline import lengths_along
 
 NUM_FRAMES = 48
 """Frames of a film, besides the last one, at most; at least half as many in episodes that last."""
-WIDTH, QUALITY = 720, 50
-"""Width [px] and quality of the WebP pictures, up to 100."""
-FRAME_MS, HOLD_MS = 120, 2500
+FRAME_MS, HOLD_MS = 100, 3000
 """How long a frame is shown, and the last one [ms]."""
+QUALITY = 50
+"""Of WebP pictures, up to 100."""
 WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
@@ -27,67 +34,118 @@ WORLDS = {
     "lidarnaut/Navigate-v0": "turtlebot3_house",
 }
 """Worlds of ids whose default is shown by another one."""
-
 SEEDS = {"lidarnaut/Navigate-v0": 3}
 """Seeds of ids, others have 0: this one drives from room to room."""
+DRIVERS: Mapping[str, str] = {
+    "lidarnaut/ExploreFrontiers": "nearest",
+    "lidarnaut/ExploreTeam": "rrt_team",
+    "lidarnaut/ExploreWarehouse": "nearest",
+    "lidarnaut/Explore": "gain_over_cost",
+    "lidarnaut/Navigate": "pursuit",
+    "lidarnaut/Track": "route_follower",
+}
+"""What drives, by the beginning of the id; the first that fits."""
 
 
 class Film:
     """Takes pictures of an episode at equal intervals of simulated time, also within decisions."""
 
-    def __init__(self, env: gymnasium.Env) -> None:
+    def __init__(self, env: gymnasium.Env, every: float | None = None) -> None:
+        """Film an environment with `render_mode="rgb_array"`, every so often [s]; None for about `NUM_FRAMES`."""
         self._env: Any = lidar_env_of(env)
-        self._interval = self._env.control_period
+        self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
         self.frames: list[np.ndarray] = []
+        """Shape (height, width, 3), uint8 each."""
+        self._plans: list[float] = []
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
         """Take a picture if it is time for one; the interval doubles whenever there are too many."""
         if self._env.time < len(self.frames) * self._interval - 1e-6:
             return
-        if len(self.frames) == NUM_FRAMES:
-            del self.frames[1::2]
+        if len(self.frames) == self._most:
+            del self.frames[1::2], self._plans[1::2]
             self._interval *= 2.0
+        self.finish()
+
+    def finish(self) -> None:
+        """Take a picture in any case, such as the last one."""
         self.frames.append(self._env.render())
+        plan = self._env.plan
+        self._plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
 
-    def save(self, path: Path) -> None:
-        """Write an endless WebP."""
-        frames = [*self.frames, self._env.render()]
-        height = round(frames[0].shape[0] * WIDTH / frames[0].shape[1])
-        first, *rest = [Image.fromarray(f).resize((WIDTH, height), Image.Resampling.LANCZOS) for f in frames]
-        durations = [FRAME_MS] * len(rest) + [HOLD_MS]
-        first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, quality=QUALITY, method=4)
-
-
-DRIVERS: Sequence[tuple[str, str]] = (
-    ("lidarnaut/ExploreFrontiers", "nearest"),
-    ("lidarnaut/ExploreTeam", "rrt_team"),
-    ("lidarnaut/ExploreWarehouse", "nearest"),
-    ("lidarnaut/Explore", "gain_over_cost"),
-    ("lidarnaut/Navigate", "pursuit"),
-    ("lidarnaut/Track", "route_follower"),
-)
-"""What drives, by the beginning of the id; the first that fits."""
+    @property
+    def hero(self) -> np.ndarray:
+        """The picture that shows most at a glance: with the longest planned path in the middle third of the film."""
+        third = len(self.frames) // 3
+        return max(zip(self._plans[third:], self.frames[third : len(self.frames) - third]), key=lambda both: both[0])[1]
 
 
-def main(out: Path = Path("docs/images/environments"), only: str = "") -> None:
-    """Film an episode of each registered environment, kinematic physics.
+def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
+    """Save frames, shape (height, width, 3), uint8 each, as an endless GIF or WebP of a width [px], by its ending."""
+    size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
+    first, *rest = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
+    if path.suffix == ".gif":
+        palette = _palette([*frames[:: max(1, len(frames) // 8)], frames[-1]])
+        first, *rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in (first, *rest)]
+    more = {"quality": QUALITY, "method": 4} if path.suffix == ".webp" else {"optimize": False}
+    durations = [FRAME_MS] * len(rest) + [HOLD_MS]
+    first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, **more)
+
+
+def _palette(frames: Sequence[np.ndarray]) -> Image.Image:
+    """Return an image whose palette is the most frequent colours: unlike with adaptive ones, even areas keep theirs.
+
+    Of colours that are nearly alike, which Pillow does not tell apart, it has the most frequent one.
+    """
+    packed = np.concatenate([frame.reshape(-1, 3) @ np.array([1 << 16, 1 << 8, 1]) for frame in frames])
+    values, counts = np.unique(packed, return_counts=True)
+    values = values[np.argsort(-counts, kind="stable")]
+    firsts = np.sort(np.unique(values & 0xF8F8F8, return_index=True)[1])[:256]
+    colours = values[firsts, None] >> np.array([16, 8, 0]) & 255
+    image = Image.new("P", (1, 1))
+    image.putpalette(colours.astype(np.uint8).tobytes())
+    return image
+
+
+def main(
+    only: str = "",
+    out: Path = Path("docs/images/environments"),
+    policy: str | None = None,
+    physics: Literal["bullet", "kinematic"] = "kinematic",
+    seed: int | None = None,
+    every: float | None = None,
+    arguments: str = "{}",
+    picture: Path | None = None,
+) -> None:
+    """Film an episode of registered environments.
 
     Args:
-        out: Folder of the pictures, one per id.
         only: Film only ids that contain this.
+        out: Folder of the films, one per id, or with one id the film, a .gif or .webp.
+        policy: Classic policy that drives; None for one that suits the id.
+        physics: Simulator.
+        seed: Seed of world, start and noise.
+        every: Simulated time between two pictures [s]; None for about 48 pictures.
+        arguments: Further arguments of the environment, YAML: "{world: rooms, slam: graph}".
+        picture: Where one picture of the film goes.
     """
-    out.mkdir(parents=True, exist_ok=True)
     ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
     for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # those that set no arguments come first
-        arguments: dict[str, Any] = {"world": WORLDS[id]} if id in WORLDS else {}
-        env = gymnasium.make(id, physics="kinematic", render_mode="rgb_array", disable_env_checker=True, **arguments)
-        driver, seed = next(driver for start, driver in DRIVERS if id.startswith(start)), SEEDS.get(id, 0)
-        env.reset(seed=seed)
-        film = Film(env)
-        run_episode(env, policies_for(env)[driver](), seed)
-        film.save(path := out / f"{id.partition('/')[2].lower()}.webp")
+        given = ({"world": WORLDS[id]} if id in WORLDS else {}) | yaml.safe_load(arguments)
+        env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **given)
+        start = SEEDS.get(id, 0) if seed is None else seed
+        env.reset(seed=start)
+        film = Film(env, every)
+        driver = policy or next(driver for beginning, driver in DRIVERS.items() if id.startswith(beginning))
+        run_episode(env, resolve(driver, policies_for(env), "policy")(), start)
+        film.finish()
         env.close()
+        path = out if out.suffix else out / f"{id.partition('/')[2].lower()}.webp"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_film(film.frames, path, 720 if path.suffix == ".webp" else 960)
+        if picture is not None:
+            Image.fromarray(film.hero).save(picture, optimize=True)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
 
 

@@ -1,5 +1,6 @@
-"""Maps of all SLAMs side by side, for `benchmarks.pictures`: of a simulated drive, and of the Intel Research Lab."""
+"""Maps of all SLAMs side by side, of a drive and of the Intel Research Lab: `python -m benchmarks.slam_maps`."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from PIL import Image
 from scipy import ndimage
 
 from benchmarks.recorded_drives import RESOLUTION, make_setup, record_drive, track
+from envs.command_line import run_command
 from envs.estimation import Estimator
 from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.logs import load_log, load_relations, pose_errors, rms
@@ -180,3 +182,32 @@ def _frame(bounds: Bounds) -> Rectangle:
 
 def _hex(colour: style.Colour) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def main(
+    out: Path = Path("docs/images"),
+    world: str = "workshop_hall",
+    robot: str = "turtlebot3_waffle_pi",
+    seed: int = 0,
+    minutes: float = 20.0,
+) -> None:
+    """Draw `slam_maps.png`, and `slam_maps_intel.png` if the Intel log lies in `$LIDARNAUT_DATA/intel`.
+
+    Args:
+        out: folder of the pictures.
+        world: library world, or path of a world file.
+        robot: library robot, or path of a robot file.
+        seed: of goals, noise and SLAMs.
+        minutes: length of the drive [min].
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    draw_drive(out / "slam_maps.png", world, robot, seed, minutes)
+    if "LIDARNAUT_DATA" not in os.environ:
+        print("the Intel log is left out; set LIDARNAUT_DATA")
+        return
+    data = Path(os.environ["LIDARNAUT_DATA"]) / "intel"
+    draw_log(out / "slam_maps_intel.png", data / "scans_2725.npz", data / "intel.relations", seed)
+
+
+if __name__ == "__main__":
+    run_command(main)

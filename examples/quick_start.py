@@ -11,7 +11,7 @@ import tyro
 import envs  # noqa: F401  (registers the environments)
 from agents.learned import find_policy, load_policy
 from baselines.episode import Info, run_episode
-from benchmarks.pictures import save_gif
+from benchmarks.films import save_film
 
 
 def has_display() -> bool:
@@ -42,7 +42,7 @@ def main(seconds: float = 60.0, film: Path | None = None, seed: int = 0) -> floa
     env.close()
     if film is not None:
         film.parent.mkdir(parents=True, exist_ok=True)
-        save_gif(frames, film)
+        save_film(frames, film)
         print(f"film: {film}")
     print(
         f"explored {100 * episode.explored_fraction:.0f} % in {episode.duration:.0f} s, {episode.path_length:.0f} m; "

@@ -1,16 +1,19 @@
-"""Films of environments: which moments they show."""
+"""Films of environments: which moments they show, and in which colours."""
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from benchmarks.films import NUM_FRAMES, Film
+from benchmarks.films import NUM_FRAMES, Film, main, save_film
 from envs.core import LidarEnv
+from envs.rendering import style
+from envs.tasks.explore import Explore
 
 
 @pytest.mark.parametrize("periods", [10, 47, 48, 49, 500, 5000])
 def test_pictures_are_at_equal_intervals(periods):
     class Clock(LidarEnv):
-        control_period, time = 0.1, 0.0
+        control_period, time, plan = 0.1, 0.0, None
 
         def __init__(self):
             pass
@@ -26,3 +29,35 @@ def test_pictures_are_at_equal_intervals(periods):
     gaps = np.diff([frame[0, 0, 0] for frame in film.frames])
     np.testing.assert_allclose(gaps, gaps[0])
     assert min(periods, NUM_FRAMES // 2) <= len(film.frames) <= NUM_FRAMES
+
+
+def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
+    env = LidarEnv(Explore, physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array")
+    env.reset(seed=0)
+    film = Film(env, every=1.0)
+    for _ in range(25):
+        env.step(np.array([1.0, 0.3], dtype=np.float32))
+    film.finish()
+    env.close()
+    assert len(film.frames) == 4  # at 0.1, 1, 2 s and the end
+
+    save_film(film.frames, tmp_path / "film.gif", width=640)
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert gif.size == (640, 360)
+        assert gif.n_frames == 4
+        pictures = []
+        for index in range(4):
+            gif.seek(index)
+            pictures.append(np.asarray(gif.convert("RGB")).astype(int))
+    assert (pictures[0] != pictures[2]).any()
+    wanted = np.asarray(Image.fromarray(film.frames[-1]).resize((640, 360), Image.Resampling.LANCZOS)).astype(int)
+    assert (np.abs(pictures[-1] - wanted).max(axis=2) > 40).mean() < 0.005
+    for colour in (style.PAPER, style.OUTSIDE, style.UNKNOWN, style.FLOOR):
+        assert (pictures[-1] == colour).all(axis=2).sum() > 1000
+
+
+def test_one_environment_is_filmed_as_asked_for(tmp_path):
+    film, picture = tmp_path / "film.webp", tmp_path / "picture.png"
+    main("Explore-v0", film, "nearest", every=2.0, arguments="{world: pimouse_arena}", picture=picture)
+    with Image.open(film) as frames, Image.open(picture) as hero:
+        assert (frames.format, frames.size[0], hero.size[0] > 720) == ("WEBP", 720, True)

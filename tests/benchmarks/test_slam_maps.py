@@ -1,7 +1,7 @@
 import numpy as np
 from PIL import Image
 
-from benchmarks import pictures, slam_maps
+from benchmarks import slam_maps
 from envs.geometry import OccupancyGrid
 from envs.rendering import style
 
@@ -9,7 +9,7 @@ from envs.rendering import style
 def test_the_maps_of_a_drive_are_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(slam_maps, "NAMES", {"odometry": "Raw odometry", "hector": "Hector"})
     monkeypatch.delenv("LIDARNAUT_DATA", raising=False)
-    pictures.draw_maps(tmp_path, "turtlebot3_world", "turtlebot3_burger", seed=0, minutes=0.2)
+    slam_maps.main(tmp_path, "turtlebot3_world", "turtlebot3_burger", seed=0, minutes=0.2)
     assert "the Intel log is left out" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["slam_maps.png"]
     with Image.open(tmp_path / "slam_maps.png") as image:
