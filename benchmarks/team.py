@@ -5,7 +5,7 @@ world and the same start for every number of robots, so times are compared pair 
 `python -m benchmarks.team --help`.
 """
 
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,14 @@ from rich.table import Table
 from baselines import RrtTeam
 from baselines.episode import run_episode
 from benchmarks.arena.measures import texts
+from benchmarks.arena.pairs import paired_values, pool
 from benchmarks.arena.plots import show_map, show_only
-from benchmarks.arena.records import Row, append_row, read_tables
+from benchmarks.arena.publish import run_with_progress
+from benchmarks.arena.records import Row
+from benchmarks.arena.runner import Evaluation
+from benchmarks.arena.settings import Settings
 from benchmarks.arena.statistics import Estimate, estimate
 from benchmarks.arena.theme import LIGHT
-from benchmarks.parallel import run_each
 from envs.command_line import Count, make_console, run_command
 from envs.core import LidarEnv
 from envs.estimation.map_pyramid import OCCUPIED_FROM
@@ -36,95 +39,55 @@ MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
-
-TASK = ("world", "num_robots", "seed", "physics", "slam")
-COLUMNS = (
-    *TASK,
-    *("time_to_95", "time_to_90", "explored_fraction", "area_left"),
-    *("path_length", "longest_path", "collisions", "position_rmse", "end_reason", "time_limit"),
-)
-READERS = dict.fromkeys(COLUMNS, str) | {"num_robots": int, "seed": int}
-"""Columns of the CSV file, and how they are read."""
+ID = "lidarnaut/ExploreTeam-v0"
 
 
-def make_env(world: str, num_robots: int, physics: str, slam: str) -> LidarEnv:
-    """Make the environment of an episode."""
-    return LidarEnv(
-        ExploreTeam,
-        world=world,
-        num_robots=num_robots,
-        physics=physics,
-        slam=slam,
-        split="test",
-        world_size=ROOMS_SIZE if world in FAMILIES else None,
-        target_coverage=MARK,
-    )
+def run(settings: Settings, num_robots: int, out: Path, jobs: int) -> list[Row]:
+    """Evaluate teams of a size; return the rows of their episodes, whose policy is called by that size.
 
-
-def measure(world: str, num_robots: int, seed: int, physics: str, slam: str) -> Row:
-    """Run an episode."""
-    env = make_env(world, num_robots, physics, slam)
-    episode = run_episode(env, RrtTeam(), seed)
-    env.close()
-    own = dict(zip(TASK, (world, num_robots, seed, physics, slam)))
-    own |= {"longest_path": float(episode.course.final["path_length"].max()), "collisions": int(episode.collisions)}
-    return {name: own[name] if name in own else getattr(episode, name) for name in COLUMNS}
-
-
-def run(tasks: list[tuple[str, int, int, str, str]], jobs: int, path: Path) -> list[Row]:
-    """Run episodes in processes and append them to a CSV file as they end; those that are in it are not run again.
-
-    Raises:
-        ValueError: the file has other columns.
+    Library worlds and families, which get a size, are evaluated into a folder each; what is there is not run again.
     """
-    rows = {tuple(row[name] for name in TASK): row for row in read_tables(path.parent, path.stem, READERS)}
-    missing = [task for task in tasks if task not in rows]
-    results = run_each(measure, missing, jobs, partial(append_row, path, READERS), unit="episode") if missing else []
-    rows |= zip(missing, results)
-    return [rows[task] for task in tasks]
+    rows: list[Row] = []
+    for part, more in (("library", {}), ("families", {"world_size": ROOMS_SIZE})):
+        worlds = tuple(world for world in settings.worlds if (world in FAMILIES) == bool(more))
+        if worlds:
+            arguments = {"num_robots": num_robots, "target_coverage": MARK, **more}
+            some = settings.model_copy(update={"worlds": worlds, "arguments": arguments})
+            evaluation = Evaluation(some, out / f"{num_robots}_{part}")
+            run_with_progress(evaluation, jobs, None, make_console())
+            rows += [row | {"policy": str(num_robots)} for row in evaluation.rows()]
+    return rows
 
 
-def values(rows: list[Row], name: str, world: str, num_robots: int) -> np.ndarray:
-    """Return a measure of the episodes of a world with so many robots, in the order of their seeds."""
-    chosen = [row for row in rows if (row["world"], row["num_robots"]) == (world, num_robots)]
-    return np.array([float(row[name]) for row in sorted(chosen, key=lambda row: row["seed"])])
-
-
-def times(rows: list[Row], world: str, num_robots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times to 95 % [s], the time limit where it was never reached, and whether it was reached."""
-    reached = values(rows, "explored_fraction", world, num_robots) >= MARK
-    limits = values(rows, "time_limit", world, num_robots)
-    return np.where(reached, values(rows, "time_to_95", world, num_robots), limits), reached
-
-
-def speed_up(rows: list[Row], worlds: tuple[str, ...], num_robots: int) -> Estimate:
+def speed_up(rows: list[Row], num_robots: int) -> Estimate:
     """Return the interquartile mean of T(1) / T(n), pair by pair, with its interval.
 
     Where one robot alone never reached 95 %, the ratio is a lower bound.
     """
-    alone = [times(rows, world, 1) for world in worlds]
-    ratios = [time / times(rows, world, num_robots)[0] for world, (time, _) in zip(worlds, alone)]
-    return estimate(ratios, [reached for _, reached in alone] if num_robots > 1 else None)
+    alone, together = paired_values(rows, "1", str(num_robots), TIME)
+    unlimited = paired_values(rows, "1", str(num_robots), replace(TIME, limit=""))[0]
+    ratios = [one / many for one, many in zip(alone, together, strict=True)]
+    return estimate(ratios, [np.isfinite(times) for times in unlimited] if num_robots > 1 else None)
 
 
-def table(rows: list[Row], worlds: tuple[str, ...], robots: tuple[int, ...]) -> Table:
+def table(rows: list[Row], robots: tuple[int, ...]) -> Table:
     """Show worlds and numbers of robots side by side."""
     shown = Table("world", "robots", "time to 95 %, s", "T(1) / T(n)", "reached", "path of all, m", "contacts")
-    for pooled in [*((world,) for world in worlds), *([worlds] if len(worlds) > 1 else [])]:
+    worlds = {
+        world: [row for row in rows if row["world"] == world] for world in dict.fromkeys(r["world"] for r in rows)
+    }
+    for world, here in (worlds | {"all": rows} if len(worlds) > 1 else worlds).items():
         for num in robots:
-            taken, reached = zip(*(times(rows, world, num) for world in pooled))
-            paths, contacts = (
-                np.concatenate([values(rows, name, world, num) for world in pooled])
-                for name in ("path_length", "collisions")
-            )
+            own = [row for row in here if row["policy"] == str(num)]
+            time = pool(own, str(num), TIME)
             shown.add_row(
-                pooled[0] if len(pooled) == 1 else "all",
+                world,
                 str(num),
-                "{} [{}]".format(*texts(TIME, estimate(taken, reached))),
-                "{} [{}]".format(*texts(SPEED_UP, speed_up(rows, pooled, num))) if 1 in robots else "",
-                f"{np.concatenate(reached).sum()} of {len(paths)}",
-                f"{np.median(paths):.0f}",
-                f"{contacts.sum():.0f}",
+                "{} [{}]".format(*texts(TIME, time)),
+                "{} [{}]".format(*texts(SPEED_UP, speed_up(here, num))) if 1 in robots else "",
+                f"{time.n - time.never} of {time.n}",
+                f"{np.median([row['path_length'] for row in own]):.0f}",
+                f"{sum(row['collisions'] for row in own):.0f}",
             )
     return shown
 
@@ -175,19 +138,23 @@ def main(
         seed: Of the first episode; the next ones count up.
         physics: kinematic or bullet.
         slam: name of a SLAM whose map robots can share.
-        out: Folder for episodes.csv; run again, the command goes on where it stopped.
+        out: Folder of the evaluations; run again, the command goes on where it stopped.
         picture: Instead, draw the map of this world with the most robots into out/team.png.
     """
-    out.mkdir(parents=True, exist_ok=True)
     if picture is not None:
-        env = make_env(picture, max(robots), physics, slam)
+        size = ROOMS_SIZE if picture in FAMILIES else None
+        team = {"num_robots": max(robots), "target_coverage": MARK, "split": "test"}
+        env = LidarEnv(ExploreTeam, world=picture, world_size=size, physics=physics, slam=slam, **team)
         run_episode(env, RrtTeam(), seed)
+        out.mkdir(parents=True, exist_ok=True)
         draw(env, env.time).savefig(out / "team.png")
         env.close()
         return
-    tasks = [(world, num, seed + k, physics, slam) for k in range(episodes) for world in worlds for num in robots]
-    rows = run(tasks, jobs, out / "episodes.csv")
-    make_console().print(table(rows, worlds, robots))
+    settings = Settings(
+        id=ID, policies=("rrt_team",), worlds=worlds, episodes=episodes, seed=seed, physics=(physics,), slam=(slam,)
+    )
+    rows = [row for num in robots for row in run(settings, num, out, jobs)]
+    make_console().print(table(rows, robots))
 
 
 if __name__ == "__main__":
