@@ -1,34 +1,21 @@
 """Damaged inputs, kills, long runs, walls, repetitions and large maps: `python -m benchmarks.robustness`."""
 
 import sys
-import tempfile
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import tyro
 
 from envs.command_line import run_command
-from envs.progress import Progress
-from envs.robots import ROBOT_NAMES
 from envs.worlds import WORLD_NAMES
 
+from .drives import drive_into_walls, slide_along_walls, take_steps
 from .inputs import try_inputs
-from .kills import kill_evaluation, kill_training
-from .maps import CASES as RESETS
-from .maps import MAPS, MOST_MEMORY, MOST_TIME, measure
-from .repeats import CASES, WAYS, digest, digest_elsewhere
-from .steps import take_steps
-from .walls import drive, slide
+from .kills import kill_all
+from .maps import reset_maps
+from .repeats import repeat
 
-Stage = Literal["inputs", "kills", "steps", "walls", "repeats", "maps"]
+Stage = Literal["inputs", "kills", "steps", "walls", "slides", "repeats", "maps"]
 Kind = Literal["maps", "worlds", "robots", "configurations", "logs", "bags", "checkpoints"]
-SLAMS = ("tinyslam", "hector")
-"""Of the vector environment that takes many steps."""
-ANGLES = (15, 30, 45, 60, 75)
-"""Between a robot's heading and the wall that it drives into [deg]."""
-GROWTH = 1.05
-"""Memory at the end over that in the middle of a run up to which it counts as flat."""
 
 
 def main(
@@ -61,95 +48,25 @@ def main(
         The exit status: 0 if nothing failed.
     """
     run = {
-        "inputs": lambda: _inputs(kinds, -(-inputs // len(kinds)), seed),
-        "kills": lambda: _kills(kills, seed),
-        "steps": lambda: _steps(steps, seed),
-        "walls": lambda: _walls(worlds, physics, wall_steps, seed),
-        "repeats": lambda: _repeats(seed),
-        "maps": lambda: _maps(map_size),
+        "inputs": lambda: try_inputs(kinds, -(-inputs // len(kinds)), seed),
+        "kills": lambda: kill_all(kills, seed),
+        "steps": lambda: take_steps(steps, seed),
+        "walls": lambda: drive_into_walls(worlds, physics, wall_steps, seed),
+        "slides": lambda: slide_along_walls(physics),
+        "repeats": lambda: repeat(seed),
+        "maps": lambda: reset_maps(map_size),
     }
-    return max([run[stage]() for stage in stages], default=0)
-
-
-def _inputs(kinds: tuple[str, ...], count: int, seed: int) -> int:
-    results = try_inputs(kinds, count, seed)
-    rows = [(c.kind, count, c.refused, c.accepted, len(c.failures)) for c in results]
-    _print_table(("damaged", "tried", "refused with a clear error", "accepted", "failed"), rows)
-    failures = [f"{c.kind}, {failure}" for c in results for failure in c.failures]
-    return _tell(failures)
-
-
-def _kills(count: int, seed: int) -> int:
-    results = []
-    for kill in (kill_training, kill_evaluation):
-        with tempfile.TemporaryDirectory() as folder:
-            results.append(kill(count, seed, Path(folder)))
-    rows = [(r.what, r.kills, r.ends, len(r.lost)) for r in results]
-    _print_table(("kill -9 of", "kills", "runs that ended and were compared", "lost"), rows)
-    return _tell([f"{result.what}: {lost}" for result in results for lost in result.lost])
-
-
-def _steps(count: int, seed: int) -> int:
-    results = [take_steps(slam, count, seed) for slam in SLAMS]
-    head = ("SLAM", "steps", "episodes", "memory in the second quarter [MiB]", "in the last quarter [MiB]")
-    _print_table(head, [(r.slam, r.steps, r.episodes, f"{r.middle:.0f}", f"{r.end:.0f}") for r in results])
-    return _tell([f"memory grows with {r.slam}" for r in results if r.end > GROWTH * r.middle])
-
-
-def _walls(worlds: tuple[str, ...], physics: tuple[str, ...], steps: int, seed: int) -> int:
-    pairs = [(world, one) for one in physics for world in worlds]
-    drives = [drive(*pair, steps, seed) for pair in Progress(pairs, desc="walls", unit="drive")]
-    rows = []
-    for one in physics:
-        own = [d for d in drives if d.physics == one]
-        sums = [sum(getattr(d, name) for d in own) for name in ("steps", "contacts", "through", "too_fast")]
-        rows.append((one, len(own), *sums))
-    _print_table(("physics", "worlds", "control periods", "in contact", "through a wall", "above the speed"), rows)
-    slides = []
-    for robot in ROBOT_NAMES:
-        slides.append((robot, *(" / ".join(f"{slide(robot, one, angle):.2f}" for one in physics) for angle in ANGLES)))
-    _print_table((f"along a wall [m]: {' / '.join(physics)}", *(f"{angle} deg" for angle in ANGLES)), slides)
-    return _tell([str(d) for d in drives if d.through or d.too_fast])
-
-
-def _repeats(seed: int, steps: int = 100) -> int:
-    cases = list(CASES)
-    wanted = [digest(case, seed, steps) for case in Progress(cases, desc="episodes", unit="episode")]
-    rows, failures = [], []
-    for way in Progress(WAYS, desc="repeats", unit="process"):
-        found = digest_elsewhere(cases, way, seed, steps)
-        different = [case for case, a, b in zip(cases, wanted, found, strict=True) if a != b]
-        rows.append((way, len(cases), len(different)))
-        failures += [f"{case} differs {way}" for case in different]
-    _print_table(("the same seed", "episodes", "other bytes"), rows)
-    return _tell(failures)
-
-
-def _maps(size: int) -> int:
-    results = measure(list(MAPS), size)
-    rows = []
-    for name in MAPS:
-        own = [r for r in results if r.name == name]
-        times = [f"{r.time:.1f}" + (" (refused)" if r.refused else "") for r in own]
-        rows.append((name, max(r.walls for r in own), *times, f"{max(r.memory for r in own):.1f}"))
-    _print_table(("map", "walls", *(f"{case} [s]" for case in RESETS), "memory [GiB]"), rows)
-    return _tell([str(r) for r in results if r.time > MOST_TIME or r.memory > MOST_MEMORY])
-
-
-def _print_table(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> None:
-    """Print a table of Markdown."""
-    lines = [head, tuple("---" for _ in head), *rows]
-    cells = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in line] for line in lines]
-    print("\n" + "\n".join(f"| {' | '.join(line)} |" for line in cells))
-
-
-def _tell(failures: list[str]) -> int:
-    """Print what failed, the first ones of many, and return the exit status."""
-    for failure in failures[:20]:
-        print(f"failed: {failure}")
-    if len(failures) > 20:
-        print(f"and {len(failures) - 20} more")
-    return 1 if failures else 0
+    status = 0
+    for stage in stages:
+        rows, failures = run[stage]()
+        cells = [list(rows[0]), ["---"] * len(rows[0]), *(row.values() for row in rows)]
+        for line in cells:
+            print("| " + " | ".join(f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in line) + " |")
+        for failure in failures[:20]:
+            print(f"failed: {failure}")
+        print(f"and {len(failures) - 20} more" if len(failures) > 20 else "")
+        status = max(status, int(bool(failures)))
+    return status
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from envs.logs import messages
 from envs.robots import LidarParams, Mount
 from envs.simulation import Twist
 
-from .mutations import damage_bytes
+from .damage import damage_bytes
 
 LIDAR = LidarParams(num_beams=5, range_max=8.0, fov=2.0)
 EDGES: dict[type, tuple[Any, ...]] = {
@@ -23,21 +23,31 @@ EDGES: dict[type, tuple[Any, ...]] = {
     str: ("", "/", "x" * 5000, "\x00", "odom", "base_footprint", "laser", "map"),
 }
 """Values that programs forget and messages can hold, by type: numbers of 32 bits, times, frames."""
-MESSAGES_SHARE = 0.5
-"""Share of the bags whose messages are damaged, and not their bytes."""
 
 
 def write_damaged_bag(folder: Path, name: str, rng: np.random.Generator) -> Path:
     """Write a bag of a few scans in one of three formats, damaged at random, and return its path."""
     pairs = list(_drive())
     suffix = (".bag", ".mcap", "")[rng.integers(3)]
-    is_content_damaged = rng.random() < MESSAGES_SHARE
+    is_content_damaged = rng.random() < 0.5
     if is_content_damaged:
         slots = [slot for _, message in pairs for slot in _slots(message)]
         for number in rng.integers(len(slots), size=rng.integers(1, 4)):
             _damage(*slots[number], rng)
         del pairs[rng.integers(len(pairs) + 1) :][: rng.integers(2)]
-    path = _write(folder, name, suffix, pairs)
+    # ROS 1 (`.bag`), ROS 2 in one file (`.mcap`), or in a folder with SQLite (no suffix).
+    plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
+    written, store = folder / (name if suffix == "" else "written"), messages.typestore()
+    with Writer(written, version=8, storage_plugin=plugin) as writer:
+        topics = {topic: message.__msgtype__ for topic, message in pairs}
+        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
+        for k, (topic, message) in enumerate(pairs):
+            writer.write(connections[topic], k * 10**8, store.serialize_cdr(message, topics[topic]))
+    path = folder / f"{name}{suffix}"
+    if suffix == ".mcap":
+        (written / "written.mcap").rename(path)
+    elif suffix == ".bag":
+        convert([written], path, "", 0, None, "", store, None, (), (), (), ())
     if not is_content_damaged:
         files = [path] if path.is_file() else sorted(path.iterdir())
         file = files[rng.integers(len(files))]
@@ -52,24 +62,6 @@ def _drive() -> Iterator[tuple[str, Any]]:
         yield "/odom", messages.odometry(0.1 * k, Pose2D(0.05 * k, 0.0, 0.0), Twist(0.5, 0.0))
         yield "/tf", messages.transforms(0.1 * k, Pose2D(0.0, 0.0, 0.0), Pose2D(0.05 * k, 0.0, 0.0))
         yield "/scan", messages.laser_scan(0.1 * k, np.full(5, 2.0, dtype=np.float32), LIDAR, 0.1)
-
-
-def _write(folder: Path, name: str, suffix: str, pairs: list[tuple[str, Any]]) -> Path:
-    """Write a bag of ROS 1 (`.bag`), of ROS 2 in one file (`.mcap`), or in a folder with SQLite (no suffix)."""
-    plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
-    written, store = folder / (f"{name}" if suffix == "" else "written"), messages.typestore()
-    with Writer(written, version=8, storage_plugin=plugin) as writer:
-        topics = {topic: message.__msgtype__ for topic, message in pairs}
-        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
-        for k, (topic, message) in enumerate(pairs):
-            writer.write(connections[topic], k * 10**8, store.serialize_cdr(message, topics[topic]))
-    path = folder / f"{name}{suffix}"
-    if suffix == ".mcap":
-        (written / "written.mcap").rename(path)
-    elif suffix == ".bag":
-        every: tuple[str, ...] = ()
-        convert([written], path, "", 0, None, "", store, None, every, every, every, every)
-    return path
 
 
 def _slots(message: Any) -> Iterator[tuple[Any, Any]]:

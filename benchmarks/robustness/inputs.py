@@ -2,12 +2,11 @@
 
 import logging
 import multiprocessing
-import os
+import resource
 import shutil
+import signal
 import tempfile
-import time
 import warnings
-from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,11 @@ import numpy as np
 
 from envs.progress import Progress
 
-TIME_LIMIT = 10.0
-"""Processor time that an input may take [s]."""
-START_LIMIT = 120.0
-"""Processor time that the first input of a process may take, which compiles and imports [s]."""
-PATIENCE = 10.0
+from . import Report
+
+TIME_LIMIT, START_LIMIT = 10, 120
+"""Processor time that an input may take, and the first one of a process, which compiles and imports [s]."""
+PATIENCE = 10
 """Time on the clock over processor time after which a process hangs all the same: others may use the machine."""
 MEMORY_LIMIT = 16 * 2**30
 """Address space of the process that uses the inputs [bytes]."""
@@ -28,107 +27,83 @@ LONGEST = 5000
 """Longest message that is clear [characters]."""
 
 
-@dataclass
-class Counts:
-    """What became of the inputs of a kind."""
-
-    kind: str
-    refused: int = 0
-    """By an error that names the file."""
-    accepted: int = 0
-    failures: list[str] = field(default_factory=list)
-    """Each other outcome, with the number of the input."""
-
-
-def try_inputs(kinds: tuple[str, ...], count: int, seed: int, *, progress: bool = True) -> list[Counts]:
-    """Try `count` damaged inputs of each kind, in a process of their own.
+def try_inputs(kinds: tuple[str, ...], count: int, seed: int, *, progress: bool = True) -> Report:
+    """Try `count` damaged inputs of each kind, in a process of their own; one that hangs or dies is replaced.
 
     Input `i` of a kind depends on the seed, the kind and `i` alone.
     """
-    results = []
-    with tempfile.TemporaryDirectory() as folder, _Process(Path(folder)) as process:
+    rows, failures = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        process = _Process(Path(folder))
         for kind in kinds:
-            counts = Counts(kind)
+            row = {"damaged": kind, "tried": count, "refused with a clear error": 0, "accepted": 0, "failed": 0}
             for number in Progress(range(count), desc=kind, unit="input", disable=not progress):
                 outcome, said = process.use(kind, number, seed)
-                if outcome == "refused":
-                    counts.refused += 1
-                elif outcome == "accepted":
-                    counts.accepted += 1
-                else:
-                    counts.failures.append(f"input {number}: {said}")
-            results.append(counts)
-    return results
+                row["refused with a clear error" if outcome == "refused" else outcome] += 1
+                if outcome == "failed":
+                    failures.append(f"{kind}, input {number}: {said}")
+            rows.append(row)
+        process.end()
+    return rows, failures
 
 
 class _Process:
-    """A process that uses inputs; one that hangs or dies is replaced."""
+    """A process that uses inputs."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._context = folder, multiprocessing.get_context("spawn")
-        self._process: Any = None
+        self._folder, self._process = folder, None
 
-    def __enter__(self) -> "_Process":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-
-    def use(self, kind: str, number: int, seed: int) -> tuple[str, str]:
+    def use(self, *what: Any) -> tuple[str, str]:
         """Return the outcome of an input, and what was said."""
         limit = TIME_LIMIT
         if self._process is None:
-            limit = START_LIMIT
-            self._pipe, far_end = self._context.Pipe()
-            self._process = self._context.Process(target=serve, args=(far_end, self._folder), daemon=True)
+            limit, context = START_LIMIT, multiprocessing.get_context("spawn")
+            self._pipe, far_end = context.Pipe()
+            self._process = context.Process(target=serve, args=(far_end, self._folder), daemon=True)
             self._process.start()
             far_end.close()
+        said = f"took longer than {limit:g} s"
         try:
-            self._pipe.send((kind, number, seed))
-            begin, used = time.monotonic(), processor_time(self._process.pid)
-            while time.monotonic() - begin < PATIENCE * limit and processor_time(self._process.pid) - used < limit:
-                if self._pipe.poll(0.1):
-                    return self._pipe.recv()
-            outcome = "failed", f"took longer than {limit:g} s"
+            self._pipe.send((*what, limit))
+            if self._pipe.poll(PATIENCE * limit):
+                return self._pipe.recv()
         except (EOFError, ConnectionResetError, BrokenPipeError):
             self._process.join()
-            outcome = "failed", f"the process died with exit code {self._process.exitcode}"
-        self.__exit__()
+            if self._process.exitcode != -signal.SIGXCPU:
+                said = f"the process died with exit code {self._process.exitcode}"
+        self.end()
+        return "failed", said
+
+    def end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
         self._process = None
-        return outcome
-
-
-def processor_time(pid: int) -> float:
-    """Return the processor time that a process has used [s]; 0 where the operating system does not tell."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def serve(pipe: Connection, folder: Path) -> None:
     """Use the inputs that are asked for, each in a folder that is removed afterwards."""
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
-    except (ImportError, ValueError):
-        pass
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
     logging.disable()
     warnings.simplefilter("ignore")
     while True:
         try:
-            kind, number, seed = pipe.recv()
+            kind, number, seed, limit = pipe.recv()
         except EOFError:
             return
+        limit_time(limit)
         own = folder / "inputs"
         shutil.rmtree(own, ignore_errors=True)  # of a process that was ended
         own.mkdir()
         pipe.send(outcome_of(kind, number, seed, own))
         shutil.rmtree(own)
+
+
+def limit_time(limit: int) -> None:
+    """Let the operating system end this process after about so much more processor time [s]."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    most = int(used.ru_utime + used.ru_stime) + 1 + limit
+    resource.setrlimit(resource.RLIMIT_CPU, (most, resource.RLIM_INFINITY))
 
 
 def outcome_of(kind: str, number: int, seed: int, folder: Path) -> tuple[str, str]:

@@ -5,19 +5,17 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from agents.checkpoint import load_checkpoint
-from agents.run_folder import CheckpointError, list_checkpoints
 from envs.progress import Progress
 
-ROOT = Path(__file__).parents[2]
-"""Folder of the checkout."""
+from . import ROOT, Report
+
 CONFIG = {
     "experiment": "killed",
     "total_steps": 4096,
@@ -30,168 +28,142 @@ CONFIG = {
     "checkpoints": {"every": 128, "keep": 2},
 }
 """A training of 32 updates, with a checkpoint after each."""
-POLICIES, EPISODES = ("random", "nearest"), 10
-"""Of the evaluation that is killed."""
+EVALUATION = (
+    "--policies", "random", "nearest", "--worlds", "turtlebot3_world", "--episodes", "10", "--physics", "kinematic",
+    "--slam", "truth", "--time-limit", "6", "--shard", "1/1", "--out",
+)  # fmt: skip
 UNTIMED = "decision_ms"
 """Column of an evaluation that depends on the clock."""
 
 
-@dataclass
-class Killed:
-    """What became of a command that was killed."""
-
-    what: str
-    kills: int = 0
-    """How often it was killed while it ran."""
-    ends: int = 0
-    """How often it came to its end, killed before or not, and was compared with one that nobody disturbed."""
-    lost: list[str] = field(default_factory=list)
-    """What was missing, damaged or different; nothing is what is wanted."""
-
-
-def kill_evaluation(count: int, seed: int, folder: Path, *, progress: bool = True) -> Killed:
-    """Kill evaluations at `count` random moments, and start each again until it ends.
+def kill_all(count: int, seed: int) -> Report:
+    """Kill a training and an evaluation at `count` random moments each; start each again until it ends.
 
     Raises:
-        RuntimeError: an evaluation failed.
+        RuntimeError: one of them failed.
     """
-    options = ["--policies", *POLICIES, "--worlds", "turtlebot3_world", "--episodes", str(EPISODES)]
-    options += ["--physics", "kinematic", "--slam", "truth", "--time-limit", "6", "--shard", "1/1"]
-    command = [sys.executable, str(ROOT / "evaluate.py"), *options, "--out"]
-    whole, out = folder / "whole", folder / "killed"
-    duration = _run([*command, str(whole)], folder)
-    result, seen, rng = Killed("evaluation"), set(), np.random.default_rng([seed, 0])
-    bar = Progress(total=count, desc="kills of evaluate.py", unit="kill", disable=not progress)
-    while result.kills < count or out.is_dir():
-        ended = _run_or_kill([*command, str(out)], folder, duration, rng, result, count)
-        bar.update(not ended)
+    rows, failures = [], []
+    for what, kill in (("training", kill_training), ("evaluation", kill_evaluation)):
+        with tempfile.TemporaryDirectory() as folder:
+            victim = Victim(Path(folder), what, count, np.random.default_rng([seed, what == "training"]))
+            kill(victim)
+        row = {"kill -9 of": what, "kills": victim.kills, "runs that ended and were compared": victim.ends}
+        rows.append({**row, "lost": len(victim.lost)})
+        failures += [f"{what}: {lost}" for lost in victim.lost]
+    return rows, failures
+
+
+class Victim:
+    """A command that is killed, how often it was, and how often it came to its end; `lost` is what should be empty."""
+
+    def __init__(self, folder: Path, what: str, count: int, rng: np.random.Generator) -> None:
+        self.folder, self._count, self._rng = folder, count, rng
+        self.kills, self.ends, self.lost, self._duration = 0, 0, list[str](), 0.0
+        self._bar = Progress(total=count, desc=f"kills of a {what}", unit="kill")
+
+    def run(self, *command: object, limit: float | None = None) -> bool:
+        """Run a program of the checkout and tell whether it ended; it did not if it was killed after `limit` [s]."""
+        begin, program = time.perf_counter(), [sys.executable, *map(str, command)]
+        with (self.folder / "said.txt").open("w+") as said:
+            environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+            process = subprocess.Popen(program, cwd=self.folder, env=environment, stdout=said, stderr=said)
+            try:
+                process.wait(limit)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                return False
+            if process.returncode:
+                said.seek(0)
+                raise RuntimeError(f"{' '.join(program)} failed: {said.read()[-2000:]}")
+        self._duration = self._duration or time.perf_counter() - begin
+        return True
+
+    def run_or_kill(self, *command: object) -> bool:
+        """Kill a program at a random moment, or let it end if it was killed often enough; tell whether it ended."""
+        ended = self.run(*command, limit=None if self.is_done else self._rng.uniform(0.0, self._duration))
+        self.kills += not ended
+        self.ends += ended
+        self._bar.update(not ended)
+        return ended
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it was killed often enough."""
+        return self.kills >= self._count
+
+    def compare(self, wanted: dict[str, bytes], found: dict[str, bytes], what: str, folder: Path) -> None:
+        """Note what differs, and what is left over in the folder, which is removed."""
+        names = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+        self.lost += [f"{len(names)} {what} differ: {', '.join(names[:3])}"] if names else []
+        self.lost += [f"{path.name} is left over" for path in folder.rglob("*.tmp")]
+        shutil.rmtree(folder)
+
+
+def kill_evaluation(victim: Victim) -> None:
+    """No row may get lost or be there twice, and the end is that of an evaluation that nobody disturbed."""
+    command = [ROOT / "evaluate.py", *EVALUATION]
+    whole, out, seen = victim.folder / "whole", victim.folder / "killed", set[tuple[str, ...]]()
+    victim.run(*command, whole)
+    while not victim.is_done or out.is_dir():
+        ended = victim.run_or_kill(*command, out)
         rows = _rows(out)
-        result.lost += [f"row {row} is gone" for row in seen - rows]
-        seen |= rows
+        victim.lost += [f"row {row} is gone" for row in seen - set(rows)]
+        victim.lost += ["double rows"] * (len(set(rows)) != len(rows))
+        seen |= set(rows)
         if ended:
-            result.lost += _differences(_table(whole), _table(out), "rows")
-            result.lost += ["double rows"] * (len(_lines(out)) != len(rows))
-            result.lost += _differences(_files(whole / "episodes"), _files(out / "episodes"), "traces")
-            result.lost += [f"{path.name} is left over" for path in out.rglob("*.tmp")]
-            shutil.rmtree(out)
+            victim.compare(_files(whole), _files(out), "rows or traces", out)
             seen.clear()
-    bar.close()
-    return result
 
 
-def kill_training(count: int, seed: int, folder: Path, *, progress: bool = True) -> Killed:
-    """Kill trainings at `count` random moments, and resume each until it ends; no checkpoint may be lost.
+def kill_training(victim: Victim) -> None:
+    """No checkpoint may be lost.
 
     A training that is resumed starts new episodes. So the bytes that it comes to are compared with those of a training
     that goes on, undisturbed, from a copy of the same checkpoint.
-
-    Raises:
-        RuntimeError: a training failed.
     """
+    from agents.checkpoint import load_checkpoint
+    from agents.run_folder import CheckpointError, list_checkpoints
+
+    def tensors(run: Path) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in list_checkpoints(run)[-1].glob("*.safetensors")}
+
+    folder, reached, program = victim.folder, 0, ROOT / "train.py"
     (folder / "killed.yaml").write_text(yaml.safe_dump(CONFIG))
-    begin = [sys.executable, str(ROOT / "train.py"), "--config", "killed.yaml", "--seed", "1"]
-    duration = _run(begin, folder)
-    (whole,) = (folder / "runs").iterdir()
-    whole = whole.rename(folder / "whole")
-    run, copied = folder / "killed", folder / "copied"
-    result, reached, rng = Killed("training"), 0, np.random.default_rng([seed, 1])
-    bar = Progress(total=count, desc="kills of train.py", unit="kill", disable=not progress)
-    while result.kills < count or run.is_dir():
+    begin = [program, "--config", "killed.yaml", "--seed", "1"]
+    victim.run(*begin)
+    run, copied, whole = (folder / name for name in ("killed", "copied", "whole"))
+    next((folder / "runs").iterdir()).rename(whole)
+    while not victim.is_done or run.is_dir():
         wanted = shutil.copytree(run, copied) if run.is_dir() else whole
-        ended = _run_or_kill(_resume(run) if run.is_dir() else begin, folder, duration, rng, result, count)
-        bar.update(not ended)
+        ended = victim.run_or_kill(*([program, "--resume", run] if run.is_dir() else begin))
         for begun in (folder / "runs").glob("*"):
             # A run that was killed before its first checkpoint holds nothing to go on from.
             begun.rename(run) if list_checkpoints(begun) else shutil.rmtree(begun)
-        steps = _steps(run, result)
-        result.lost += [f"{reached - steps} steps"] * (steps < reached)
-        reached = steps
+        try:
+            steps = max((load_checkpoint(path).record.steps for path in list_checkpoints(run)), default=0)
+        except CheckpointError as error:
+            victim.lost.append(str(error))
+            steps = reached
+        victim.lost += [f"{reached - steps} steps"] * (steps < reached)
+        reached = 0 if ended else steps
         if ended:
             if wanted == copied:
-                _run(_resume(copied), folder)
-            result.lost += _differences(_tensors(wanted), _tensors(run), "files of the last checkpoint")
-            result.lost += [f"{path.name} is left over" for path in run.rglob("*.tmp")]
-            shutil.rmtree(run)
-            reached = 0
+                victim.run(program, "--resume", copied)
+            victim.compare(tensors(wanted), tensors(run), "files of the last checkpoint", run)
         shutil.rmtree(copied, ignore_errors=True)
-    bar.close()
-    return result
 
 
-def _run_or_kill(
-    command: list[str], folder: Path, duration: float, rng: np.random.Generator, result: Killed, count: int
-) -> bool:
-    """Kill a command at a random moment, or let it end if `count` is reached; count it, and tell whether it ended."""
-    limit = rng.uniform(0.0, duration) if result.kills < count else None
-    ended = _run(command, folder, limit) is not None
-    result.kills += not ended
-    result.ends += ended
-    return ended
-
-
-def _run(command: list[str], folder: Path, limit: float | None = None) -> float | None:
-    """Run a command and return how long it took [s]; None if it was killed since it ran longer than `limit` [s].
-
-    Raises:
-        RuntimeError: it failed.
-    """
-    begin = time.perf_counter()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with (folder / "said.txt").open("w+") as said:
-        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=said, stderr=said)
-        try:
-            process.wait(limit)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            return None
-        if process.returncode:
-            said.seek(0)
-            raise RuntimeError(f"{' '.join(command)} failed: {said.read()[-2000:]}")
-    return time.perf_counter() - begin
-
-
-def _resume(run: Path) -> list[str]:
-    return [sys.executable, str(ROOT / "train.py"), "--resume", str(run)]
-
-
-def _steps(run: Path, result: Killed) -> int:
-    """Return the steps of the newest checkpoint of a run, 0 without one; one that cannot be read is lost."""
-    try:
-        return max((load_checkpoint(path).record.steps for path in list_checkpoints(run)), default=0)
-    except CheckpointError as error:
-        result.lost.append(str(error))
-        return 0
-
-
-def _lines(folder: Path) -> list[list[str]]:
-    """Return the whole rows of an evaluation, its header first."""
+def _rows(folder: Path) -> list[tuple[str, ...]]:
+    """Return the whole rows of an evaluation, its header first, without the column that depends on the clock."""
     path = next(iter(folder.glob("episodes*.csv")), None)
     content = path.read_text() if path else ""
-    return list(csv.reader(content[: content.rfind("\n") + 1].splitlines()))
-
-
-def _rows(folder: Path) -> set[tuple[str, ...]]:
-    """Return the rows of an evaluation, without the column that depends on the clock."""
-    lines = _lines(folder)
+    lines = list(csv.reader(content[: content.rfind("\n") + 1].splitlines()))
     skipped = lines[0].index(UNTIMED) if lines else 0
-    return {tuple(value for k, value in enumerate(line) if k != skipped) for line in lines}
-
-
-def _table(folder: Path) -> dict[str, bytes]:
-    return {" ".join(row[:6]): repr(row).encode() for row in _rows(folder)}
+    return [tuple(value for k, value in enumerate(line) if k != skipped) for line in lines]
 
 
 def _files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-def _tensors(run: Path) -> dict[str, bytes]:
-    """Return the tensors of the last checkpoint of a run, by their files."""
-    last = list_checkpoints(run)[-1]
-    return {f"{last.name}/{name}": content for name, content in _files(last).items() if name.endswith(".safetensors")}
-
-
-def _differences(wanted: dict[str, bytes], found: dict[str, bytes], what: str) -> list[str]:
-    names = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
-    return [f"{len(names)} {what} differ: {', '.join(names[:3])}"] if names else []
+    """Return the rows and the traces of an evaluation."""
+    traces = {path.name: path.read_bytes() for path in (folder / "episodes").iterdir() if path.is_file()}
+    return traces | {" ".join(row[:6]): repr(row).encode() for row in _rows(folder)}

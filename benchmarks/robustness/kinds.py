@@ -13,54 +13,45 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.random import Generator
 from PIL import Image
 
 from agents.config import TrainingConfig, parse_config
 from benchmarks.arena.settings import Settings
 from envs.core import LidarEnv
-from envs.files import read_mapping, read_record
+from envs.files import parse_record, read_mapping, read_record
 from envs.logs.replay import Options
 from envs.logs.replay import main as replay
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
 
+from . import ROOT
 from .bags import write_damaged_bag
-from .mutations import DEPTH, damage_array, damage_bytes, damage_tree
+from .damage import DEPTH, damage_array, damage_bytes, damage_tree
+from .kills import CONFIG
 
-TREE_SHARE = 0.6
-"""Share of the files whose content is damaged, and not their bytes."""
-DEEP_SHARE = 0.01
-"""Share of the files that nest deeply."""
-ROOT = Path(__file__).parents[2]
-"""Folder of the checkout."""
-
-WORLD = {
-    "source": "here",
-    "licence": "CC0-1.0",
-    "height": 0.5,
-    "spawns": [[0.5, 0.5, 1.57]],
-    "polylines": [[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]],
-    "segments": [[4.0, 3.0, 0.0, 3.0], [2.0, 0.0, 2.0, 1.0, 0.2]],
-    "boxes": [[3.0, 2.0, 1.0, 0.4, 0.785]],
-    "polygons": [[[1.0, 2.0], [1.5, 2.0], [1.0, 2.5]]],
-    "cylinders": [[3.0, 1.0, 0.25]],
-    "movers": [{"radius": 0.1, "speed": 0.5, "waypoints": [[0.5, 1.5], [1.5, 1.5]]}],
-    "closures": [[0.0, 3.0, 0.0, 0.0]],
-}
+TREE_SHARE, DEEP_SHARE = 0.6, 0.01
+"""Shares of the files whose content is damaged, and not their bytes, and of those that nest deeply."""
+WORLD = yaml.safe_load("""
+source: here
+licence: CC0-1.0
+height: 0.5
+spawns: [[0.5, 0.5, 1.57]]
+polylines: [[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]]
+segments: [[4.0, 3.0, 0.0, 3.0], [2.0, 0.0, 2.0, 1.0, 0.2]]
+boxes: [[3.0, 2.0, 1.0, 0.4, 0.785]]
+polygons: [[[1.0, 2.0], [1.5, 2.0], [1.0, 2.5]]]
+cylinders: [[3.0, 1.0, 0.25]]
+movers: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
+closures: [[0.0, 3.0, 0.0, 0.0]]
+""")
 MAP = {"image": "", "resolution": 0.1, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65}
 LOG = "".join(
     f"ODOM {k}.0 0 0.1 0 0 0 {k}.0 nohost {k}.0\nFLASER 4 1.0 2.0 90.0 3.0 {k}.0 0 0 {k}.0 0 0 {k}.5 nohost {k}.5\n"
     for k in range(1, 6)
-)
-ARRAYS = {
-    "t": np.arange(5.0),
-    "odo": np.zeros((5, 3)),
-    "idx": np.arange(5),
-    "ranges": np.ones((5, 4)),
-    "ang0": -1.0,
-    "dang": 0.5,
-    "maxr": 8.0,
-}
+).encode()
+ARRAYS = {"t": np.arange(5.0), "odo": np.zeros((5, 3)), "idx": np.arange(5), "ranges": np.ones((5, 4))}
+ARRAYS |= {"ang0": np.float64(-1.0), "dang": np.float64(0.5), "maxr": np.float64(8.0)}
 
 
 def drive_in(**arguments: Any) -> None:
@@ -72,8 +63,8 @@ def drive_in(**arguments: Any) -> None:
     env.close()
 
 
-def write_tree(path: Path, tree: Any, rng: np.random.Generator) -> None:
-    """Write a damaged tree, or damaged text of it, as YAML."""
+def write_tree(path: Path, tree: Any, rng: Generator) -> Path:
+    """Write a damaged tree, or damaged text of it, as YAML; return the path."""
     if rng.random() < DEEP_SHARE:
         key = list(tree)[rng.integers(len(tree))]
         path.write_text(f"{key}: {'[' * DEPTH}{']' * DEPTH}\n")
@@ -81,77 +72,70 @@ def write_tree(path: Path, tree: Any, rng: np.random.Generator) -> None:
         path.write_text(yaml.safe_dump(damage_tree(tree, rng)))
     else:
         path.write_bytes(damage_bytes(yaml.safe_dump(tree).encode(), rng))
+    return path
 
 
-def try_map(folder: Path, name: str, rng: np.random.Generator) -> None:
+def draw_file(folder: str, rng: Generator) -> dict[str, Any]:
+    """Return the content of one of the YAML files in a folder of the checkout."""
+    paths = sorted((ROOT / folder).glob("*.yaml"))
+    return read_mapping(paths[rng.integers(len(paths))])
+
+
+def try_map(folder: Path, name: str, rng: Generator) -> None:
     """Damage the YAML or the image of a map of `map_server`."""
     pixels = np.full((20, 30), 254, dtype=np.uint8)
     pixels[5, 5:12] = 0
     suffix = ("pgm", "png")[rng.integers(2)]
     image, content = io.BytesIO(), MAP | {"image": f"{name}.{suffix}", "free_thresh": 0.196}
     Image.fromarray(pixels).save(image, format={"pgm": "PPM", "png": "PNG"}[suffix])
-    is_image_damaged = bool(rng.integers(2))
-    data = damage_bytes(image.getvalue(), rng) if is_image_damaged else image.getvalue()
-    (folder / f"{name}.{suffix}").write_bytes(data)
-    if is_image_damaged:
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content))
+    path = folder / f"{name}.yaml"
+    if rng.integers(2):
+        (folder / f"{name}.{suffix}").write_bytes(damage_bytes(image.getvalue(), rng))
+        path.write_text(yaml.safe_dump(content))
     else:
-        write_tree(folder / f"{name}.yaml", content, rng)
-    drive_in(world=str(folder / f"{name}.yaml"))
+        (folder / f"{name}.{suffix}").write_bytes(image.getvalue())
+        write_tree(path, content, rng)
+    drive_in(world=str(path))
 
 
-def try_world(folder: Path, name: str, rng: np.random.Generator) -> None:
-    """Damage a world file."""
-    write_tree(folder / f"{name}.yaml", WORLD, rng)
-    drive_in(world=str(folder / f"{name}.yaml"))
+def try_world(folder: Path, name: str, rng: Generator) -> None:
+    drive_in(world=str(write_tree(folder / f"{name}.yaml", WORLD, rng)))
 
 
-def try_robot(folder: Path, name: str, rng: np.random.Generator) -> None:
-    """Damage the file of a robot."""
-    robots = sorted((ROOT / "envs/robots/library").glob("*.yaml"))
-    tree = read_mapping(robots[rng.integers(len(robots))])
-    write_tree(folder / f"{name}.yaml", tree | {"name": name}, rng)
-    robot = replace(load_robot(folder / f"{name}.yaml"), name=name)
-    drive_in(robot=robot, world="explorebench_loop")
+def try_robot(folder: Path, name: str, rng: Generator) -> None:
+    robot = load_robot(write_tree(folder / f"{name}.yaml", draw_file("envs/robots/library", rng) | {"name": name}, rng))
+    drive_in(robot=replace(robot, name=name), world="explorebench_loop")
 
 
-def try_config(folder: Path, name: str, rng: np.random.Generator) -> None:
+def try_config(folder: Path, name: str, rng: Generator) -> None:
     """Damage the configuration of a training or of an evaluation."""
-    path = sorted((ROOT / "configs").glob("*.yaml"))
-    source = path[rng.integers(len(path))]
-    tree = read_mapping(source)
-    write_tree(folder / f"{name}.yaml", tree, rng)
+    tree = draw_file("configs", rng)
+    path = write_tree(folder / f"{name}.yaml", tree, rng)
     if "policies" in tree:
-        read_record(folder / f"{name}.yaml", Settings)
+        read_record(path, Settings)
     else:
-        parse_config(read_mapping(folder / f"{name}.yaml"), name)
+        parse_config(read_mapping(path), name)
 
 
-def try_log(folder: Path, name: str, rng: np.random.Generator) -> None:
+def try_log(folder: Path, name: str, rng: Generator) -> None:
     """Damage a log: CARMEN text, also gzipped, or arrays."""
     kind = rng.integers(4)
+    path = folder / f"{name}{('.log', '.log.gz', '.npz', '.npz')[kind]}"
     if kind == 0:
-        path = folder / f"{name}.log"
-        path.write_bytes(damage_bytes(LOG.encode(), rng))
+        path.write_bytes(damage_bytes(LOG, rng))
     elif kind == 1:
-        path = folder / f"{name}.log.gz"
         inside = rng.integers(2)
-        packed = gzip.compress(damage_bytes(LOG.encode(), rng) if inside else LOG.encode())
+        packed = gzip.compress(damage_bytes(LOG, rng) if inside else LOG)
         path.write_bytes(packed if inside else damage_bytes(packed, rng))
     else:
-        path = folder / f"{name}.npz"
-        arrays = dict(ARRAYS)
-        if kind == 2:
-            key = list(arrays)[rng.integers(len(arrays))]
-            arrays[key] = damage_array(np.asarray(arrays[key]), rng)
-        np.savez(path, **arrays)
+        key = list(ARRAYS)[rng.integers(len(ARRAYS))] if kind == 2 else None
+        np.savez(path, **{k: damage_array(array, rng) if k == key else array for k, array in ARRAYS.items()})
         if kind == 3:
             path.write_bytes(damage_bytes(path.read_bytes(), rng))
     use_log(path)
 
 
-def try_bag(folder: Path, name: str, rng: np.random.Generator) -> None:
-    """Damage a bag of ROS 1 or ROS 2."""
+def try_bag(folder: Path, name: str, rng: Generator) -> None:
     use_log(write_damaged_bag(folder, name, rng))
 
 
@@ -161,53 +145,38 @@ def use_log(path: Path) -> None:
         replay(Options(path, slam="hector", preset="default"))
 
 
-def try_checkpoint(folder: Path, name: str, rng: np.random.Generator) -> None:
+def try_checkpoint(folder: Path, name: str, rng: Generator) -> None:
     """Damage a checkpoint; in half of the cases its checksums are right all the same."""
     from agents.algorithms import build_policy
     from agents.checkpoint import load_checkpoint
 
-    valid = make_checkpoint(folder)
-    damaged = folder / f"{name}"
-    shutil.copytree(valid, damaged)
+    damaged = Path(shutil.copytree(make_checkpoint(folder), folder / name))
     record = damaged / "checkpoint.json"
     if rng.random() < DEEP_SHARE:
         record.write_text(json.dumps({"format": 1})[:-1] + ', "steps": ' + "[" * DEPTH + "]" * DEPTH + "}")
     elif rng.random() < TREE_SHARE:
-        tree = damage_tree(json.loads(record.read_text()), rng)
-        record.write_text(json.dumps(tree))
+        record.write_text(json.dumps(damage_tree(json.loads(record.read_text()), rng)))
     else:
-        files = sorted(path for path in damaged.iterdir())
+        files = sorted(damaged.iterdir())
         path = files[rng.integers(len(files))]
         path.write_bytes(damage_bytes(path.read_bytes(), rng))
         if path != record and rng.integers(2):
             content = json.loads(record.read_text())
             content["sha256"][path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
             record.write_text(json.dumps(content))
-    checkpoint = load_checkpoint(damaged)
-    build_policy(checkpoint, damaged)
+    build_policy(load_checkpoint(damaged), damaged)
 
 
 def make_checkpoint(folder: Path) -> Path:
-    """Return a checkpoint of a small network, saved in the folder at the first call."""
+    """Return a checkpoint of a small network, saved beside the folder at the first call."""
     valid = folder.parent / "valid"
     if not valid.is_dir():
         from agents.algorithms import build_model
         from agents.checkpoint import save_checkpoint
         from agents.state import capture
         from agents.vec_env import GymnasiumVecEnv, make_vector
-        from envs.files import parse_record
 
-        small = {
-            "experiment": "small",
-            "total_steps": 64,
-            "num_envs": 2,
-            "algorithm": "PPO",
-            "environment": {"world": "rooms", "world_size": [6.0, 6.0], "num_workers": 0, "time_limit": 10.0},
-            "hyperparameters": {"n_steps": 16, "batch_size": 32},
-            "network": {"features": 8, "channels": 2, "hidden": 8},
-            "checkpoints": {"every": 32, "keep": 2},
-        }
-        config = parse_record(small, "small", TrainingConfig)
+        config = parse_record(CONFIG, "small", TrainingConfig)
         env = GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs))
         saved = save_checkpoint(capture(build_model(config, env), config, [], 10.0), folder.parent / "run", keep=2)
         env.close()
@@ -215,7 +184,7 @@ def make_checkpoint(folder: Path) -> Path:
     return valid
 
 
-KINDS: dict[str, Callable[[Path, str, np.random.Generator], None]] = {
+KINDS: dict[str, Callable[[Path, str, Generator], None]] = {
     "maps": try_map,
     "worlds": try_world,
     "robots": try_robot,

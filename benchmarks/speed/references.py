@@ -36,7 +36,7 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
     """Pool a map, shape (height, width), int8, into blocks of cells; see `envs.estimation.map_pyramid`.
 
     `visited` are (row, column) of the cells in which the robot has been, shape (n, 2), int64. Returns shape (3, rows,
-    columns), uint8: 255 where a block has an occupied cell, 255 x its share of free cells, 255 where it was visited.
+    columns), uint8: 255 where a block has an occupied cell, its share of free cells times 255, 255 where visited.
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))

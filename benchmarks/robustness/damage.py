@@ -13,6 +13,8 @@ OTHERS = (None, True, "", "x", "\x00", "../..", "9" * 5000, [], {}, [[]], {"a": 
 """Values of other types."""
 DEPTH = 2000
 """Levels of nesting that are wrapped around a value."""
+TYPES = (np.int8, np.complex64, np.bool_, np.float16, "U8")
+"""Of arrays that should hold numbers of 64 bits."""
 
 
 def damage_bytes(content: bytes, rng: np.random.Generator) -> bytes:
@@ -25,29 +27,23 @@ def damage_bytes(content: bytes, rng: np.random.Generator) -> bytes:
             del damaged[at:]
         elif kind == 1 and at < len(damaged):
             damaged[at] ^= 1 << int(rng.integers(8))
-        elif kind == 2:
+        elif kind in (2, 3):
             some = rng.bytes(int(rng.integers(1, 17)))
-            damaged[at : at + len(some)] = some
-        elif kind == 3:
-            damaged[at:at] = rng.bytes(int(rng.integers(1, 17)))
+            damaged[at : at + len(some) * (kind == 2)] = some
         elif kind == 4:
             damaged[at:at] = damaged[at : at + int(rng.integers(1, 200))]
     return bytes(damaged)
 
 
 def damage_tree(tree: Any, rng: np.random.Generator) -> Any:
-    """Return nested mappings and lists with one to three damages.
-
-    A number is replaced or scaled, a key deleted, renamed or added, a value given another type, repeated, or wrapped
-    into many lists.
-    """
+    """Return nested mappings and lists with one to three damages of `DAMAGES`."""
     damaged = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 4)):
         slots = list(_slots(damaged))
         if not slots:
             break
         holder, key = slots[rng.integers(len(slots))]
-        _DAMAGES[rng.integers(len(_DAMAGES))](holder, key, rng)
+        DAMAGES[rng.integers(len(DAMAGES))](holder, key, rng)
     return damaged
 
 
@@ -55,17 +51,15 @@ def damage_array(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return an array with an element replaced, an axis cut or added, or of another type."""
     damaged = np.array(array, dtype=np.float64)
     kind = rng.integers(5)
-    if kind <= 1 and damaged.size:
-        with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):
+        if kind <= 1 and damaged.size:
             damaged.flat[rng.integers(damaged.size)] = float(EDGES[rng.integers(len(EDGES))])
-    elif kind == 2 and damaged.ndim:
-        damaged = damaged[: rng.integers(len(damaged) + 1)]
-    elif kind == 3:
-        damaged = damaged[..., None] if rng.integers(2) else damaged.ravel()
-    elif kind == 4:
-        types = (np.int8, np.complex64, np.bool_, np.float16, "U8")
-        with np.errstate(all="ignore"):
-            damaged = damaged.astype(types[rng.integers(len(types))])
+        elif kind == 2 and damaged.ndim:
+            damaged = damaged[: rng.integers(len(damaged) + 1)]
+        elif kind == 3:
+            damaged = damaged[..., None] if rng.integers(2) else damaged.ravel()
+        elif kind == 4:
+            damaged = damaged.astype(TYPES[rng.integers(len(TYPES))])
     return damaged
 
 
@@ -84,10 +78,6 @@ def _replace(holder: Any, key: Any, rng: np.random.Generator) -> None:
 def _scale(holder: Any, key: Any, rng: np.random.Generator) -> None:
     if isinstance(holder[key], int | float):
         holder[key] = holder[key] * float(10.0 ** rng.integers(-9, 10))
-
-
-def _delete(holder: Any, key: Any, rng: np.random.Generator) -> None:
-    del holder[key]
 
 
 def _rename(holder: Any, key: Any, rng: np.random.Generator) -> None:
@@ -111,14 +101,7 @@ def _nest(holder: Any, key: Any, rng: np.random.Generator) -> None:
         holder[key] = [holder[key]]
 
 
-_DAMAGES: tuple[Callable[[Any, Any, np.random.Generator], None], ...] = (
-    _replace,
-    _replace,
-    _scale,
-    _scale,
-    _delete,
-    _rename,
-    _retype,
-    _repeat,
-    _nest,
-)
+DAMAGES: tuple[Callable[[Any, Any, np.random.Generator], None], ...] = (
+    _replace, _replace, _scale, _scale, lambda holder, key, rng: holder.pop(key), _rename, _retype, _repeat, _nest,
+)  # fmt: skip
+"""What is done to a value of a mapping or a list, those that are there twice twice as often."""
