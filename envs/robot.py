@@ -235,6 +235,7 @@ class Robot:
             self.row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
+            self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
         self.pyramid.update(belief.update)
         self._remember(belief.pose)
 
