@@ -7,6 +7,7 @@ each run, since cached ones would not notice that a kernel has changed.
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +20,10 @@ from benchmarks.speed.naive_slam import match as naive_match
 from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
 from envs.estimation import Window
 from envs.estimation.map_pyramid import Level, crop_level, pool_cells
-from envs.geometry import Pose2D
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
+from envs.robots import LidarParams, RobotParams
 from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import robot_record
 from envs.simulation.state import STATE_SIZE
@@ -40,11 +42,23 @@ class Kernel(NamedTuple):
     """A kernel and the same work in NumPy, on the same input."""
 
     name: str
-    repeat: Callable[[int], object]
-    """Runs it so many times, from compiled code as its users do."""
-    result: Callable[[], np.ndarray]
-    """Runs it once and returns what it computes."""
+    function: Any
+    before: tuple[Any, ...]
+    x: float | None
+    """The argument that differs from call to call, such that no compiler takes the work out of the loop; None where
+    the work changes its own input."""
+    after: tuple[Any, ...]
+    """Arguments before and after that one."""
+    read: Callable[[], np.ndarray]
+    """Returns what the kernel has computed."""
     reference: Callable[[], np.ndarray]
+
+    def repeat(self, times: int) -> None:
+        """Run it so many times, from compiled code as its users do."""
+        if self.x is None:
+            _repeat(times, self.function, self.before)
+        else:
+            _repeat_varied(times, self.function, self.before, self.x, self.after)
 
 
 @njit
@@ -55,14 +69,13 @@ def _repeat(times, kernel, arguments):
 
 @njit
 def _repeat_varied(times, kernel, before, x, after):
-    # An argument differs from call to call, such that no compiler takes the work out of the loop.
     for i in range(times):
         kernel(*(before + (x + 1e-9 * i,) + after))  # Numba joins tuples by +
 
 
 @njit
-def _match_from(words, points, count, x, start, search, noise):
-    match(words, points, count, (x, start[1], start[2]), search, noise)
+def _match_from(words, points, count, x, start, search, noise, out):
+    out[0], out[1], out[2] = match(words, points, count, (x, start[1], start[2]), search, noise)[:3]
 
 
 @njit
@@ -103,127 +116,85 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     lidar, rng = robot.lidar, np.random.default_rng(0)
     grid_map, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
     ranges, around = np.empty(lidar.num_beams, dtype=np.float32), (world.segments, world.circles)
-    for k in range(12):
-        angle = 2.0 * math.pi * k / 12
-        naive.pose = pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), angle)
+    for angle in np.arange(12) * math.pi / 6:
+        naive.pose = pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), float(angle))
         # Pose of the lidar; map frame and world frame are one here.
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         cast_rays(*sensor, lidar.beams, *around, ranges)
         noisy = ranges + rng.normal(0.0, lidar.noise_std, ranges.shape).astype(np.float32)
         naive.integrate(noisy, params.quality)
         grid_map.integrate(noisy, pose, params.quality)
+    x, y, theta = sensor
+    angles = theta + lidar.angles
     return [
-        _cast_rays(lidar, sensor, around),
-        _match(params, grid_map, naive, noisy, pose),
-        _integrate_scan(params, grid_map, lidar, noisy, pose, sensor),
-        *_crop(grid_map, pose),
+        Kernel(
+            "cast_rays", cast_rays, (), x, (y, theta, lidar.beams, *around, ranges), lambda: ranges,
+            lambda: cast_rays_in_numpy(x, y, angles, lidar.range_max, *around),
+        ),
+        _match(grid_map, naive, noisy, pose),
+        _integrate_scan(lidar, noisy, pose, sensor),
+        *_crop(grid_map.grid, pose),
         _advance(robot, *around),
-    ]
+    ]  # fmt: skip
 
 
-def _cast_rays(lidar: Any, sensor: Pose2D, around: tuple[np.ndarray, np.ndarray]) -> Kernel:
-    out = np.empty(lidar.num_beams, dtype=np.float32)
-    rest = (sensor.y, sensor.theta, lidar.beams, *around, out)
-
-    def result() -> np.ndarray:
-        cast_rays(sensor.x, *rest)
-        return out
-
-    def reference() -> np.ndarray:
-        return cast_rays_in_numpy(sensor.x, sensor.y, sensor.theta + lidar.angles, lidar.range_max, *around)
-
-    return Kernel("cast_rays", lambda times: _repeat_varied(times, cast_rays, (), sensor.x, rest), result, reference)
-
-
-def _match(params: Any, grid_map: GridMap, naive: NaiveSlam, ranges: np.ndarray, pose: Pose2D) -> Kernel:
-    points, search = np.empty((2, len(ranges)), dtype=np.float32), search_params(params)
+def _match(grid_map: GridMap, naive: NaiveSlam, ranges: np.ndarray, pose: Pose2D) -> Kernel:
+    params = load_params("default")
+    points, search, found = np.empty((2, len(ranges)), dtype=np.float32), search_params(params), np.empty(3)
     count = project_hits(ranges, grid_map.geometry, points)
     noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
-    x, y = grid_map.to_cells(pose.x + 0.01, pose.y)
-    start, scan = Pose2D(x, y, pose.theta + 0.01), (grid_map.words, points, count)
-
-    def repeat(times: int) -> None:
-        _repeat_varied(times, _match_from, scan, start.x, (start, search, noise))
-
-    def reference() -> np.ndarray:
-        how = (search[:2], (0.0, 0.0), noise, params.max_failed)
-        return np.array(naive_match(naive.values, points[:, :count], start, *how))
-
-    return Kernel("match", repeat, lambda: np.array(match(*scan, tuple(start), search, noise)[:3]), reference)
+    start = Pose2D(*grid_map.to_cells(pose.x + 0.01, pose.y), pose.theta + 0.01)
+    slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
+    return Kernel(
+        "match", _match_from, (grid_map.words, points, count), start.x, (start, search, noise, found), lambda: found,
+        lambda: np.array(naive_match(*slow)),
+    )  # fmt: skip
 
 
-def _integrate_scan(
-    params: Any, grid_map: GridMap, lidar: Any, ranges: np.ndarray, pose: Pose2D, sensor: Pose2D
-) -> Kernel:
-    (x, y), new_cells = grid_map.to_cells(sensor.x, sensor.y), np.empty((grid_map.words.size, 2), dtype=np.int32)
-    scan = (ranges, grid_map.geometry, params.skip_exceeding)
-    where = (scan, y, math.cos(pose.theta), math.sin(pose.theta), np.empty((lidar.num_beams, 3)))
-    rest = (*where, grid_map.model, params.quality, new_cells)
-    naive = NaiveSlam(lidar, params)
-    naive.pose = pose
-
-    def repeat(times: int) -> None:
-        cells = (grid_map.words.copy(), grid_map.grid.data.copy())
-        _repeat_varied(times, _integrate, (*cells, *rest), x, ())
-
-    def result() -> np.ndarray:
-        empty = GridMap(params, lidar)
-        _integrate(empty.words, empty.grid.data, *rest, x)
-        return probabilities(empty.words)
+def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D, sensor: Pose2D) -> Kernel:
+    params = load_params("default")
+    empty, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
+    naive.pose, (x, y) = pose, empty.to_cells(sensor.x, sensor.y)
+    scan = (ranges, empty.geometry, params.skip_exceeding)
+    where = (y, math.cos(pose.theta), math.sin(pose.theta), np.empty((lidar.num_beams, 3)))
+    how = (empty.model, params.quality, np.empty((empty.words.size, 2), dtype=np.int32))
 
     def reference() -> np.ndarray:
         naive.integrate(ranges, params.quality)  # a mean does not change when the same is averaged in again
         return naive.values
 
-    return Kernel("integrate_scan", repeat, result, reference)
+    cells = (empty.words, empty.grid.data)
+    return Kernel(
+        "integrate_scan", _integrate, (*cells, scan, *where, *how), x, (), lambda: probabilities(empty.words), reference
+    )
 
 
-def _crop(grid_map: GridMap, pose: Pose2D) -> list[Kernel]:
+def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
     """Return what pools the level of the map that `map_near` crops, and what crops it."""
-    grid, crop = grid_map.grid, np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
-    level = Level(round(NEAR_PIXEL / grid.resolution), None)
+    level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
     level.rebuild(grid.data)
-    side = level.block * grid.resolution
-    (row_min, row_max), (col_min, col_max) = ((axis.min(), axis.max()) for axis in np.nonzero(grid.data >= 0))
-    window = Window(*map(int, (col_min, row_min, col_max, row_max)))
-    pool = (grid.data, window, level.block, level.words)
+    rows, cols = np.nonzero(grid.data >= 0)
+    window = Window(*map(int, (cols.min(), rows.min(), cols.max(), rows.max())))
+    side, visited = level.block * grid.resolution, np.empty((0, 2), dtype=np.int64)
     x, y = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side
-    rest = (y, pose.theta, NEAR_PIXEL / side)
-    blocks = (level.words, level.height, level.width)
-
-    def pooled() -> np.ndarray:
-        return pool_in_numpy(grid.data, np.empty((0, 2), dtype=np.int64), level.block)
-
-    def pool_once() -> np.ndarray:
-        pool_cells(*pool)
-        return level.words[:-1].reshape(level.height, level.width) & 0xFF
-
-    def crop_once() -> np.ndarray:
-        crop_level(*blocks, x, *rest, crop)
-        return crop
-
-    def repeat(times: int) -> None:
-        _repeat_varied(times, crop_level, blocks, x, (*rest, crop))
-
-    slow = pooled()
+    pooled, rest = pool_in_numpy(grid.data, visited, level.block), (y, pose.theta, NEAR_PIXEL / side)
     return [
-        Kernel("pool_map", lambda times: _repeat(times, pool_cells, pool), pool_once, lambda: pooled()[1]),
-        Kernel("crop", repeat, crop_once, lambda: crop_in_numpy(slow, x, *rest, CROP_SIZE)),
-    ]
+        Kernel(
+            "pool_map", pool_cells, (grid.data, window, level.block, level.words), None, (),
+            lambda: level.words[:-1].reshape(level.height, level.width) & 0xFF,
+            lambda: pool_in_numpy(grid.data, visited, level.block)[1],
+        ),
+        Kernel(
+            "crop", crop_level, (level.words, level.height, level.width), x, (*rest, crop), lambda: crop,
+            lambda: crop_in_numpy(pooled, x, *rest, CROP_SIZE),
+        ),
+    ]  # fmt: skip
 
 
-def _advance(robot: Any, segments: np.ndarray, circles: np.ndarray) -> Kernel:
+def _advance(robot: RobotParams, segments: np.ndarray, circles: np.ndarray) -> Kernel:
     # A circle in the free middle of the hall, driven for ever.
     command, normals, record = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD)
-    driven, at_rest = np.zeros(STATE_SIZE), np.zeros(STATE_SIZE)
+    driven, how = np.zeros(STATE_SIZE), (PERIOD, int(record.substeps), robot, segments, circles)
     arguments = (driven, command, normals, record, Obstacles(segments, circles, circles))
-
-    def result() -> np.ndarray:
-        driven[:] = at_rest
-        advance(*arguments)
-        return driven
-
-    def reference() -> np.ndarray:
-        return advance_in_numpy(at_rest, command, normals, PERIOD, int(record.substeps), robot, segments, circles)
-
-    return Kernel("advance", lambda times: _repeat(times, advance, arguments), result, reference)
+    reference = partial(advance_in_numpy, np.zeros(STATE_SIZE), command, normals, *how)
+    return Kernel("advance", advance, arguments, None, (), driven.copy, reference)

@@ -133,11 +133,15 @@ class NaiveSlam:
         # the one nearer to its start.
         travel = ends - start
         lengths = np.abs(travel).max(axis=1)
-        beams = np.repeat(np.arange(len(ends)), lengths + 1)
-        along = np.arange(len(beams)) - np.repeat(np.cumsum(lengths + 1) - lengths - 1, lengths + 1)
+        sizes = lengths + 1
+        beams = np.repeat(np.arange(len(ends), dtype=np.int32), sizes)
+        along = np.arange(len(beams)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         slopes, halves = travel / np.maximum(lengths, 1)[:, None], np.sign(travel) * (0.5 - 1e-9)
-        rows, cols = (start + (slopes[beams] * along[:, None] + halves[beams]).astype(np.int32)).T
-        left = lengths[beams] - along
+        rows, cols = (
+            start[k] + (np.repeat(slopes[:, k], sizes) * along + np.repeat(halves[:, k], sizes)).astype(np.int32)
+            for k in (0, 1)
+        )
+        left = np.repeat(lengths, sizes) - along
 
         probs, hole = np.full(len(rows), params.empty_prob), params.hole_width / params.resolution
         last = np.flatnonzero((left <= hole) & (hits & ((travel**2).sum(axis=1) > hole**2))[beams])
