@@ -71,8 +71,9 @@ def _slots(tree: Any) -> Iterator[tuple[Any, Any]]:
             yield from _slots(tree[key])
 
 
-def _replace(holder: Any, key: Any, rng: np.random.Generator) -> None:
-    holder[key] = EDGES[rng.integers(len(EDGES))]
+def _draw(values: tuple[Any, ...]) -> Callable[[Any, Any, np.random.Generator], None]:
+    """Return what replaces a value by one of `values`."""
+    return lambda holder, key, rng: holder.__setitem__(key, copy.deepcopy(values[rng.integers(len(values))]))
 
 
 def _scale(holder: Any, key: Any, rng: np.random.Generator) -> None:
@@ -83,10 +84,6 @@ def _scale(holder: Any, key: Any, rng: np.random.Generator) -> None:
 def _rename(holder: Any, key: Any, rng: np.random.Generator) -> None:
     if isinstance(holder, dict):
         holder[f"{key}s"] = holder.pop(key)
-
-
-def _retype(holder: Any, key: Any, rng: np.random.Generator) -> None:
-    holder[key] = copy.deepcopy(OTHERS[rng.integers(len(OTHERS))])
 
 
 def _repeat(holder: Any, key: Any, rng: np.random.Generator) -> None:
@@ -102,6 +99,7 @@ def _nest(holder: Any, key: Any, rng: np.random.Generator) -> None:
 
 
 DAMAGES: tuple[Callable[[Any, Any, np.random.Generator], None], ...] = (
-    _replace, _replace, _scale, _scale, lambda holder, key, rng: holder.pop(key), _rename, _retype, _repeat, _nest,
+    _draw(EDGES), _draw(EDGES), _scale, _scale, lambda holder, key, rng: holder.pop(key), _rename, _draw(OTHERS),
+    _repeat, _nest,
 )  # fmt: skip
 """What is done to a value of a mapping or a list, those that are there twice twice as often."""

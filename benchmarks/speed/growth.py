@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 AXES = {
     "beams": "beams of a scan",
@@ -25,17 +26,14 @@ def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
         for slam, colour in COLOURS.items():
             line = [(point["at"], point["us"]) for point in points if point["slam"] == slam]
             panel.plot(*zip(*line, strict=True), marker="o", markersize=4, color=colour, label=slam)
-        ticks = sorted({point["at"] for point in points})
         panel.set(xscale="log", yscale="log", xlabel=AXES[key])
+        ticks = sorted({point["at"] for point in points})
         panel.set_xticks(ticks, [str(tick) for tick in ticks])
+        panel.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
         panel.minorticks_off()
         panel.grid(alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
-    times, steps = [row["us"] for row in rows], [k * 10.0**power for power in range(-1, 7) for k in (1, 2, 5)]
-    low, high = max(step for step in steps if step <= min(times)), min(step for step in steps if step >= max(times))
-    panels[0].set(ylim=(low, high), ylabel="time for a step of one sub-environment [µs]")
-    panels[0].set_yticks([step for step in steps if low <= step <= high])
-    panels[0].yaxis.set_major_formatter("{x:g}")
+    panels[0].set_ylabel("time for a step of one sub-environment [µs]")
     panels[0].legend(frameon=False, title="pose from")
     figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
     figure.savefig(path, dpi=150, metadata={"Software": None})
