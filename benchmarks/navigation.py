@@ -4,6 +4,7 @@ How surely and how fast the classic policies get to goals is measured by `evalua
 """
 
 import json as json_format
+import timeit
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.speed.parts import measure
 from envs.command_line import make_console, run_command
 from envs.core import LidarEnv
 from envs.geometry.polyline import lengths_along
@@ -35,7 +35,8 @@ REPEATS = 15
 
 def _best(work: Callable[[], object], repeats: int = REPEATS) -> float:
     """Return the least wall-clock time of some work [us], after one run that compiles it."""
-    return float(measure({"": work}, repeats, batch=1)[""].min())
+    work()
+    return 1e6 * min(timeit.repeat(work, number=1, repeat=repeats))
 
 
 def planning_costs(world: str) -> dict[str, Any]:

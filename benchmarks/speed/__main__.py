@@ -56,7 +56,7 @@ def main(
         one = calls[1]
         run: dict[str, Callable[[], list[dict[str, Any]]]] = {
             "designs": lambda: measuring.compare_designs(calls, DESIGNS, BODIES, seconds, repeats),
-            "kernels": lambda: [row for bodies in BODIES for row in one(time_kernels, bodies, 0.1 * seconds)],
+            "kernels": lambda: [row for bodies in BODIES for row in one(time_kernels, bodies, 3 * repeats)],
             "memory": lambda: one(measuring.memory, BODIES[0]),
             "growth": lambda: measuring.growth(calls, BODIES[0], seconds, repeats),
             "physics": lambda: one(parts.physics, 20 if quick else 200),

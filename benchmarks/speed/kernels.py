@@ -5,9 +5,9 @@ each run, since cached ones would not notice that a kernel has changed.
 """
 
 import math
-import time
 from collections.abc import Callable
 from functools import partial
+from timeit import timeit
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,8 +34,8 @@ from envs.slam.map_update import integrate_scan
 from envs.slam.matcher import match, search_params
 from envs.slam.scans import beam_ends, project_hits
 
-PERIOD, CROP_SIZE, REPEATS = 0.1, 40, 5
-"""Control period [s]; pixels along the sides of a crop; measurements of which the median is taken."""
+PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
+"""Control period [s]; pixels along the sides of a crop; calls of a kernel that are timed together."""
 
 
 class Kernel(NamedTuple):
@@ -84,30 +84,16 @@ def _integrate(words, occupancy, scan, y, c, s, ends, model, quality, new_cells,
     integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells)
 
 
-def time_kernels(num_bodies: int, seconds: float) -> list[dict[str, Any]]:
-    """Return the median times of kernels and their references in a hall, for some seconds each in turn [us]."""
+def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
+    """Return the median times of kernels and their references in a hall, measured in turn `repeats` times [us]."""
     rows = []
     for kernel in make_kernels(num_bodies):
-        ways = (kernel.repeat, lambda count, kernel=kernel: [kernel.reference() for _ in range(count)])
-        for repeat in ways:
-            repeat(1)
-        us, slow = np.median(
-            [[_time_call(repeat, seconds) for repeat in ways] for _ in range(REPEATS)], axis=0
-        ).tolist()
-        rows.append({"kernel": kernel.name, "bodies": num_bodies, "us": us, "NumPy us": slow, "ratio": slow / us})
+        fast, slow = partial(kernel.repeat, CALLS), kernel.reference
+        kernel.repeat(1)
+        times = [[timeit(fast, number=1) / CALLS, timeit(slow, number=10) / 10] for _ in range(repeats)]
+        us, slow_us = (1e6 * np.median(times, axis=0)).tolist()
+        rows.append({"kernel": kernel.name, "bodies": num_bodies, "us": us, "NumPy us": slow_us, "ratio": slow_us / us})
     return rows
-
-
-def _time_call(repeat: Callable[[int], object], seconds: float) -> float:
-    """Return how long one of many calls takes [us]."""
-    count = 1
-    while True:
-        start = time.perf_counter()
-        repeat(count)
-        elapsed = time.perf_counter() - start
-        if elapsed >= 0.5 * seconds:
-            return 1e6 * elapsed / count
-        count = max(2 * count, int(count * seconds / max(elapsed, 1e-6)) if elapsed > 1e-4 else 10 * count)
 
 
 def make_kernels(num_bodies: int) -> list[Kernel]:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from timeit import timeit
 from typing import Any
 
 import gymnasium
@@ -21,20 +22,6 @@ WARM_UP, SLICES = 3, 6
 """Decisions before the clock starts, which compile and draw the first worlds; turns that the others are taken in."""
 
 
-def measure(calls: dict[str, Callable[[], object]], repetitions: int, batch: int) -> dict[str, np.ndarray]:
-    """Time every call `repetitions` times in batches of `batch`, one call after the other [us]."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        call()
-    for _ in range(repetitions):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            for _ in range(batch):
-                call()
-            times[name].append(1e6 * (time.perf_counter() - start) / batch)
-    return {name: np.array(values) for name, values in times.items()}
-
-
 def physics(repetitions: int) -> list[dict[str, Any]]:
     """Time one control step of 0.1 s with all sensors, and a reset."""
     world, calls = load_world("turtlebot3_world"), {}
@@ -46,8 +33,9 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
             label = f"{name}, {robot.name} ({robot.lidar.num_beams} beams)"
             calls[f"step, {label}"] = partial(driven.step, [Twist(0.2, robot.max_w / 2)])
             calls[f"reset, {label}"] = partial(placed.reset, *start)
-    times = measure(calls, repetitions, batch=10)
-    return [{"what": name, "least us": us.min(), "median us": np.median(us)} for name, us in times.items()]
+    turns = [[timeit(call, number=10) for call in calls.values()] for _ in range(repetitions + 1)]
+    times = 1e5 * np.array(turns[1:]).T  # the first turn compiles
+    return [{"what": name, "least us": us.min(), "median us": np.median(us)} for name, us in zip(calls, times)]
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
