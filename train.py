@@ -19,7 +19,7 @@ import gymnasium
 from agents.config import EvolutionConfig, parse_config
 from agents.options import change, describe_keys, read_changes
 from agents.run_folder import CheckpointError, find_config
-from envs.command_line import fail
+from envs.command_line import fail, program_name
 from envs.files import LockedError, read_mapping
 from lidarnaut.configurations import find_configuration
 
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--help", "-h", action="store_true")
     given, others = parser.parse_known_args(arguments)
     if given.help:
-        print(f"{__doc__}{describe_keys()}")
+        print(f"usage: {program_name()} (--config FILE | --resume RUN) [--KEY VALUE ...]\n\n{__doc__}{describe_keys()}")
         return 0
     try:
         if given.resume is None and given.config is None:

@@ -69,6 +69,9 @@ class Terms:
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Terms) and self._weights == other._weights
+
     def names(self) -> tuple[str, ...]:
         """Return the names of the terms, in the order in which they are summed."""
         return tuple(self._weights)

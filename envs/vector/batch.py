@@ -12,7 +12,7 @@ import numpy as np
 from envs.robot import SCAN
 from envs.simulation import state as at
 from envs.simulation.rows import BLOCK
-from envs.tasks.rewards import Weights
+from envs.tasks.rewards import Terms, Weights
 from envs.transition import pose_errors, step_rows
 
 from .memory import Arrays, Extras
@@ -62,7 +62,9 @@ class Batch:
             self._rests[i] = env.task.rests_between_scans and follows and not env.sensors and env.on_period is None
         self._moving = [i for i, env in enumerate(envs) if env.world.movers]
         weights = envs[0].task.weights
-        self._has_columns = type(weights).terms is Weights.terms and all(env.task.weights == weights for env in envs)
+        self._has_columns = type(weights).terms in (Terms.terms, Weights.terms) and all(
+            env.task.weights == weights for env in envs
+        )
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions.
