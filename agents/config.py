@@ -1,7 +1,7 @@
 """Configuration of an experiment."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
@@ -19,6 +19,15 @@ class Section(BaseModel):
     """Part of a configuration: immutable, and unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_one_for_several(cls, data: Any) -> Any:
+        """Take a text where several are allowed: one alone, as command lines give it."""
+        if not isinstance(data, dict):
+            return data
+        several = {name for name, one in cls.model_fields.items() if get_origin(one.annotation) is tuple}
+        return {key: (value,) if key in several and isinstance(value, str) else value for key, value in data.items()}
 
 
 Width = Annotated[int, Field(ge=1, le=8192)]

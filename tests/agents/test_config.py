@@ -179,3 +179,8 @@ def test_help_names_every_key(capsys):
     said = capsys.readouterr().out
     assert "--environment.num-workers (default None)" in said
     assert "--generations (default 100)" in said
+
+
+def test_one_name_will_do_where_several_are_allowed():
+    data = {"experiment": "one", "algorithm": "PPO", "total_steps": 8, "environment": {"id": "lidarnaut/Explore-v0"}}
+    assert parse_config(data | {"evaluation": {"references": "nearest"}}, "one").evaluation.references == ("nearest",)

@@ -22,7 +22,7 @@ DISCRETE = ("DQN", "QRDQN", "MaskablePPO")
 WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
 CASES = [
     *((name, id) for name in ALGORITHMS if name not in DISCRETE for id in ("Explore", "Navigate")),
-    *((name, "ExploreFrontiersAbstract") for name in CHOOSING),
+    *((name, "ExploreFrontiers") for name in CHOOSING),
 ]
 
 
