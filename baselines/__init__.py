@@ -102,7 +102,6 @@ __all__ = [
     "FrontierParams",
     "GainOverCostExplorer",
     "GainOverCostParams",
-    "GoalDriver",
     "GreedyGainExplorer",
     "NearestExplorer",
     "NearestParams",

@@ -43,17 +43,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ## Arguments
     The parameters of the task, and these, which all tasks share:
 
-    | argument | default | meaning |
-    |---|---|---|
-    | `robot` | `None` | library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot |
-    | `physics` | `"bullet"` | `"bullet"` (PyBullet) or `"kinematic"`; vector environments are kinematic unless told otherwise |
-    | `control_hz` | `10.0` | steps per second |
-    | `time_limit` | `None` | length of an episode [s]; `None` gives the task's usual one |
-    | `observations` | `None` | parts of the observation, see `envs.observations.make_parts`; `None` gives the task's usual ones |
-    | `sensors` | `()` | sensors of your own, see `envs.sensor.Sensor` |
-    | `randomize` | `None` | (low, high) by the name of a parameter of the robot, from which each episode draws the true robot's; see docs/training.md |
-    | `clip_actions` | `False` | whether actions outside [-1, 1] are clipped, or refused |
-    | `render_mode` | `None` | `"human"` or `"rgb_array"` |
+    - `robot` (`None`): library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot.
+    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`; vector environments are kinematic unless told
+      otherwise.
+    - `control_hz` (`10.0`): steps per second.
+    - `time_limit` (`None`): length of an episode [s]; `None` gives the task's usual one.
+    - `observations` (`None`): parts of the observation, see `envs.observations.make_parts`; `None` gives the task's
+      usual ones.
+    - `sensors` (`()`): sensors of your own, see `envs.sensor.Sensor`.
+    - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
+      robot's; see docs/training.md.
+    - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
+    - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012

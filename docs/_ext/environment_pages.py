@@ -8,7 +8,7 @@ import gymnasium
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-import envs  # noqa: F401  (registers the environments)
+from envs import LIDAR_ENV
 
 NAMESPACE = "lidarnaut"
 PICTURES = Path("images/environments")
@@ -23,6 +23,9 @@ docstrings when the site is built.
 | id | world and task |
 |---|---|
 {rows}
+
+## Arguments
+{arguments}
 
 ```{{toctree}}
 :hidden:
@@ -80,7 +83,12 @@ def pages(source: Path) -> dict[str, str]:
     ]
     listed = "\n".join(names.values())
     found = {f"{names[entry_point]}.md": _page(entry_point, specs, source) for entry_point, specs in by_class.items()}
-    return {"index.md": INDEX.format(rows="\n".join(rows), names=listed), **found}
+    return {
+        "index.md": INDEX.format(
+            arguments=_summary(LIDAR_ENV)[1].partition("## Arguments")[2], rows="\n".join(rows), names=listed
+        ),
+        **found,
+    }
 
 
 def _summary(entry_point: str) -> tuple[str, str]:
