@@ -37,8 +37,8 @@ FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "o
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Lidar robots in a world, driven by twists, one control period in a step.
 
-    What the robots are to do is a task; see `envs.task.Task`. Actions are forward speed and yaw rate (counter-clockwise)
-    as fractions of the robot's limits.
+    What the robots are to do is a task; see `envs.task.Task`. Actions are forward speed and yaw rate
+    (counter-clockwise) as fractions of the robot's limits.
 
     ## Arguments
     The parameters of the task, and these, which all tasks share:
