@@ -198,7 +198,7 @@ def test_the_arena_of_the_project_covers_everything():
         ({"slam_axis": {"episode": 3}}, r"unknown key 'slam_axis.episode' \(did you mean 'episodes'\?\)"),
         ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),
         ({"worlds": []}, r"worlds: .*at least 1 item"),
-        ({"physics": "bullet"}, r"physics: .*tuple, got 'bullet'"),
+        ({"physics": 3}, r"physics: .*tuple, got 3"),
         ({"episodes": 0}, r"episodes: .*greater than or equal to 1, got 0"),
     ],
 )
