@@ -12,9 +12,10 @@ from stable_baselines3.common.policies import BasePolicy
 from agents.algorithms import Actor
 from agents.config import TrainingConfig
 from agents.policies import make_policy
-from agents.vec_env import Observations, make_env, make_vector, task_env_of
+from agents.vec_env import Observations, make_env, make_vector
 from baselines.episode import decide_with, run_episode
 from baselines.explorer import Policy
+from envs.core import lidar_env_of
 from envs.files import resolve
 from envs.measures import Course, headline_of, measures_of
 
@@ -38,7 +39,7 @@ class Evaluator:
         changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
         environment = config.environment.model_copy(update=changes)
         self._env = make_env(environment, "test")
-        inner = task_env_of(self._env)
+        inner = lidar_env_of(self._env)
         self.measures = measures_of(inner.task.measures)
         """Measures of an episode, the headline first."""
         self.headline = headline_of(inner.task.measures)

@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import EnvironmentConfig
 from agents.networks import flat_space, flatten
+from envs.core import lidar_env_of
 from envs.files import explain_unknown
 from envs.ids import arguments_of, find_spec
 from envs.vector import LidarVectorEnv
@@ -32,8 +33,11 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
         ValueError: if there is no such environment, it refuses an argument, or its task declares no measures.
     """
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
-    if not hasattr(task_env_of(env), "task"):
-        raise ValueError(f"environment.id: {config.id!r} has no task that declares measures; see envs.task.Task")
+    try:
+        lidar_env_of(env)
+    except TypeError as error:
+        why = f"environment.id: {config.id!r} has no task that declares measures; see envs.task.Task"
+        raise ValueError(why) from error
     return env
 
 
@@ -61,11 +65,6 @@ def make_vector(
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
     return LidarVectorEnv(entry, num_envs, **settings, **{**spec.kwargs, **arguments})
-
-
-def task_env_of(env: gymnasium.Env[Any, Any]) -> Any:
-    """Return what holds task and robot of an environment, whatever wraps it, be it driven by twists or decisions."""
-    return getattr(env.unwrapped, "explore", env.unwrapped)
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:

@@ -18,14 +18,13 @@ from envs.geometry import Pose2D
 from envs.ground_truth import GroundTruth
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
-from envs.rendering.scene import Scene
+from envs.rendering.scene import Scene, scene_of
 from envs.robot import REMEMBER_TRUE, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
 from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from envs.simulation import state as at
 from envs.simulation.rows import Rows
-from envs.slam import PoseGraphView
 from envs.task import Task
 from envs.transition import pose_errors, update_robots
 from envs.worlds import World
@@ -164,8 +163,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
         own = {key: options[key] for key in task.reset_options if key in options}
         readings = self._measure(readings, is_first=True)
-        self._priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        reset_robots(self.robots, rows, readings, self._priors, rngs[1::2])
+        self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
+        """What each robot was told at the start."""
+        reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -388,34 +388,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def scene(self) -> Scene:
         """Return this moment for drawing: ground truth beside the robots' estimates."""
-        first, *peers = (self._scene_of(k) for k in range(len(self.robots)))
+        first, *peers = (scene_of(self, k) for k in range(len(self.robots)))
         first.peers = tuple(peers)
         return first
-
-    def _scene_of(self, k: int) -> Scene:
-        robot, truth, task = self.robots[k], self.truths[k], self.task
-        estimator = robot.estimator
-        pose_graph = getattr(estimator, "pose_graph", None)
-        plan = self.plans[k]
-        return Scene(
-            world=self.world,
-            robot=robot.params,
-            pose=truth.state.pose,
-            start=self.map_pose,
-            belief=robot.belief,
-            ranges=robot.reading.ranges,
-            trail=truth.trail.positions,
-            estimated_trail=robot.trail.positions,
-            plan=getattr(task, "route_ahead", None) if plan is None else plan,
-            progress=float(task.metrics()[task.progress]),
-            progress_label=task.progress.removesuffix("_fraction").replace("_", " "),
-            time=self.time,
-            collisions=sum(other.collisions for other in self.robots),
-            goal=getattr(task, "goal", None),
-            particles=getattr(getattr(estimator, "localizer", None), "particles", None),
-            has_known_map=self._priors[k].map is not None,
-            pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
-        )
 
     def close(self) -> None:
         """Release the physics engine and the window; the episode ends."""

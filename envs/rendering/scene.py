@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,3 +62,30 @@ class Scene:
         """Distance [m] and angle [rad] between estimated and true pose, not negative; the greatest of all robots."""
         errors = [scene.estimated_pose.between(scene.pose) for scene in (self, *self.peers)]
         return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
+
+
+def scene_of(env: Any, k: int) -> Scene:
+    """Return the moment of a `LidarEnv` as one of its robots takes part in it."""
+    robot, truth, task = env.robots[k], env.truths[k], env.task
+    estimator = robot.estimator
+    pose_graph = getattr(estimator, "pose_graph", None)
+    plan = env.plans[k]
+    return Scene(
+        world=env.world,
+        robot=robot.params,
+        pose=truth.state.pose,
+        start=env.map_pose,
+        belief=robot.belief,
+        ranges=robot.reading.ranges,
+        trail=truth.trail.positions,
+        estimated_trail=robot.trail.positions,
+        plan=getattr(task, "route_ahead", None) if plan is None else plan,
+        progress=float(task.metrics()[task.progress]),
+        progress_label=task.progress.removesuffix("_fraction").replace("_", " "),
+        time=env.time,
+        collisions=sum(other.collisions for other in env.robots),
+        goal=getattr(task, "goal", None),
+        particles=getattr(getattr(estimator, "localizer", None), "particles", None),
+        has_known_map=env.priors[k].map is not None,
+        pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
+    )

@@ -14,7 +14,8 @@ from agents.explorer import LearnedPolicy
 from agents.replay import FOLDER
 from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from agents.training import train
-from agents.vec_env import make_env, task_env_of
+from agents.vec_env import make_env
+from envs.core import lidar_env_of
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
 """Algorithms for environments in which actions are choices."""
@@ -78,7 +79,7 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, tmp_pa
     assert all(np.isfinite(row["progress"]) for row in rows)
 
     env = make_env(config.environment, "test")
-    policy, inner = LearnedPolicy.load(run), task_env_of(env)
+    policy, inner = LearnedPolicy.load(run), lidar_env_of(env)
     assert policy.control_hz == pytest.approx(1.0 / inner.control_period)
     assert policy.level == ("decision" if "Frontiers" in id else "twist")
     assert (policy.id, policy.arguments) == (config.environment.id, config.environment.arguments)
@@ -137,7 +138,7 @@ def test_an_interrupt_saves_what_an_algorithm_with_a_buffer_has_learned(tiny_dat
 def test_a_recurrent_policy_remembers_until_the_next_episode(tmp_path):
     run = train(tiny("RecurrentPPO", "Explore"), run=tmp_path / "run", progress=False)
     env = make_env(tiny("RecurrentPPO", "Explore").environment, "test")
-    policy, inner = LearnedPolicy.load(run), task_env_of(env)
+    policy, inner = LearnedPolicy.load(run), lidar_env_of(env)
     policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
     observation, _ = env.reset(seed=0)
     first, second = policy(observation), policy(observation)
