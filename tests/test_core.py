@@ -18,6 +18,7 @@ from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
 from envs.tasks.rewards import RewardWeights
+from envs.tasks.starts import UnknownWorldTask
 from envs.worlds import load_world
 from tests.rollouts import rollout
 from tests.side_by_side import step_both
@@ -327,3 +328,11 @@ def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
         copy.step(STILL)
         copy.close()
     env.close()
+
+
+def test_a_task_without_weights_is_named():
+    class Weightless(Explore):
+        attach = UnknownWorldTask.attach
+
+    with pytest.raises(ValueError, match="task Weightless needs weights of reward terms"):
+        LidarEnv(Weightless)

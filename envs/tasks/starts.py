@@ -52,6 +52,8 @@ class WorldTask(Task):
         """Check the arguments; see `Task`."""
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
+        if not hasattr(self, "weights"):
+            raise ValueError(f"task {type(self).__name__} needs weights of reward terms, such as {{'time': -0.02}}")
         if isinstance(self.weights, Mapping):
             self.weights = Terms(self.weights, self.reward)
         self._start = read_start(self.start, self.num_robots)
