@@ -58,7 +58,7 @@ class ReachGoal(UnknownWorldTask):
     def metrics(self) -> dict[str, Any]:
         """Return what `info` tells."""
         share = 1.0 - self._left / max(self._shortest, self._left, 1e-9)
-        return {"way_to_goal": self._left, "progress": share, "is_success": self.end_reason is not None}
+        return {"geodesic_distance": self._left, "progress": share, "is_success": self.end_reason is not None}
 
 
 register("own_task/ReachGoal-v0", "own_task:ReachGoal", world="rooms")
@@ -72,7 +72,7 @@ def main(seconds: float = 30.0) -> dict[str, Any]:
         _, ahead, left, *_ = observation["goal"]
         observation, *_, info = env.step(np.array([max(ahead, 0.0), left], dtype=np.float32))
     env.close()
-    print(f"{info['way_to_goal']:.1f} m to go after {info['time']:.0f} s")
+    print(f"{info['geodesic_distance']:.1f} m to go after {info['time']:.0f} s")
     return info
 
 

@@ -112,7 +112,7 @@ def hall(length):
     [
         ("Explore", 12, {"observations": (*PARTS, "home"), "return_home": True}),
         ("ExploreFrontiers", 3, {}),
-        ("ExploreTeam", 12, {"num_robots": 2, "observations": (*PARTS, "mates")}),
+        ("ExploreTeam", 12, {"num_robots": 2, "observations": (*PARTS, "teammates")}),
     ],
 )
 def test_observations_tell_neither_the_time_limit_nor_what_is_out_of_sight(id, steps, arguments):

@@ -220,14 +220,14 @@ def test_peers_are_seen():
         x = BURGER.lidar.mount.x
         seen = observation["scan"][k, ahead] * BURGER.lidar.range_max
         assert seen == pytest.approx(2.0 - BURGER.radius - x, abs=0.05)
-    np.testing.assert_allclose(observation["mates"], [[2 / PEERS_RANGE, 0, -1, 0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(observation["teammates"], [[2 / PEERS_RANGE, 0, -1, 0]] * 2, atol=1e-6)
 
 
 def test_peers_are_shown_by_position_and_heading_and_saturate():
     start = ((1.0, 1.0, math.pi / 2), (1.0, 3.5, 0.0), (39.0, 1.0, math.pi / 2))
     env = LidarEnv(ExploreTeam, world=hall(40.0), physics="kinematic", num_robots=3, start=start, slam="truth")
     observation, _ = env.reset(seed=0)
-    np.testing.assert_allclose(observation["mates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(observation["teammates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)
 
 
 def test_beams_that_end_at_a_peer_are_left_out_and_no_others():

@@ -22,7 +22,7 @@ from tests.rollouts import rollout
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
 INFO_KEYS = {
     "distance_to_goal",
-    "way_to_goal",
+    "geodesic_distance",
     "progress",
     "pose_error",
     "is_lost",
@@ -66,7 +66,7 @@ def test_observations_share_no_memory_and_none_stays_constant():
     observations = [step[0] for step in out]
     for before, after in itertools.pairwise(observations):
         assert not any(np.shares_memory(before[key], after[key]) for key in before)
-    for key in ("scan", "map_near", "map_far", "goal", "doubt"):
+    for key in ("scan", "map_near", "map_far", "goal", "pose_uncertainty"):
         stacked = np.stack([observation[key] for observation in observations])
         assert (stacked != stacked[0]).any()
 
@@ -86,7 +86,7 @@ def test_info_has_every_key_and_rewards_sum_up():
 def test_progress_adds_up_to_the_decrease_of_the_geodesic_distance():
     out = rollout(LidarEnv(Navigate, **QUICK, reward={"progress": 2.0}), 3, 80)
     rewarded = sum(step[4]["rewards"]["progress"] for step in out[1:])
-    assert rewarded == pytest.approx(2.0 * (out[0][1]["way_to_goal"] - out[-1][4]["way_to_goal"]))
+    assert rewarded == pytest.approx(2.0 * (out[0][1]["geodesic_distance"] - out[-1][4]["geodesic_distance"]))
 
 
 def test_the_goal_is_observed_from_the_estimated_pose():
@@ -148,7 +148,7 @@ def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
     env = LidarEnv(Navigate, **QUICK, initial_pose="unknown")
     observation, info = env.reset(seed=0)
     assert info["is_lost"]
-    assert observation["doubt"][2] == 1.0
+    assert observation["pose_uncertainty"][2] == 1.0
 
 
 def test_a_saved_map_in_its_own_frame(tmp_path):

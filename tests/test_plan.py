@@ -84,8 +84,8 @@ def test_who_follows_the_plan_explores_and_sees_it_change():
 
 
 def test_frontiers_are_found_anew_every_so_many_seconds():
-    def changes(survey_time):
-        env = LidarEnv(Explore, **{**ROOMS, "observations": {"plan": {"survey_time": survey_time}}})
+    def changes(detection_time):
+        env = LidarEnv(Explore, **{**ROOMS, "observations": {"plan": {"detection_time": detection_time}}})
         costs = [observation["plan"][6] for observation in drive(env, 100, seed=1)]
         return np.count_nonzero(np.diff(costs))
 
@@ -127,7 +127,7 @@ def test_each_robot_of_a_team_has_a_plan_of_its_own():
     assert not np.array_equal(first, second)
 
 
-@pytest.mark.parametrize("arguments", [{"survey_time": 0.0}, {"num_candidates": 0}, {"max_candidates": 2}])
+@pytest.mark.parametrize("arguments", [{"detection_time": 0.0}, {"num_candidates": 0}, {"max_candidates": 2}])
 def test_bad_arguments_are_named(arguments):
     with pytest.raises(ValueError, match="plan needs"):
         Plan(**arguments)

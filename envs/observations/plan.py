@@ -56,30 +56,31 @@ class Plan:
     Cosine and sine of the direction, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path; its
     cost as x / (x + 5 m); the unknown area in view of its end as x / (x + 10 m2); and 1. All 0 where there is none.
 
-    Frontiers and paths are those of `FrontierNavigator`, found anew every `survey_time` seconds, and at once when the
-    best one is reached. In between, the paths are followed from the point nearest to the robot. Frontiers that did not
-    vanish when they were visited, or that the robot did not get to, are dropped, as they are for explorers. Where none
-    is left, all are looked for again after the time of a turn on the spot. To be written after each control period.
+    Frontiers and paths are those of `FrontierNavigator`, found anew every `detection_time` seconds, and at once
+    when the best one is reached. In between, the paths are followed from the point nearest to the robot. Frontiers
+    that did not vanish when they were visited, or that the robot did not get to, are dropped, as they are for
+    explorers. Where none is left, all are looked for again after the time of a turn on the spot. To be written
+    after each control period.
     """
 
-    def __init__(self, survey_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
+    def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
         """Choose what to show.
 
         Args:
-            survey_time: time between two searches for frontiers [s].
+            detection_time: time between two searches for frontiers [s].
             num_candidates: how many are shown.
             max_candidates: how many are rated at most, the cheapest to get to.
 
         Raises:
             ValueError: if one is not positive, or more are shown than rated.
         """
-        if not survey_time > 0 or not 0 < num_candidates <= max_candidates:
+        if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
             raise ValueError(
-                "plan needs a positive survey_time and 0 < num_candidates <= max_candidates, got "
-                f"{survey_time!r}, {num_candidates!r} and {max_candidates!r}"
+                "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "
+                f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
             )
-        self._survey_time, self._num, self._max = survey_time, num_candidates, max_candidates
-        self._surveys: dict[Robot, _Survey] = {}
+        self._detection_time, self._num, self._max = detection_time, num_candidates, max_candidates
+        self._detections: dict[Robot, _Detection] = {}
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(-1, 1, (9 * num_candidates,), float32)`."""
@@ -88,18 +89,18 @@ class Plan:
     def reset(self, robot: Robot) -> None:
         """Find the first frontiers of an episode."""
         navigator = FrontierNavigator(
-            robot.params, robot.control_period, max_candidates=self._max, max_time=self._survey_time
+            robot.params, robot.control_period, max_candidates=self._max, max_time=self._detection_time
         )
-        self._surveys[robot] = _Survey(robot, navigator, self._num)
+        self._detections[robot] = _Detection(robot, navigator, self._num)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the plan to `out`."""
-        survey = self._surveys[robot]
-        survey.update(robot)
-        survey.write(robot, out.reshape(-1, WIDTH))
+        detection = self._detections[robot]
+        detection.update(robot)
+        detection.write(robot, out.reshape(-1, WIDTH))
 
 
-class _Survey:
+class _Detection:
     """Frontiers and paths of one robot in one episode."""
 
     def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:

@@ -135,12 +135,12 @@ class Explore(UnknownWorldTask):
         super().attach(robot, control_period, physics)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the start as "home" and the peers of a team as "mates"; see `Task`."""
+        """Return the start as "home" and the peers of a team as "teammates"; see `Task`."""
         parts: dict[str, Callable[..., ObservationPart]] = {}
         if self.return_home:
             parts["home"] = partial(Home, self._calls_back)
         if self.num_robots > 1:
-            parts["mates"] = partial(Peers, self.num_robots - 1)
+            parts["teammates"] = partial(Peers, self.num_robots - 1)
         return parts
 
     def call_back(self) -> None:
@@ -246,7 +246,7 @@ class ExploreTeam(Explore):
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
     | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, time since the reset over 600 s (at most 1) |
-    | `mates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: estimated position ahead and to the left over 16 m, cosine and sine of the heading; only with two or more robots |
+    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: estimated position ahead and to the left over 16 m, cosine and sine of the heading; only with two or more robots |
 
     Channel 2 of the maps shows where any of the robots has been.
 

@@ -55,16 +55,16 @@ def path_efficiency(course: Course) -> float:
 
     Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
     """
-    shortest = float(course.samples["way_to_goal"][0])
+    shortest = float(course.samples["geodesic_distance"][0])
     return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
 
 
 GOAL = (
     Measure("spl", "success by path length", "%", True, path_efficiency, 1, 100.0, is_headline=True),
     Measure("time_to_goal", "time to the goal", "s", False, when_successful, limit="time_limit"),
-    Measure("way_left", "distance left", "m", False, partial(final, name="way_to_goal"), 2),
+    Measure("way_left", "distance left", "m", False, partial(final, name="geodesic_distance"), 2),
 )
-"""Whether a goal was reached, how directly and when; `info` needs `way_to_goal`, the geodesic distance to it [m]."""
+"""Whether a goal was reached, how directly and when; `info` needs `geodesic_distance` to it [m]."""
 
 
 def route_driven(course: Course) -> float:

@@ -51,7 +51,7 @@ class Navigate(WorldTask):
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
     | `goal` | `Box(-1, 1, (5,), float32)` | distance to the goal over 32 m (at most 1), cosine and sine of its bearing, cosine and sine of the turn to its heading |
-    | `doubt` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer says that it is lost |
+    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer says that it is lost |
 
     Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left.
     Unknown is 0 in channels 0 and 1.
@@ -75,7 +75,7 @@ class Navigate(WorldTask):
     Collisions cost, and do not end the episode.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `way_to_goal` (true, geodesic) [m], `progress` (share of the way that is done), `pose_error`
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of the way that is done), `pose_error`
     (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
     (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` each step also
     `randomized`: what the episode has drawn, by name.
@@ -152,8 +152,8 @@ class Navigate(WorldTask):
         return KnownMapEstimator(make_localizer(self.localizer, self.robot.lidar, self.amcl))
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the goal, and the pose's uncertainty as "doubt"; see `Task`."""
-        return {"goal": lambda: Goal(self.current_goal), "doubt": PoseUncertainty}
+        """Return the goal, and the pose's uncertainty as "pose_uncertainty"; see `Task`."""
+        return {"goal": lambda: Goal(self.current_goal), "pose_uncertainty": PoseUncertainty}
 
     def current_goal(self) -> Pose2D:
         """Return where to go, map frame."""
@@ -225,7 +225,7 @@ class Navigate(WorldTask):
         pose, goal = self._true_pose, self._true_goal
         return {
             "distance_to_goal": distance(pose.x - goal.x, pose.y - goal.y),
-            "way_to_goal": self._path_left,
+            "geodesic_distance": self._path_left,
             "progress": 1.0 if self._is_at_goal() else max(0.0, 1.0 - self._path_left / max(self._path_length, 1e-9)),
             "is_lost": self._one.belief.is_lost,
             "is_success": self._is_at_goal(),

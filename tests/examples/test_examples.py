@@ -97,7 +97,7 @@ def test_a_sensor_of_ones_own_measures_distances_with_noise():
 def test_a_task_of_ones_own_is_driven(monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     info = load("own_task").main(seconds=10.0)
-    assert info["way_to_goal"] < 4.3
+    assert info["geodesic_distance"] < 4.3
 
 
 def test_explorers_of_ones_own_explore():

@@ -184,12 +184,6 @@ def test_all_slams_are_compared(log, tmp_path, capsys):
     assert all((tmp_path / name / "trajectory_1.tum").is_file() for name in names)
 
 
-def test_the_former_name_of_the_command_still_works(log):
-    command = [sys.executable, "-m", "envs.slam.replay", str(log), "--slam", "odometry"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "ms per scan" in done.stdout
-
-
 class LostSlam(TurningSlam):
     """Is lost after the second of two scans."""
 

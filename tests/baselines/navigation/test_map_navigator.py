@@ -49,7 +49,7 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     for seed in range(2):
         result = run_episode(env, GoalDriver(MapNavigatorParams(local_planner=planner)), seed)
         assert (result.end_reason, result.collisions) == ("reached", 0)
-        assert result.path_length < 1.5 * result.course.of("way_to_goal")[0] + 0.5
+        assert result.path_length < 1.5 * result.course.of("geodesic_distance")[0] + 0.5
     env.close()
 
 
