@@ -26,7 +26,7 @@ test: install
 
 # Everything that takes longer: damaged inputs, kills, long runs, and the examples for RLlib and TorchRL.
 test-all: test test-libraries
-	$(BIN)/python -m benchmarks.robustness --inputs 2100 --kills 8 --steps 100000 --map-size 1000
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow tests/robustness
 
 test-libraries:
 	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries

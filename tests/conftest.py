@@ -1,5 +1,36 @@
 import os
+from collections import defaultdict
+
+import pytest
 
 # No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run what is marked `slow`, and tests/robustness at full size")
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("slow"):
+        slow = [item for item in items if "slow" in item.keywords]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print the rows that tests recorded, table by table."""
+    tables = defaultdict(list)
+    for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
+        for name, value in report.user_properties:
+            if name == "row":
+                tables[value[0]].append(value[1])
+    for title, rows in tables.items():
+        terminalreporter.section(title, sep="-")
+        for line in (rows[0], ["---"] * len(rows[0]), *(row.values() for row in rows)):
+            cells = (
+                f"{cell:,.4g}" if isinstance(cell, float) else f"{cell:,}" if isinstance(cell, int) else cell
+                for cell in line
+            )
+            terminalreporter.write_line(f"| {' | '.join(cells)} |")

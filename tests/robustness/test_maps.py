@@ -1,25 +1,19 @@
-"""Large maps of shapes that are hard to work on: what the first reset in a new process takes."""
+"""Maps of shapes that are hard to work on: they are driven on or refused by name, and large ones take little time."""
 
 import math
 import resource
-import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import gymnasium
 import numpy as np
-from numpy.random import Generator
+import pytest
 
 from envs.geometry import OccupancyGrid
-from envs.progress import Progress
 from envs.robots import load_robot
-from envs.worlds import save_map
+from envs.worlds import load_map, save_map
+from tests.robustness.conftest import in_new_process
 
-from . import Report, call_elsewhere
-
-Cells = np.ndarray
 CASES = {
     "Explore-v0, kinematic, truth": ("Explore", {"physics": "kinematic", "slam": "truth"}),
     "Explore-v0": ("Explore", {}),
@@ -37,7 +31,7 @@ MOST_TIME, MOST_MEMORY = 10.0, 4.0
 # robot fits through [cells].
 
 
-def maze(y: Cells, x: Cells, size: int, fit: int, rng: Generator) -> Cells:
+def maze(y, x, size, fit, rng):
     """Every cell of a lattice is joined to the one above it or to the one beside it, at random."""
     period = fit + 2
     upwards = rng.random((size, size)) < 0.5
@@ -47,14 +41,14 @@ def maze(y: Cells, x: Cells, size: int, fit: int, rng: Generator) -> Cells:
     return (along_y & along_x) | (along_x & ~along_y & joined) | (along_y & ~along_x & ~joined)
 
 
-def rooms(y: Cells, x: Cells, size: int, fit: int, rng: Generator) -> Cells:
+def rooms(y, x, size, fit, rng):
     """Rooms of 40 cells with a door in each wall."""
     in_y, in_x = y % 42 >= 2, x % 42 >= 2
     door_y, door_x = abs(y % 42 - 22) < fit / 2, abs(x % 42 - 22) < fit / 2
     return (in_y & in_x) | (in_y & door_y) | (in_x & door_x)
 
 
-def closets(y: Cells, x: Cells, size: int, fit: int, rng: Generator, pillars: float = 0.0) -> Cells:
+def closets(y, x, size, fit, rng, pillars=0.0):
     """Corridors from one hall, along rooms of 60 cells with a door that is too narrow, and pillars of one cell."""
     wide = fit + 2
     v, u = y % (wide + 64), x % 62
@@ -64,7 +58,7 @@ def closets(y: Cells, x: Cells, size: int, fit: int, rng: Generator, pillars: fl
     return (v < wide) | (x < wide) | room | door | hall
 
 
-def rings(y: Cells, x: Cells, size: int, fit: int, rng: Generator) -> Cells:
+def rings(y, x, size, fit, rng):
     """Square corridors around each other, joined to the left and to the right by turns."""
     depth = np.minimum(np.minimum(x, y), np.minimum(size - 1 - x, size - 1 - y))
     ring = depth // (fit + 2)
@@ -72,17 +66,17 @@ def rings(y: Cells, x: Cells, size: int, fit: int, rng: Generator) -> Cells:
     return (depth % (fit + 2) >= 2) | gap
 
 
-def noise(y: Cells, x: Cells, size: int, fit: int, rng: Generator, share: float = 0.1) -> Cells:
+def noise(y, x, size, fit, rng, share):
     """Single occupied cells, around a hall in the middle."""
     return (rng.random((size, size)) >= share) | (np.maximum(abs(y - size // 2), abs(x - size // 2)) < 20)
 
 
-def wider(shape: Callable[..., Cells], more: int) -> Callable[..., Cells]:
+def wider(shape, more):
     """Return a shape whose passages are `more` cells wider than what the robot fits through."""
     return lambda y, x, size, fit, rng: shape(y, x, size, fit + more, rng)
 
 
-MAPS: dict[str, Callable[..., Cells]] = {
+MAPS = {
     **{f"maze, corridors {more:+d}": wider(maze, more) for more in (-1, 0, 1)},
     **{f"rooms, doors {more:+d}": wider(rooms, more) for more in (-1, 0, 1)},
     "closed rooms": closets,
@@ -110,7 +104,7 @@ MAPS: dict[str, Callable[..., Cells]] = {
 """Shapes by name."""
 
 
-def write_map(name: str, size: int, folder: Path) -> Path:
+def write_map(name, size, folder):
     """Write a map of `MAPS` with `size` x `size` cells; return the path of its YAML."""
     fit = math.ceil(2.0 * load_robot("turtlebot3_burger").radius / RESOLUTION) + 1
     y, x = np.ogrid[:size, :size]
@@ -120,37 +114,38 @@ def write_map(name: str, size: int, folder: Path) -> Path:
     return save_map(OccupancyGrid(data, RESOLUTION, (0.0, 0.0)), folder / "map.yaml")
 
 
-def reset_once(path: str, case: str) -> tuple[float, int, str, float]:
-    """Make an environment on a map and reset it.
-
-    Returns:
-        Processor time [s], the number of walls, why the map was refused, and the greatest memory of the process [GiB].
-    """
-    id, arguments = CASES[case]
-    began, walls, refused = time.process_time(), 0, ""
+def reset_once(path, case):
+    """Reset an environment on a map; return processor time [s], walls, why it was refused, memory [GiB]."""
+    (id, arguments), began, walls, refused = CASES[case], time.process_time(), 0, ""
     try:
-        env = gymnasium.make(f"envs:lidarnaut/{id}-v0", world=path, map_resolution=RESOLUTION, **arguments).unwrapped
+        env = gymnasium.make(f"envs:lidarnaut/{id}-v0", world=str(path), map_resolution=RESOLUTION, **arguments)
         env.reset(seed=0)
-        walls = len((env.explore if id == "ExploreFrontiers" else env).world.segments)
+        walls = len(getattr(env.unwrapped, "explore", env.unwrapped).world.segments)
     except ValueError as error:
         refused = str(error)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     return time.process_time() - began, walls, refused, memory
 
 
-def reset_maps(size: int) -> Report:
-    """Reset every case on every map, each in a process of its own; kernels are compiled before."""
-    rows, failures = [], []
-    with tempfile.TemporaryDirectory() as folder:
-        small = write_map(list(MAPS)[-1], 100, Path(folder))
-        for case in CASES:
-            reset_once(str(small), case)
-        for name in Progress(MAPS, desc="maps", unit="map"):
-            path = str(write_map(name, size, Path(folder)))
-            found = {case: call_elsewhere(reset_once, path, case) for case in CASES}
-            times = {f"{case} [s]": f"{r[0]:.1f}" + " (refused)" * bool(r[2]) for case, r in found.items()}
-            walls, memory = (max(result[k] for result in found.values()) for k in (1, 3))
-            rows.append({"map": name, "walls": walls, **times, "memory [GiB]": f"{memory:.1f}"})
-            too_much = {case: r for case, r in found.items() if r[0] > MOST_TIME or r[3] > MOST_MEMORY}
-            failures += [f"{name}, {case}: {r[0]:.1f} s, {r[3]:.1f} GiB" for case, r in too_much.items()]
-    return rows, failures
+@pytest.mark.parametrize("name", MAPS)
+def test_hard_maps_are_driven_on_or_refused_by_name(name, tmp_path):
+    path = write_map(name, 240, tmp_path)
+    assert 0.005 < np.mean(load_map(path).data == 0) < 0.99
+    _, walls, refused, _ = reset_once(path, "Explore-v0, kinematic, truth")
+    assert (walls > 0) == (name != "maze, corridors -1")
+    assert ("does not fit" in refused) == (name == "maze, corridors -1")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MAPS)
+def test_large_maps_are_reset_in_little_time_and_memory(name, tmp_path, row):
+    small = write_map("one wall", 100, tmp_path)
+    for case in CASES:
+        reset_once(small, case)  # compiles
+    path = write_map(name, 5000, tmp_path)
+    found = {case: in_new_process(reset_once, path, case) for case in CASES}
+    times = {f"{case} [s]": f"{r[0]:.1f}" + " (refused)" * bool(r[2]) for case, r in found.items()}
+    walls, memory = (max(result[k] for result in found.values()) for k in (1, 3))
+    row("maps of 5,000 x 5,000 cells", map=name, walls=walls, **times, **{"memory [GiB]": memory})
+    assert memory < MOST_MEMORY
+    assert max(result[0] for result in found.values()) < MOST_TIME

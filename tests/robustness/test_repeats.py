@@ -1,0 +1,68 @@
+"""The same seed in other processes, after other episodes, and with other numbers of threads."""
+
+import hashlib
+
+import gymnasium
+import numpy as np
+import pytest
+
+from tests.robustness.conftest import in_new_process
+
+CASES = {
+    **{f"Explore-v0, {slam}": ("Explore", {"slam": slam}) for slam in ("tinyslam", "hector", "gmapping", "graph")},
+    "Explore-v0, bullet": ("Explore", {"physics": "bullet"}),
+    "ExploreFrontiers-v0": ("ExploreFrontiers", {}),
+    "ExploreTeam-v0": ("ExploreTeam", {"num_robots": 2}),
+    "Navigate-v0": ("Navigate", {}),
+}
+"""Ids and arguments."""
+COMMON = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0}
+ELSEWHERE = {
+    "another process": {},
+    "one thread": {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
+    "four threads": {"OMP_NUM_THREADS": "4", "NUMBA_NUM_THREADS": "4"},
+    "another hash seed": {"PYTHONHASHSEED": "77"},
+}
+"""Variables of the environment of a process that repeats the episodes."""
+
+
+def digest(case, seed, steps=100, after=0):
+    """Return the SHA-256 of an episode: observations, rewards, pose errors.
+
+    `after` are episodes with other seeds that the same environment runs before.
+    """
+    id, arguments = CASES[case]
+    env = gymnasium.make(f"envs:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
+    for other in range(after):
+        env.reset(seed=1000 + seed + other)
+        for _ in range(5):
+            env.step(env.action_space.sample())
+    found = hashlib.sha256()
+    observation, info = env.reset(seed=seed)
+    env.action_space.seed(seed)
+    for _ in range(steps):
+        for name in sorted(observation):
+            found.update(observation[name].tobytes())
+        found.update(repr((info["time"], np.asarray(info["pose_error"]).tolist(), info["rewards"])).encode())
+        observation, _, terminated, truncated, info = env.step(env.action_space.sample())
+        if terminated or truncated:
+            break
+    env.close()
+    return found.hexdigest()
+
+
+def digests():
+    return {case: digest(case, 0) for case in CASES}
+
+
+def test_episodes_repeat_after_others_and_differ_between_seeds():
+    case = "Explore-v0, hector"
+    assert digest(case, 3, 20) == digest(case, 3, 20, after=1) != digest(case, 4, 20)
+
+
+@pytest.mark.slow
+def test_episodes_repeat_elsewhere_to_the_last_byte(row):
+    wanted = digests()
+    for name, variables in ELSEWHERE.items():
+        assert in_new_process(digests, **variables) == wanted, name
+        row("the same seed", where=name, episodes=len(CASES), other_bytes=0)
