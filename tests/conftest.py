@@ -1,8 +1,6 @@
 import os
 from collections import defaultdict
 
-import pytest
-
 # No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")

@@ -19,29 +19,18 @@ PILLARS = 10
 """Every so manieth body is round."""
 
 
-class Box(NamedTuple):
-    """An upright box that stands on the floor: its centre [m], the direction of its length [rad], its size [m]."""
-
-    x: float
-    y: float
-    yaw: float
-    length: float
-    width: float
-
-    def outline(self) -> np.ndarray:
-        """Return its four sides, shape (4, 4), (x0, y0, x1, y1) [m]."""
-        corners = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (self.length, self.width)
-        corners = Pose2D(self.x, self.y, self.yaw).transform(corners)
-        return np.hstack([corners, np.roll(corners, -1, axis=0)])
-
-
 class Hall(NamedTuple):
-    """A closed square hall, as a world and as the boxes that it is made of."""
+    """A closed square hall: inner faces of walls, outlines of crates, pillars as circles; and its crates and walls."""
 
     world: World
-    """The hall: four inner faces of walls, the outlines of the crates, and the pillars as circles."""
-    boxes: tuple[Box, ...]
-    """Crates and walls. The pillars are `world.circles`."""
+    boxes: list[tuple[float, ...]]
+    """(x, y, yaw, length, width) of crates and walls [m, rad]."""
+
+
+def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.ndarray:
+    """Return the four sides of a box, shape (4, 4), (x0, y0, x1, y1) [m]."""
+    corners = Pose2D(x, y, yaw).transform(0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length, width))
+    return np.hstack([corners, np.roll(corners, -1, axis=0)])
 
 
 @lru_cache(maxsize=2)
@@ -69,11 +58,11 @@ def make_hall(num_bodies: int) -> Hall:
         # The corners of a crate lie on its circle, which keeps it clear of its neighbours however it is turned.
         diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
         size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
-        crates.append(Box(x, y, float(rng.uniform(-math.pi, math.pi)), *size))
+        crates.append((x, y, float(rng.uniform(-math.pi, math.pi)), *size))
     half, middle, length = 0.5 * SIDE, 0.5 * (SIDE + WALL), SIDE + 2.0 * WALL
-    segments = np.vstack([Box(0.0, 0.0, 0.0, SIDE, SIDE).outline(), *(crate.outline() for crate in crates)])
+    segments = np.vstack([outline(0.0, 0.0, 0.0, SIDE, SIDE), *(outline(*crate) for crate in crates)])
     pillars = np.ascontiguousarray(placed[::PILLARS] * (1.0, 1.0, 0.5))
     spawns, bounds = (Pose2D(0.0, 0.0, 0.0),), (-half, -half, half, half)
     world = World(f"hall_{num_bodies}", segments, pillars, spawns=spawns, bounds=bounds)
-    walls = [Box(0.0, y, 0.0, length, WALL) for y in (middle, -middle)]
-    return Hall(world, (*crates, *walls, *(Box(x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle))))
+    walls = [(0.0, y, 0.0, length, WALL) for y in (middle, -middle)]
+    return Hall(world, [*crates, *walls, *((x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle))])

@@ -23,7 +23,7 @@ from envs.estimation.map_pyramid import Level, crop_level, pool_cells
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
-from envs.robots import LidarParams, RobotParams
+from envs.robots import LidarParams
 from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import robot_record
 from envs.simulation.state import STATE_SIZE
@@ -43,22 +43,10 @@ class Kernel(NamedTuple):
 
     name: str
     function: Any
-    before: tuple[Any, ...]
-    x: float | None
-    """The argument that differs from call to call, such that no compiler takes the work out of the loop; None where
-    the work changes its own input."""
-    after: tuple[Any, ...]
-    """Arguments before and after that one."""
+    arguments: tuple[Any, ...]
     read: Callable[[], np.ndarray]
     """Returns what the kernel has computed."""
     reference: Callable[[], np.ndarray]
-
-    def repeat(self, times: int) -> None:
-        """Run it so many times, from compiled code as its users do."""
-        if self.x is None:
-            _repeat(times, self.function, self.before)
-        else:
-            _repeat_varied(times, self.function, self.before, self.x, self.after)
 
 
 @njit
@@ -68,18 +56,12 @@ def _repeat(times, kernel, arguments):
 
 
 @njit
-def _repeat_varied(times, kernel, before, x, after):
-    for i in range(times):
-        kernel(*(before + (x + 1e-9 * i,) + after))  # Numba joins tuples by +
+def _match(words, points, count, start, search, noise, out):
+    out[0], out[1], out[2] = match(words, points, count, start, search, noise)[:3]
 
 
 @njit
-def _match_from(words, points, count, x, start, search, noise, out):
-    out[0], out[1], out[2] = match(words, points, count, (x, start[1], start[2]), search, noise)[:3]
-
-
-@njit
-def _integrate(words, occupancy, scan, y, c, s, ends, model, quality, new_cells, x):
+def _integrate(words, occupancy, scan, x, y, c, s, ends, model, quality, new_cells):
     beam_ends(*scan, x, y, c, s, ends)
     integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells)
 
@@ -87,12 +69,12 @@ def _integrate(words, occupancy, scan, y, c, s, ends, model, quality, new_cells,
 def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
     """Return the median times of kernels and their references in a hall, measured in turn `repeats` times [us]."""
     rows = []
-    for kernel in make_kernels(num_bodies):
-        fast, slow = partial(kernel.repeat, CALLS), kernel.reference
-        kernel.repeat(1)
-        times = [[timeit(fast, number=1) / CALLS, timeit(slow, number=10) / 10] for _ in range(repeats)]
+    for name, function, arguments, _, reference in make_kernels(num_bodies):
+        _repeat(1, function, arguments)
+        fast = partial(_repeat, CALLS, function, arguments)
+        times = [[timeit(fast, number=1) / CALLS, timeit(reference, number=10) / 10] for _ in range(repeats)]
         us, slow_us = (1e6 * np.median(times, axis=0)).tolist()
-        rows.append({"kernel": kernel.name, "bodies": num_bodies, "us": us, "NumPy us": slow_us, "ratio": slow_us / us})
+        rows.append({"kernel": name, "bodies": num_bodies, "us": us, "NumPy us": slow_us, "ratio": slow_us / us})
     return rows
 
 
@@ -111,48 +93,47 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
         naive.integrate(noisy, params.quality)
         grid_map.integrate(noisy, pose, params.quality)
     x, y, theta = sensor
-    angles = theta + lidar.angles
+    params, start = load_params("default"), Pose2D(*grid_map.to_cells(pose.x + 0.01, pose.y), pose.theta + 0.01)
+    points, search, found = np.empty((2, len(noisy)), dtype=np.float32), search_params(params), np.empty(3)
+    count = project_hits(noisy, grid_map.geometry, points)
+    noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
+    slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
+    command, normals, record, driven = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD), np.zeros(STATE_SIZE)
+    moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *around)
     return [
         Kernel(
-            "cast_rays", cast_rays, (), x, (y, theta, lidar.beams, *around, ranges), lambda: ranges,
-            lambda: cast_rays_in_numpy(x, y, angles, lidar.range_max, *around),
+            "cast_rays", cast_rays, (x, y, theta, lidar.beams, *around, ranges), lambda: ranges,
+            lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *around),
         ),
-        _match(grid_map, naive, noisy, pose),
+        Kernel(
+            "match", _match, (grid_map.words, points, count, tuple(start), search, noise, found), lambda: found,
+            lambda: np.array(naive_match(*slow)),
+        ),
         _integrate_scan(lidar, noisy, pose, sensor),
         *_crop(grid_map.grid, pose),
-        _advance(robot, *around),
+        # A circle in the free middle of the hall, driven for ever.
+        Kernel(
+            "advance", advance, (driven, command, normals, record, Obstacles(*around, world.circles)), driven.copy,
+            partial(advance_in_numpy, *moved),
+        ),
     ]  # fmt: skip
-
-
-def _match(grid_map: GridMap, naive: NaiveSlam, ranges: np.ndarray, pose: Pose2D) -> Kernel:
-    params = load_params("default")
-    points, search, found = np.empty((2, len(ranges)), dtype=np.float32), search_params(params), np.empty(3)
-    count = project_hits(ranges, grid_map.geometry, points)
-    noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
-    start = Pose2D(*grid_map.to_cells(pose.x + 0.01, pose.y), pose.theta + 0.01)
-    slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
-    return Kernel(
-        "match", _match_from, (grid_map.words, points, count), start.x, (start, search, noise, found), lambda: found,
-        lambda: np.array(naive_match(*slow)),
-    )  # fmt: skip
 
 
 def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D, sensor: Pose2D) -> Kernel:
     params = load_params("default")
     empty, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
-    naive.pose, (x, y) = pose, empty.to_cells(sensor.x, sensor.y)
-    scan = (ranges, empty.geometry, params.skip_exceeding)
-    where = (y, math.cos(pose.theta), math.sin(pose.theta), np.empty((lidar.num_beams, 3)))
-    how = (empty.model, params.quality, np.empty((empty.words.size, 2), dtype=np.int32))
+    naive.pose = pose
+    arguments = (
+        empty.words, empty.grid.data, (ranges, empty.geometry, params.skip_exceeding),
+        *empty.to_cells(sensor.x, sensor.y), math.cos(pose.theta), math.sin(pose.theta), np.empty((lidar.num_beams, 3)),
+        empty.model, params.quality, np.empty((empty.words.size, 2), dtype=np.int32),
+    )  # fmt: skip
 
     def reference() -> np.ndarray:
         naive.integrate(ranges, params.quality)  # a mean does not change when the same is averaged in again
         return naive.values
 
-    cells = (empty.words, empty.grid.data)
-    return Kernel(
-        "integrate_scan", _integrate, (*cells, scan, *where, *how), x, (), lambda: probabilities(empty.words), reference
-    )
+    return Kernel("integrate_scan", _integrate, arguments, lambda: probabilities(empty.words), reference)
 
 
 def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
@@ -163,24 +144,15 @@ def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
     window = Window(*map(int, (cols.min(), rows.min(), cols.max(), rows.max())))
     side, visited = level.block * grid.resolution, np.empty((0, 2), dtype=np.int64)
     x, y = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side
-    pooled, rest = pool_in_numpy(grid.data, visited, level.block), (y, pose.theta, NEAR_PIXEL / side)
+    pooled, where = pool_in_numpy(grid.data, visited, level.block), (x, y, pose.theta, NEAR_PIXEL / side)
     return [
         Kernel(
-            "pool_map", pool_cells, (grid.data, window, level.block, level.words), None, (),
+            "pool_map", pool_cells, (grid.data, window, level.block, level.words),
             lambda: level.words[:-1].reshape(level.height, level.width) & 0xFF,
             lambda: pool_in_numpy(grid.data, visited, level.block)[1],
         ),
         Kernel(
-            "crop", crop_level, (level.words, level.height, level.width), x, (*rest, crop), lambda: crop,
-            lambda: crop_in_numpy(pooled, x, *rest, CROP_SIZE),
+            "crop", crop_level, (level.words, level.height, level.width, *where, crop), lambda: crop,
+            lambda: crop_in_numpy(pooled, *where, CROP_SIZE),
         ),
     ]  # fmt: skip
-
-
-def _advance(robot: RobotParams, segments: np.ndarray, circles: np.ndarray) -> Kernel:
-    # A circle in the free middle of the hall, driven for ever.
-    command, normals, record = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD)
-    driven, how = np.zeros(STATE_SIZE), (PERIOD, int(record.substeps), robot, segments, circles)
-    arguments = (driven, command, normals, record, Obstacles(segments, circles, circles))
-    reference = partial(advance_in_numpy, np.zeros(STATE_SIZE), command, normals, *how)
-    return Kernel("advance", advance, arguments, None, (), driven.copy, reference)

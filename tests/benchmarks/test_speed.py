@@ -11,7 +11,7 @@ from benchmarks.speed import __main__ as command
 from benchmarks.speed import parts
 from benchmarks.speed.designs import Design, benchmark_robot, make_actions
 from benchmarks.speed.growth import plot_growth
-from benchmarks.speed.halls import GAP, Box, make_hall
+from benchmarks.speed.halls import GAP, make_hall, outline
 from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
 from benchmarks.speed.naive_slam import NaiveSlam
@@ -42,8 +42,8 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
     assert len(crates) + len(hall.world.circles) == num_bodies
     np.testing.assert_array_equal(hall.world.segments, make_hall.__wrapped__(num_bodies).world.segments)
     # The world's segments are the boxes' outlines, and the walls' inner faces.
-    np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([crate.outline() for crate in crates]))
-    assert np.abs(hall.world.segments[:4]).min() == min(abs(wall.x + wall.y) - 0.1 for wall in walls)
+    np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([outline(*crate) for crate in crates]))
+    assert np.abs(hall.world.segments[:4]).min() == min(abs(x + y) - 0.1 for x, y, *_ in walls)
     # A robot that fits somewhere outside of crates and pillars gets there.
     raster = rasterize(hall.world, 0.05)
     distances = ndimage.distance_transform_edt(raster.data == 0) * 0.05
@@ -62,7 +62,7 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
 
 def test_a_box_is_outlined_where_it_stands():
     sides = [[0, 4, 0, 0], [0, 0, 2, 0], [2, 0, 2, 4], [2, 4, 0, 4]]
-    np.testing.assert_allclose(Box(1.0, 2.0, math.pi / 2, 4.0, 2.0).outline(), sides, atol=1e-12)
+    np.testing.assert_allclose(outline(1.0, 2.0, math.pi / 2, 4.0, 2.0), sides, atol=1e-12)
 
 
 def drive_both(hall, uses_truth, steps):
@@ -142,7 +142,7 @@ def test_every_kernel_computes_what_its_reference_does():
     kernels = make_kernels(50)
     assert {"cast_rays", "match", "integrate_scan", "pool_map", "crop", "advance"} == {k.name for k in kernels}
     for kernel in kernels:
-        kernel.function(*kernel.before, *([] if kernel.x is None else [kernel.x]), *kernel.after)
+        kernel.function(*kernel.arguments)
         result, reference = kernel.read().astype(float), kernel.reference().astype(float)
         assert len(np.unique(result)) > 1
         np.testing.assert_allclose(result, reference, atol=1e-4, err_msg=kernel.name)
