@@ -11,7 +11,7 @@ from envs.files import MAX_BYTES
 from envs.geometry import wrap_angle
 
 from .bag_reader import BagError, BagReader, open_bag
-from .clock import find_jump_back
+from .trajectory import find_jump_back
 from .transforms import FrameTree, frame_name, heading, planar_beams
 
 SCAN = "sensor_msgs/msg/LaserScan"

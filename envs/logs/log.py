@@ -13,10 +13,9 @@ from envs.geometry import Pose2D
 from envs.robots import LidarParams, Mount
 from envs.robots.params import MAX_BEAMS
 
-from .archive import read_archive
 from .bag import is_bag, read_bag
-from .carmen import read_carmen
-from .clock import find_jump_back
+from .readers import read_archive, read_carmen
+from .trajectory import find_jump_back
 
 MAX_RANGE_LIMIT = 1000.0
 """A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""

@@ -1,23 +1,24 @@
 """Running an estimator along a log: poses online and in the end, times per scan, files."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from envs.estimation import Estimator
 from envs.estimation.belief import check_belief
-from envs.geometry import Pose2D
+from envs.files import write_file
+from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from envs.progress import Progress
 from envs.simulation import Reading
 from envs.worlds import save_map
 
 from .consistency import conflict_share
-from .g2o import save_g2o
 from .log import Log
-from .pictures import picture
 from .relations import RelationError, relation_error
 from .trajectory import follow_odometry, save_trajectory
 
@@ -156,6 +157,56 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
     graph = getattr(slam, "pose_graph", None)
     if graph is not None:
         save_g2o(folder / f"pose_graph_{seed}.g2o", graph.nodes, graph.edges)
+
+
+def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.ndarray, np.ndarray]]) -> None:
+    """Write a pose graph of the plane as g2o text, its first node held fixed (Kümmerle et al., ICRA 2011).
+
+    Args:
+        path: the file.
+        nodes: shape (n, 3): x, y, heading, map frame [m, m, rad].
+        edges: rows of two nodes, the second as seen from the first, shape (3,) [m, m, rad], and the inverse of its
+            covariance, shape (3, 3) [1/m2, 1/(m rad), 1/rad2].
+
+    Raises:
+        ValueError: an edge leads to a node that does not exist, or a number is not finite.
+    """
+
+    def join(values: np.ndarray) -> str:
+        if not np.isfinite(values).all():
+            raise ValueError(f"a pose graph holds finite numbers only, got {np.asarray(values).tolist()}")
+        return " ".join(repr(float(value)) for value in values)
+
+    lines = [f"VERTEX_SE2 {k} {join(node)}" for k, node in enumerate(np.reshape(nodes, (-1, 3)))]
+    num_nodes = len(lines)
+    lines += ["FIX 0"] * bool(lines)
+    for first, second, motion, information in edges:
+        if not (0 <= first < num_nodes and 0 <= second < num_nodes):
+            raise ValueError(f"edge from {first} to {second} in a graph of {num_nodes} nodes")
+        upper = np.asarray(information)[np.triu_indices(3)]
+        lines.append(f"EDGE_SE2 {first} {second} {join(motion)} {join(upper)}")
+    write_file(path, "".join(f"{line}\n" for line in lines))
+
+
+def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
+    """Draw a map, cropped to what is known and a margin [cells]: white free, black occupied, grey unknown.
+
+    The path in blue goes through `positions`, shape (n, 2), in the map frame [m].
+    """
+    known = grid.data != UNKNOWN
+    rows, cols = np.nonzero(known if known.any() else ~known)
+    height, width = grid.data.shape
+    top, bottom = max(rows.min() - margin, 0), min(rows.max() + margin + 1, height)
+    left, right = max(cols.min() - margin, 0), min(cols.max() + margin + 1, width)
+    cells = grid.data[top:bottom, left:right].astype(float)
+    grey = np.where(cells == UNKNOWN, 190.0, 255.0 - 2.55 * cells).round().astype(np.uint8)
+    image = Image.fromarray(np.ascontiguousarray(grey[::-1])).convert("RGB")
+    if positions is not None:
+        corner = np.array(grid.origin) + np.array([left, top]) * grid.resolution
+        points = (positions - corner) / grid.resolution
+        points[:, 1] = bottom - top - points[:, 1]
+        ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
+    return image
 
 
 def _final_poses(path: np.ndarray, anchors: list[Any], num_scans: int) -> np.ndarray:

@@ -6,6 +6,9 @@ import numpy as np
 
 from envs.geometry import wrap_angle
 
+MAX_CLOCK_JUMP = 1.0
+"""Clocks may run back by this much [s]: that of the Intel Research Lab's log does, by 0.9 s."""
+
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
     """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
@@ -53,3 +56,13 @@ def pose_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.nd
 def rms(values: np.ndarray) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def find_jump_back(times: np.ndarray) -> int | None:
+    """Return the first row at which a clock has run back by more than `MAX_CLOCK_JUMP`; None if there is none.
+
+    Args:
+        times: shape (n,), n at least 1 [s].
+    """
+    is_back = np.maximum.accumulate(times) - times > MAX_CLOCK_JUMP
+    return int(is_back.argmax()) if is_back.any() else None

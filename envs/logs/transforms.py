@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 MIN_UPRIGHT = 0.9
 """Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
@@ -54,14 +55,8 @@ def matrix(transform: Any) -> np.ndarray:
     Raises:
         ValueError: it is not finite, or its rotation is zero.
     """
-    q, t = transform.rotation, transform.translation
-    x, y, z, w = _unit(q)
-    result = np.eye(4)
-    result[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    t, result = transform.translation, np.eye(4)
+    result[:3, :3] = _rotation(transform.rotation).as_matrix()
     result[:3, 3] = t.x, t.y, t.z
     if not np.isfinite(result).all():
         raise ValueError(f"translation ({t.x}, {t.y}, {t.z}) m is not finite")
@@ -74,8 +69,8 @@ def heading(quaternion: Any) -> float:
     Raises:
         ValueError: it is not finite, or zero.
     """
-    x, y, z, w = _unit(quaternion)
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    r = _rotation(quaternion).as_matrix()
+    return float(np.arctan2(r[1, 0], r[0, 0]))
 
 
 def planar_beams(pose: np.ndarray, first: float, step: float) -> tuple[float, float]:
@@ -96,9 +91,8 @@ def planar_beams(pose: np.ndarray, first: float, step: float) -> tuple[float, fl
     return float(np.arctan2(pose[1, 0], pose[0, 0])) + sign * first, sign * step
 
 
-def _unit(quaternion: Any) -> np.ndarray:
+def _rotation(quaternion: Any) -> Rotation:
     values = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
-    norm = np.linalg.norm(values)
-    if not 0.0 < norm < np.inf:
+    if not 0.0 < np.linalg.norm(values) < np.inf:
         raise ValueError(f"quaternion {values.tolist()} is no rotation")
-    return values / norm
+    return Rotation.from_quat(values)

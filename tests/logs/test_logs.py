@@ -166,7 +166,7 @@ def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
     path.write_bytes(gzip.compress(b"x" * 3_000_000))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long; at most 1,000,000 characters in a line"):
         load_log(path)
-    monkeypatch.setattr("envs.logs.carmen.MAX_TEXT", 1000)
+    monkeypatch.setattr("envs.logs.readers.MAX_TEXT", 1000)
     path.write_bytes(gzip.compress(b"#\n" * 600))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long"):
         load_log(path)

@@ -14,11 +14,9 @@ from PIL import Image
 
 from envs.estimation import MapUpdate
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.logs.g2o import load_g2o
 from envs.logs.log import load_log
-from envs.logs.pictures import picture
 from envs.logs.replay import Options, main
-from envs.logs.runs import replay
+from envs.logs.runs import picture, replay, save_g2o
 from envs.slam import SLAM_NAMES, Belief
 
 ROOT = Path(__file__).parents[2]
@@ -150,9 +148,18 @@ def test_replay_takes_the_corrected_path_and_the_pose_graph(log, tmp_path, monke
     final, online = (np.loadtxt(tmp_path / f"trajectory_{name}0.tum") for name in ("", "online_"))
     np.testing.assert_allclose(final[[1, 3], 1], [0.0, 1.0] if has_finish else [7.0, 8.0])
     np.testing.assert_allclose(online[[1, 3], 1], 5.0)
-    graph = load_g2o(tmp_path / "pose_graph_0.g2o")
-    np.testing.assert_array_equal(graph.nodes, [[0, 0, 0], [1, 0, 0.5]])
-    np.testing.assert_array_equal(graph.edges[0].information, np.diag([1.0, 2.0, 3.0]))
+    lines = (tmp_path / "pose_graph_0.g2o").read_text().splitlines()
+    assert lines[:3] == ["VERTEX_SE2 0 0.0 0.0 0.0", "VERTEX_SE2 1 1.0 0.0 0.5", "FIX 0"]
+    assert lines[3].startswith("EDGE_SE2 ")
+    assert lines[3].endswith(" 1.0 0.0 0.0 2.0 0.0 3.0")
+
+
+def test_pose_graphs_that_make_no_sense_are_not_written(tmp_path):
+    with pytest.raises(ValueError, match="edge from 0 to 1 in a graph of 1 nodes"):
+        save_g2o(tmp_path / "graph.g2o", np.zeros((1, 3)), [(0, 1, np.zeros(3), np.eye(3))])
+    with pytest.raises(ValueError, match="finite"):
+        save_g2o(tmp_path / "graph.g2o", np.full((1, 3), np.nan), [])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_corrected_path_has_a_pose_per_scan(log, monkeypatch):
