@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import tyro
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from rich.table import Table
 
 from benchmarks.speed import measuring, parts
 from benchmarks.speed.designs import DESIGNS
-from benchmarks.speed.growth import plot_growth
 from benchmarks.speed.kernels import time_kernels
 from envs.command_line import make_console, run_command
 from envs.progress import Progress
@@ -31,6 +32,14 @@ PLOT = Path(__file__).parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
 PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")
+
+AXES = {
+    "beams": "beams of a scan",
+    "map_cells": "cells along each side of a map of 20 m",
+    "num_envs": "sub-environments",
+}
+"""What the panels are about."""
+COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 
 def main(
@@ -87,6 +96,29 @@ def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
     for row in rows:
         made.add_row(*(f"{value:,.4g}" if isinstance(value, float) else str(value) for value in row.values()))
     return made
+
+
+def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Draw rows of `grows` (of `AXES`), `slam`, `at` and `us`, and write the picture as PNG."""
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    keys = list(dict.fromkeys(row["grows"] for row in rows))
+    panels = figure.subplots(1, len(keys), sharey=True, squeeze=False)[0]
+    for panel, key in zip(panels, keys, strict=True):
+        points = [row for row in rows if row["grows"] == key]
+        for slam, colour in COLOURS.items():
+            line = [(point["at"], point["us"]) for point in points if point["slam"] == slam]
+            panel.plot(*zip(*line, strict=True), marker="o", markersize=4, color=colour, label=slam)
+        panel.set(xscale="log", yscale="log", xlabel=AXES[key])
+        ticks = sorted({point["at"] for point in points})
+        panel.set_xticks(ticks, [str(tick) for tick in ticks])
+        panel.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        panel.minorticks_off()
+        panel.grid(alpha=0.3)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("time for a step of one sub-environment [µs]")
+    panels[0].legend(frameon=False, title="pose from")
+    figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
+    figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
 def machine() -> dict[str, str]:

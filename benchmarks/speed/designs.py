@@ -6,7 +6,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -17,6 +17,7 @@ from benchmarks.speed.halls import make_hall
 from benchmarks.speed.naive import NaiveExploreEnv
 from envs.robots import RobotParams, load_robot
 
+ID = "envs:lidarnaut/Explore-v0"
 HOLD, NUM_ACTIONS = 10, 500
 """Steps for which an action is held, at white noise a robot would tremble on the spot; actions before they repeat."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
@@ -28,7 +29,7 @@ FEW, MANY = 16, 256
 class Design(NamedTuple):
     """What is measured, and on how much of the machine."""
 
-    name: Literal["naive", "bullet", "kinematic", "vector", "bullet_vector", "subproc", "ppo"]
+    name: str
     """`naive`: `benchmarks.speed.naive`. `bullet` and `kinematic`: the single environment under either physics.
     `vector` and `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
     stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from `vector`, end to end."""
@@ -73,8 +74,7 @@ class Drive(NamedTuple):
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
     """Return a TurtleBot3 Burger whose lidar sees 10 m far."""
     robot = load_robot("turtlebot3_burger")
-    lidar = dataclasses.replace(robot.lidar, num_beams=num_beams, range_max=10.0)
-    return dataclasses.replace(robot, lidar=lidar)
+    return dataclasses.replace(robot, lidar=dataclasses.replace(robot.lidar, num_beams=num_beams, range_max=10.0))
 
 
 def make_actions(num_envs: int) -> Iterator[np.ndarray]:
@@ -87,54 +87,38 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
 def open_drive(case: Case) -> Drive:
     """Start driving in the middle of the hall that the case names."""
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
-    arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "start": "spawn"}
-    arguments |= {"physics": "bullet" if name.startswith("bullet") else "kinematic"}
-    arguments |= {"map_resolution": case.map_resolution}
-    make_single = partial(gymnasium.make, "envs:lidarnaut/Explore-v0", **arguments)
-    if name == "naive":
-        return _drive_single(NaiveExploreEnv(hall, robot, case.slam))
-    if name in ("bullet", "kinematic"):
-        return _drive_single(make_single())
-    if name == "subproc":
+    physics = "bullet" if name.startswith("bullet") else "kinematic"
+    arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}
+    make_single = partial(gymnasium.make, ID, start="spawn", map_resolution=case.map_resolution, **arguments)
+    env: Any
+    if name in ("naive", "bullet", "kinematic"):
+        env = NaiveExploreEnv(hall, robot, case.slam) if name == "naive" else make_single()
+        env.reset(seed=0)
+    elif name == "subproc":
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
         # Imported once in the process that the others are forked from.
         multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
-        subproc = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
-        subproc.seed(0)
-        subproc.reset()
-        return _drive_many(subproc, num_envs)
-    mode = AutoresetMode.SAME_STEP if name == "ppo" else AutoresetMode.NEXT_STEP
-    # Not forked: a process that learns has threads, which copies of it would miss.
-    workers = {"autoreset_mode": mode, "num_workers": cores if cores > 1 else 0, "context": "forkserver"}
-    env = gymnasium.make_vec(
-        "envs:lidarnaut/Explore-v0", num_envs, "vector_entry_point", **arguments | workers
-    )  # fmt: skip
-    if name == "ppo":
-        return _train(env, cores)
-    env.reset(seed=0)
-    return _drive_many(env, num_envs)
-
-
-def _drive_single(env: gymnasium.Env) -> Drive:
-    actions = make_actions(1)
-    env.reset(seed=0)
+        env = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
+        env.seed(0)
+        env.reset()
+    else:
+        # Not forked: a process that learns has threads, which copies of it would miss.
+        env = gymnasium.make_vec(
+            ID, num_envs, "vector_entry_point", start="spawn", map_resolution=case.map_resolution, context="forkserver",
+            autoreset_mode=AutoresetMode.SAME_STEP if name == "ppo" else AutoresetMode.NEXT_STEP,
+            num_workers=cores if cores > 1 else 0, **arguments,
+        )  # fmt: skip
+        if name == "ppo":
+            return _train(env, cores)
+        env.reset(seed=0)
+    actions, is_single = make_actions(num_envs), isinstance(env, gymnasium.Env)
 
     def step(count: int) -> None:
         for _ in range(count):
-            _, _, terminated, truncated, _ = env.step(next(actions)[0])
-            if terminated or truncated:
+            result = env.step(next(actions)[0] if is_single else next(actions))
+            if is_single and (result[2] or result[3]):
                 env.reset()
-
-    return Drive(step, env.close, at_once=5)
-
-
-def _drive_many(env: Any, num_envs: int) -> Drive:
-    actions = make_actions(num_envs)
-
-    def step(count: int) -> None:
-        for _ in range(count):
-            env.step(next(actions))
 
     def close() -> None:
         with contextlib.suppress(EOFError, BrokenPipeError):

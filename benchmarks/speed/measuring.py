@@ -13,7 +13,7 @@ import signal
 import statistics
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
@@ -42,7 +42,7 @@ def confined(num_cores: int) -> Iterator[Call]:
     cores = sorted(os.sched_getaffinity(0))[-num_cores:]
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:
         yield lambda function, *arguments: pool.submit(function, *arguments).result()
-        pool.submit(close_cases).result()
+        pool.submit(open_cases, []).result()
 
 
 def _start(cores: list[int]) -> None:
@@ -52,7 +52,10 @@ def _start(cores: list[int]) -> None:
 
 def open_cases(cases: list[Case]) -> None:
     """Set cases going in this process, in place of those before."""
-    close_cases()
+    for drive in _drives.values():
+        drive.close()
+    _drives.clear()
+    gc.unfreeze()
     for case in cases:
         _drives[case] = open_drive(case)
         _drives[case].step(min(max(WARM_UP // case.design.num_envs, 20), 100))
@@ -70,16 +73,7 @@ def steps_per_second(case: Case, seconds: float) -> float:
     return count * case.design.num_envs / elapsed
 
 
-def close_cases() -> None:
-    """Stop all cases of this process."""
-    for drive in _drives.values():
-        drive.close()
-    _drives.clear()
-    gc.unfreeze()
-    gc.collect()
-
-
-def compare(calls: dict[int, Call], cases: list[Case], seconds: float, repeats: int) -> dict[Case, float]:
+def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
     """Return the median steps per second of cases, measured in turn: what else the machine does meets all alike.
 
     Args:
@@ -88,9 +82,9 @@ def compare(calls: dict[int, Call], cases: list[Case], seconds: float, repeats: 
         seconds: length of one measurement [s].
         repeats: measurements of which the median is taken.
     """
-    for cores, call in calls.items():
-        call(open_cases, [case for case in cases if case.design.cores == cores])
     turns = [case for case in cases if case.design.cores in calls]
+    for cores, call in calls.items():
+        call(open_cases, [case for case in turns if case.design.cores == cores])
     speeds: dict[Case, list[float]] = {case: [] for case in turns}
     for case in turns * repeats:
         speeds[case].append(calls[case.design.cores](steps_per_second, case, seconds))

@@ -10,7 +10,6 @@ from scipy import ndimage
 from benchmarks.speed import __main__ as command
 from benchmarks.speed import parts
 from benchmarks.speed.designs import Design, benchmark_robot, make_actions
-from benchmarks.speed.growth import plot_growth
 from benchmarks.speed.halls import GAP, make_hall, outline
 from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
@@ -191,7 +190,7 @@ def test_one_and_many_environments_decide(monkeypatch):
 
 def test_growth_is_drawn(tmp_path):
     keys = [(key, slam, at) for key in ("beams", "num_envs") for slam in ("tinyslam", "truth") for at in (90, 180)]
-    plot_growth(
+    command.plot_growth(
         [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys], tmp_path / "growth.png"
     )
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
