@@ -1,7 +1,7 @@
-"""Explorers of one's own: a rule over frontiers, and a class that steers by itself, against `nearest`.
+"""Policies of one's own: a rule over frontiers, an explorer that steers by itself, and policies of other libraries.
 
-`lidarnaut-evaluate --policies own_explorer:largest own_explorer:Circling nearest --out DIR`, from this folder, compares
-them in full.
+`lidarnaut-evaluate --policies own_explorer:largest own_explorer:Circling own_explorer:Chooser nearest --out DIR`, from
+this folder, compares them in full.
 """
 
 import gymnasium
@@ -9,9 +9,9 @@ import numpy as np
 import tyro
 
 import envs  # noqa: F401  (registers the environments)
+from agents.policies import make_policy
 from baselines import make_explorer
 from baselines.episode import run_episode
-from baselines.frontier.explorer import RuleExplorer
 from envs.estimation import Belief
 from envs.navigation import Candidates
 from envs.robots import RobotParams
@@ -24,7 +24,7 @@ def largest(candidates: Candidates, belief: Belief) -> int:
 
 
 class Circling:
-    """Drives in circles that widen with the space around the robot; decides the twist of each control period."""
+    """An explorer: drives in circles that widen with the space around the robot, a twist in each control period."""
 
     end_reason = None  # a text ends the episode
     plan = None  # a path, shape (n, 2), map frame [m], is drawn
@@ -39,17 +39,33 @@ class Circling:
         return Twist(0.5 * self._robot.max_v, self._robot.max_w / (1.0 + nearest))
 
 
+def ahead(observation: dict[str, np.ndarray]) -> np.ndarray:
+    """A policy of twists: forward speed and yaw rate as fractions of the limits; what lies outside [-1, 1] is cut."""
+    left, right = observation["scan"][60:120].mean(), observation["scan"][240:300].mean()
+    return np.array([0.6, 2.0 * (left - right)])
+
+
+class Chooser:
+    """A policy of decisions: picks frontiers in `ExploreFrontiers-v0`, as a model of sb3-contrib would."""
+
+    level = "decision"
+
+    def predict(self, observation: dict[str, np.ndarray], action_masks: np.ndarray) -> tuple[np.int64, None]:
+        """Return the number of a candidate, and no state."""
+        return np.argmax(np.where(action_masks, observation["candidates"][:, 0], -1.0)), None
+
+
 def main(seconds: float = 60.0) -> dict[str, float]:
-    """Let three explorers explore the same world; return the explored fractions.
+    """Let some of them explore the same world; return the explored fractions.
 
     Args:
         seconds: Simulated time.
     """
-    explorers = {"largest": RuleExplorer(largest), "circling": Circling(), "nearest": make_explorer("nearest")}
+    policies = {"largest": largest, "circling": Circling, "ahead": ahead, "nearest": make_explorer("nearest")}
     fractions = {}
-    for name, explorer in explorers.items():
+    for name, policy in policies.items():
         env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", physics="kinematic", time_limit=seconds)
-        fractions[name] = run_episode(env, explorer, seed=0).explored_fraction
+        fractions[name] = run_episode(env, make_policy(policy, env.action_space), seed=0).explored_fraction
         env.close()
         print(f"{name}: explored {100 * fractions[name]:.0f} %")
     return fractions

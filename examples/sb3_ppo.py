@@ -1,22 +1,28 @@
-"""PPO of stable-baselines3 on a vector environment: a policy of twists.
+"""PPO of stable-baselines3, RecurrentPPO and MaskablePPO of sb3-contrib, on a vector environment.
 
-`train.py` does the same with configuration files, checkpoints and evaluations.
+PPO and RecurrentPPO learn twists from scans and motions; the latter has an LSTM to remember where it was. MaskablePPO
+learns which frontier to go to, in the abstract simulator, which is faster; the navigator drives there. `train.py` does
+the same with configuration files, checkpoints and evaluations.
 """
 
+import importlib
 from pathlib import Path
+from typing import Any, Literal
 
 import gymnasium
 import tyro
 from gymnasium.vector import AutoresetMode
 
 import envs  # noqa: F401  (registers the environments)
+from agents.policies import make_policy
 from agents.vec_env import GymnasiumVecEnv  # imported before torch, whose idle threads it tells to sleep
-from stable_baselines3 import PPO
+from baselines.episode import run_episode
 
 
 def main(
-    total_timesteps: int = 200_000,
-    num_envs: int = 32,
+    algorithm: Literal["PPO", "RecurrentPPO", "MaskablePPO"] = "PPO",
+    total_timesteps: int = 100_000,
+    num_envs: int = 16,
     num_steps: int = 128,
     seconds: float = 90.0,
     out: Path = Path("runs/sb3_ppo"),
@@ -24,35 +30,37 @@ def main(
     """Train; return the explored fraction in a test world.
 
     Args:
+        algorithm: Name of the algorithm.
         total_timesteps: Steps of all sub-environments together.
         num_envs: Sub-environments.
         num_steps: Steps of each between two updates.
         seconds: Length of an episode [s].
         out: Where the policy goes.
     """
-    arguments = {"control_hz": 5.0, "world_size": (8.0, 8.0), "observations": ("scan", "motion"), "time_limit": seconds}
+    arguments: dict[str, Any] = {"world": "rooms", "world_size": (8.0, 8.0), "time_limit": seconds}
+    if algorithm == "MaskablePPO":
+        train_id, test_id = "lidarnaut/ExploreFrontiersAbstract-v0", "lidarnaut/ExploreFrontiers-v0"
+        arguments |= {"max_candidates": 16}
+    else:
+        train_id = test_id = "lidarnaut/Explore-v0"
+        arguments |= {"control_hz": 5.0, "observations": ("scan", "motion")}
     # stable-baselines3 expects the observation of the next episode in the step that ends one.
-    vector = gymnasium.make_vec(
-        "lidarnaut/ExploreRooms-v0", num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments
-    )
-    env = GymnasiumVecEnv(vector)
+    vector = gymnasium.make_vec(train_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
+    env = GymnasiumVecEnv(vector)  # also answers `action_masks`
     env.seed(0)
+    library = importlib.import_module("stable_baselines3" if algorithm == "PPO" else "sb3_contrib")
+    policy = "MultiInputLstmPolicy" if algorithm == "RecurrentPPO" else "MultiInputPolicy"
     batch_size = num_envs * num_steps // 4
-    model = PPO("MultiInputPolicy", env, n_steps=num_steps, batch_size=batch_size, gamma=0.995, ent_coef=0.001, seed=0)
+    model = getattr(library, algorithm)(policy, env, n_steps=num_steps, batch_size=batch_size, gamma=0.995, seed=0)
     model.learn(total_timesteps)
     model.save(out)
     env.close()
 
-    test = gymnasium.make("lidarnaut/ExploreRooms-v0", split="test", physics="kinematic", **arguments)
-    observation, info = test.reset(seed=0)
-    done = False
-    while not done:
-        action, _ = model.predict(observation, deterministic=True)
-        observation, _, terminated, truncated, info = test.step(action)
-        done = terminated or truncated
+    test = gymnasium.make(test_id, split="test", physics="kinematic", **arguments)
+    episode = run_episode(test, make_policy(model, test.action_space), seed=0)
     test.close()
-    print(f"explored {100 * info['explored_fraction']:.0f} % of a test world in {info['time']:.0f} s")
-    return info["explored_fraction"]
+    print(f"explored {100 * episode.explored_fraction:.0f} % of a test world in {episode.duration:.0f} s")
+    return episode.explored_fraction
 
 
 if __name__ == "__main__":

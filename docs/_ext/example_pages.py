@@ -20,7 +20,7 @@ ENTRY = """
 ```
 :::
 """
-ORDER = ("quick_start", "sb3_ppo", "maskable_ppo", "recurrent_ppo", "cleanrl_ppo", "torchrl_ppo", "rllib_ppo")
+ORDER = ("quick_start", "sb3_ppo", "cleanrl_ppo", "torchrl_ppo", "rllib_ppo")
 """Examples that come first; others follow by name."""
 
 
