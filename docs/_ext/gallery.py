@@ -1,5 +1,6 @@
-"""Pictures of every world and every robot, with scale bars."""
+"""Galleries of worlds and robots: a picture of each with a scale bar, its numbers, and where worlds come from."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,28 +9,59 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
-from envs.geometry import Pose2D
+from envs.files import read_record
 from envs.rendering import style
 from envs.robots import ROBOT_NAMES, RobotParams, load_robot
-from envs.worlds import FAMILIES, WORLD_NAMES, World, load_world, reachable
+from envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable
+from envs.worlds.library import LIBRARY
+from envs.worlds.world_file import WorldFile
 
+PAGES = {
+    "index": "# Galleries\n\n```{toctree}\nworlds\nrobots\n```\n",
+    "worlds": """\
+# Worlds
+
+White is what can be reached from the spawns (triangles; the filled one is the usual one), grey is solid or not reached,
+movers are orange with the lines that they walk along. Pass the name as `world=`. Free area is what a point reaches from
+the first spawn, and the centre of a disc of 0.22 m radius. Worlds 0, 1 and 2 of each procedural family come last;
+environments draw a new one at each reset.
+
+""",
+    "robots": """\
+# Robots
+
+From above, forward to the right: body, driven wheels (black), casters (grey), lidar with its field of view (blue), and
+the circle that holds body and wheels (dashed). Pass the name as `robot=`.
+
+""",
+}
+GRID = "::::{{grid}} 1 2 3 3\n:gutter: 2\n\n{cards}\n\n::::\n"
+CARD = ":::{{grid-item-card}} `{title}`\n![{title}]({name}.png)\n\n{text}\n:::"
 SIZE, DPI = (4.0, 3.4), 110
 """Width and height of a picture [in]; pixels per inch."""
 BAR_LENGTHS = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
 """Lengths that a scale bar may have [m]."""
-SEEDS = (0, 1, 2)
-"""Worlds of each procedural family."""
 
 
-def worlds() -> dict[str, World]:
-    """Return the worlds of the library and some of each procedural family, by the names of their pictures."""
-    drawn = {f"{family}_{seed}": FAMILIES[family](seed, None) for family in FAMILIES for seed in SEEDS}
-    return {name: load_world(name) for name in WORLD_NAMES} | drawn
-
-
-def robots() -> dict[str, RobotParams]:
-    """Return the robots of the library by name."""
-    return {name: load_robot(name) for name in ROBOT_NAMES}
+def pages(folder: Path) -> dict[str, str]:
+    """Draw the pictures into a folder, and return the pages that show them, by file name."""
+    folder.mkdir(exist_ok=True)
+    families = {f"{family}_{seed}": FAMILIES[family](seed, None) for family in FAMILIES for seed in range(3)}
+    worlds = {name: load_world(name) for name in WORLD_NAMES} | families
+    robots = {name: load_robot(name) for name in ROBOT_NAMES}
+    figures = {name: draw_world(world) for name, world in worlds.items()}
+    figures |= {name: draw_robot(robot) for name, robot in robots.items()}
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=DPI)
+    cards = {
+        "worlds": [CARD.format(title=w.name, name=name, text=_of_world(w)) for name, w in worlds.items()],
+        "robots": [CARD.format(title=name, name=name, text=_of_robot(r)) for name, r in robots.items()],
+    }
+    found = {f"{page}.md": text for page, text in PAGES.items()}
+    for page, texts in cards.items():
+        found[f"{page}.md"] += GRID.format(cards="\n\n".join(texts))
+    found["worlds.md"] += "\n## Sources\n\n" + "\n".join(_source(name) for name in WORLD_NAMES) + "\n"
+    return found
 
 
 def draw_world(world: World) -> Figure:
@@ -38,7 +70,7 @@ def draw_world(world: World) -> Figure:
     cell = max(0.02, max(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1]) / 400.0)
     grid, mask = reachable(world, resolution=cell)
     x_min, y_min, x_max, y_max = grid.bounds
-    colours = np.where(mask[..., None], style.FREE, _SOLID).astype(np.uint8)
+    colours = np.where(mask[..., None], style.FREE, style.SOLID).astype(np.uint8)
     ax.imshow(colours, origin="lower", extent=(x_min, x_max, y_min, y_max), zorder=0)
     ax.add_collection(LineCollection(list(world.segments.reshape(-1, 2, 2)), colors=_INK, linewidths=0.8))
     for circle in world.circles:
@@ -47,7 +79,9 @@ def draw_world(world: World) -> Figure:
         ax.add_patch(Polygon(mover.waypoints, fill=False, edgecolor=_MOVER, linewidth=1.0, linestyle=(0, (3, 2))))
         ax.add_patch(Circle(mover.position(0.0), mover.radius, color=_MOVER))
     for k, spawn in enumerate(world.spawns):
-        _draw_spawn(ax, spawn, is_first=k == 0)
+        marker = (3, 0, np.degrees(spawn.theta) - 90.0)
+        face = "none" if k else _SPAWN
+        ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
     return figure
 
 
@@ -66,10 +100,9 @@ def draw_robot(robot: RobotParams) -> Figure:
         corner = (-drive.wheel_radius, side * drive.track / 2 - drive.wheel_width / 2)
         ax.add_patch(Rectangle(corner, 2 * drive.wheel_radius, drive.wheel_width, color=_INK))
     for caster in robot.casters:
-        ax.add_patch(Circle((caster.x, caster.y), caster.radius, color=style_colour(style.MUTED)))
-    mount, half = lidar.mount, 0.5 * np.degrees(lidar.fov)
-    heading = np.degrees(mount.yaw)
-    colour = style_colour(style.LIDAR)
+        ax.add_patch(Circle((caster.x, caster.y), caster.radius, color=_colour(style.MUTED)))
+    mount, half, heading = lidar.mount, 0.5 * np.degrees(lidar.fov), np.degrees(lidar.mount.yaw)
+    colour = _colour(style.LIDAR)
     ax.add_patch(Wedge((mount.x, mount.y), 3 * reach, heading - half, heading + half, color=colour, alpha=0.12))
     ax.add_patch(Circle((mount.x, mount.y), 0.12 * robot.radius, color=colour))
     ax.add_patch(Circle((0.0, 0.0), robot.radius, fill=False, edgecolor=_INK, linestyle=(0, (4, 3)), linewidth=1.0))
@@ -77,47 +110,51 @@ def draw_robot(robot: RobotParams) -> Figure:
     return figure
 
 
-def save_all(out: Path) -> dict[str, Path]:
-    """Draw all worlds and robots into a folder; return the pictures by the names of what they show."""
-    out.mkdir(parents=True, exist_ok=True)
-    figures = {name: draw_world(world) for name, world in worlds().items()}
-    figures |= {name: draw_robot(robot) for name, robot in robots().items()}
-    paths = {name: out / f"{name}.png" for name in figures}
-    for name, figure in figures.items():
-        figure.savefig(paths[name], dpi=DPI)
-    return paths
-
-
-def style_colour(colour: style.Colour) -> tuple[float, ...]:
+def _colour(colour: style.Colour) -> tuple[float, ...]:
     """Return a colour of the renderer as Matplotlib takes it."""
     return tuple(value / 255.0 for value in colour)
 
 
-_SOLID, _INK, _BODY = style.SOLID, style_colour(style.INK), style_colour(style.RULE)
-_MOVER, _SPAWN = style_colour(style.MOVER), style_colour(style.ESTIMATED)
+_INK, _BODY, _MOVER, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.MOVER, style.ESTIMATED))
 
 
 def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes]:
     """Return an empty figure that shows some part of the plane [m], with a scale bar below it that covers nothing."""
-    margin = 0.01 * max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    margin, below = 0.01 * max(bounds[2] - bounds[0], bounds[3] - bounds[1]), 0.13
     x_min, y_min, x_max, y_max = (side + sign * margin for side, sign in zip(bounds, (-1, -1, 1, 1)))
     figure = Figure(figsize=SIZE, facecolor="white")
-    below = 0.13
     ax = figure.add_axes((0.02, below + 0.01, 0.96, 0.97 - below))
     ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max), aspect="equal")
     ax.set_axis_off()
     scale = min(0.96 * SIZE[0] / (x_max - x_min), (0.97 - below) * SIZE[1] / (y_max - y_min)) / SIZE[0]
     length = BAR_LENGTHS[np.abs(np.log(BAR_LENGTHS * scale / 0.2)).argmin()]
     left = 0.5 - 0.5 * length * scale
-    bar = figure.add_axes((left, 0.03, length * scale, 0.04))
-    bar.set(xlim=(0, 1), ylim=(0, 1))
+    bar = figure.add_axes((left, 0.03, length * scale, 0.04), xlim=(0, 1), ylim=(0, 1))
     bar.set_axis_off()
     bar.plot([0, 0, 0, 1, 1, 1], [1, 0, 0.5, 0.5, 0, 1], color=_INK, linewidth=2.2, clip_on=False)
     figure.text(left + length * scale + 0.02, 0.05, f"{length:g} m", color=_INK, va="center", fontsize=16)
     return figure, ax
 
 
-def _draw_spawn(ax: Axes, spawn: Pose2D, *, is_first: bool) -> None:
-    marker = (3, 0, np.degrees(spawn.theta) - 90.0)
-    face = _SPAWN if is_first else "none"
-    ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
+def _of_world(world: World) -> str:
+    """Return size and free areas; of a world of the library also its licence."""
+    x_min, y_min, x_max, y_max = world.bounds
+    areas = " and ".join(f"{free_area(world, radius=radius):.1f} m²" for radius in (0.0, 0.22))
+    licence = f"; licence: {world.licence}" if world.name in WORLD_NAMES else ""
+    return f"{x_max - x_min:.1f} m x {y_max - y_min:.1f} m; free area {areas}{licence}"
+
+
+def _source(name: str) -> str:
+    """Return where a world of the library comes from, and what was chosen or closed, as an item of a list."""
+    file = read_record(LIBRARY[name], WorldFile)
+    closed = sum(math.dist(row[:2], row[2:]) for row in file.closures)
+    added = f" Closed by us: {closed:.1f} m of wall." if file.closures else ""
+    return f"- `{name}`: {file.source}. {file.notes or ''}{added}".rstrip()
+
+
+def _of_robot(robot: RobotParams) -> str:
+    lidar = robot.lidar
+    return (
+        f"radius {robot.radius:g} m, {robot.max_v:g} m/s, {robot.max_w:g} rad/s; "
+        f"lidar: {lidar.num_beams} beams over {math.degrees(lidar.fov):.0f}°, {lidar.range_max:g} m"
+    )

@@ -4,14 +4,14 @@ They come from the registry, docstrings, libraries and sources, so that they can
 written to `docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores.
 """
 
+import ast
 import inspect
 import re
 from pathlib import Path
 from typing import Any
 
 import environment_pages
-import example_pages
-import gallery_pages
+import gallery
 from sphinx.application import Sphinx
 
 INCLUDED = {
@@ -22,14 +22,39 @@ INCLUDED = {
 }
 """Markdown files outside of docs, and the pages that include them."""
 
+EXAMPLES = """\
+# Examples
+
+Each is a file in `examples/` that runs by itself, `.venv/bin/python examples/NAME.py`, and in a test on a small budget.
+`--help` tells its arguments.
+"""
+EXAMPLE = """
+## `{name}`
+
+{text}
+
+:::{{dropdown}} Source
+```{{literalinclude}} ../../examples/{name}
+:language: python
+```
+:::
+"""
+
+
+def example_page(folder: Path) -> str:
+    """Return the page of the examples in a folder, each with its first lines and its source."""
+    docstrings = {path.name: ast.get_docstring(ast.parse(path.read_text())) for path in sorted(folder.glob("*.py"))}
+    names = sorted(docstrings, key=lambda name: name != "quick_start.py")
+    return EXAMPLES + "".join(EXAMPLE.format(name=name, text=docstrings[name]) for name in names)
+
 
 def write_pages(app: Sphinx) -> None:
     """Write all generated pages below the source folder; pages that have not changed keep their time."""
     source = Path(app.srcdir)
     for folder, pages in (
         (source / "environments", environment_pages.pages(source)),
-        (source / "gallery", gallery_pages.pages(source / "gallery")),
-        (source / "examples", {"index.md": example_pages.page(source.parent / "examples")}),
+        (source / "gallery", gallery.pages(source / "gallery")),
+        (source / "examples", {"index.md": example_page(source.parent / "examples")}),
     ):
         folder.mkdir(exist_ok=True)
         for stale in set(folder.glob("*.md")) - {folder / name for name in pages}:

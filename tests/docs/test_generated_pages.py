@@ -8,28 +8,27 @@ import gymnasium
 import pytest
 
 import envs  # noqa: F401  (registers the environments)
+from envs.worlds import WORLD_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.fixture(scope="module")
-def pages():
-    """The pages of the environments by file name."""
+@pytest.fixture(scope="module", autouse=True)
+def extension():
+    """The folder of the extension, from which Sphinx imports it."""
     sys.path.insert(0, str(DOCS / "_ext"))
-    import environment_pages
-
-    yield environment_pages.pages(DOCS)
+    yield
     sys.path.remove(str(DOCS / "_ext"))
 
 
-def test_every_id_is_on_the_page_of_its_class(pages):
+def test_environments_have_a_page_with_picture_spaces_and_docstring():
+    import environment_pages
+
+    pages = environment_pages.pages(DOCS)
     for spec in gymnasium.registry.values():
         if spec.namespace == "lidarnaut":
             (name,) = re.findall(rf"\| \[`{spec.id}`\]\(([\w.]+)\)", pages["index.md"])
             assert f"`{spec.id}`" in pages[name] or f'make("{spec.id}"' in pages[name]
-
-
-def test_pages_show_picture_spaces_and_docstring(pages):
     for name in set(pages) - {"index.md"}:
         (picture, *_) = re.findall(r"!\[[^\]]*\]\(\.\./(\S+)\)", pages[name])
         assert (DOCS / picture).stat().st_size < 500_000, name
@@ -37,10 +36,17 @@ def test_pages_show_picture_spaces_and_docstring(pages):
             assert part in pages[name], (name, part)
 
 
-def test_the_page_of_examples_shows_all_of_them():
-    sys.path.insert(0, str(DOCS / "_ext"))
-    import example_pages
+def test_the_gallery_shows_worlds_with_sizes_and_sources_and_robots(tmp_path):
+    import gallery
 
-    sys.path.remove(str(DOCS / "_ext"))
-    page = example_pages.page(DOCS.parent / "examples")
+    pages = gallery.pages(tmp_path)
+    assert len(list(tmp_path.glob("*.png"))) == sum(text.count(".png") for text in pages.values())
+    assert all(f"- `{name}`: " in pages["worlds.md"] for name in WORLD_NAMES)
+    assert "8.0 m x 6.8 m; free area 19.7 m² and 13.1 m²; licence: Apache-2.0" in pages["worlds.md"]
+
+
+def test_the_page_of_examples_shows_all_of_them():
+    import generated_pages
+
+    page = generated_pages.example_page(DOCS.parent / "examples")
     assert page.count("{literalinclude}") == len(list(DOCS.parent.glob("examples/*.py")))
