@@ -27,7 +27,7 @@ from benchmarks.arena.settings import Settings
 from benchmarks.arena.summary import to_json
 from envs.command_line import fail, read_options
 from envs.files import naming, read_record
-from lidarnaut.configurations import find_configuration
+from lidarnaut import find_configuration
 
 
 @dataclass(frozen=True)

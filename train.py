@@ -7,41 +7,47 @@ python train.py --resume runs/rooms_small__1__20250101-120000
 
 Every key of the configuration is an option, with dots between the names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
+--hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of agents.config.NetworkConfig.
 --ray ADDRESS runs a sweep, or an evolution, on a Ray cluster.
 """
 
 import argparse
+import ast
+import contextlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import gymnasium
+import yaml
 
-from agents.config import EvolutionConfig, parse_config
-from agents.options import change, describe_keys, read_changes
+from agents.config import EvolutionConfig, TrainingConfig, change, parse_config
 from agents.run_folder import CheckpointError, find_config
-from envs.command_line import fail, program_name
+from envs.command_line import fail, read_options
 from envs.files import LockedError, read_mapping
-from lidarnaut.configurations import find_configuration
+from lidarnaut import find_configuration
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line and train; return the exit status."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--config")
-    where.add_argument("--resume", type=Path)
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--config")
+    source.add_argument("--resume", type=Path)
     parser.add_argument("--ray")
     parser.add_argument("--help", "-h", action="store_true")
     given, others = parser.parse_known_args(arguments)
     if given.help:
-        print(f"usage: {program_name()} (--config FILE | --resume RUN) [--KEY VALUE ...]\n\n{__doc__}{describe_keys()}")
+        for kind in (TrainingConfig, EvolutionConfig):
+            with contextlib.suppress(SystemExit):
+                read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
         if given.resume is None and given.config is None:
             raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
         path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
-        data = change(read_mapping(path), read_changes(others))
-        run = start(data, str(path), given.resume, given.ray)
+        run = start(change(read_mapping(path), read_changes(others)), str(path), given.resume, given.ray)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -68,6 +74,42 @@ def start(data: dict, source: str, resume: Path | None, ray: str | None) -> Path
     from agents.training import train
 
     return train(config, resume=resume)
+
+
+def read_changes(words: Sequence[str]) -> dict[str, Any]:
+    """Return the values of options such as `--network.speed 0.6` by their keys, with underscores; several are a list.
+
+    Raises:
+        ValueError: a value stands before the first option, or is not readable as YAML.
+    """
+    found: dict[str, list[Any]] = {}
+    key = None
+    for word in words:
+        if word.startswith("--"):
+            key, equals, value = word[2:].partition("=")
+            key = key.replace("-", "_")
+            found[key] = [read_value(value)] if equals else []
+        elif key is None:
+            raise ValueError(f"unknown argument {word!r}; options begin with --")
+        else:
+            found[key].append(read_value(word))
+    return {key: values[0] if len(values) == 1 else values or True for key, values in found.items()}
+
+
+def read_value(text: str) -> Any:
+    """Return what a word stands for: a number, also 1e-3 and 60_000, a truth, None, a YAML list or mapping, or text.
+
+    Raises:
+        ValueError: it begins as a list or mapping, and is not readable as one.
+    """
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError, TypeError):
+        pass
+    try:
+        return yaml.safe_load(text) if text.startswith(("[", "{")) else text
+    except yaml.YAMLError as error:
+        raise ValueError(f"{text!r} is not readable as YAML: {error}") from error
 
 
 if __name__ == "__main__":

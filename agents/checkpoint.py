@@ -37,20 +37,24 @@ MAX_RECORD = 64 * 2**20
 Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 
 
-class BoxRecord(BaseModel):
-    """A `gymnasium.spaces.Box` with the same bounds for every element."""
+class SpaceRecord(BaseModel):
+    """A `Box` with the same bounds for every element, a `Discrete` from 0, or a `MultiBinary` with one axis."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
+    kind: Literal["Box", "Discrete", "MultiBinary"]
     shape: tuple[Size, ...]
+    """Of a `Discrete`, (n,): the number of actions."""
     dtype: Literal["float32", "float64", "uint8", "int8", "int16", "int32", "int64", "bool"]
-    low: float
-    high: float
+    low: float = 0.0
+    high: float = 1.0
 
     @model_validator(mode="after")
-    def _check(self) -> "BoxRecord":
+    def _check(self) -> "SpaceRecord":
         if len(self.shape) > MAX_AXES or math.prod(self.shape) > MAX_ELEMENTS:
             raise ValueError(f"shape {self.shape} has more than {MAX_AXES} axes or {MAX_ELEMENTS:,} elements")
+        if self.kind != "Box" and len(self.shape) != 1:
+            raise ValueError(f"a {self.kind} has one axis, got shape {self.shape}")
         if not self.low <= self.high:
             raise ValueError(f"low must be at most high, got {self.low} and {self.high}")
         if np.dtype(self.dtype).kind in "iu":
@@ -60,61 +64,32 @@ class BoxRecord(BaseModel):
         return self
 
     @classmethod
-    def of(cls, box: spaces.Box) -> "BoxRecord":
-        dtype: Any = str(box.dtype)
-        return cls(shape=box.shape, dtype=dtype, low=float(box.low.min()), high=float(box.high.max()))
+    def of(cls, space: spaces.Space) -> "SpaceRecord":
+        """Return the record of a space.
 
-    def space(self) -> spaces.Box:
-        return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
+        Raises:
+            ValueError: if it is of a kind that cannot be saved.
+        """
+        dtype: Any = str(space.dtype)
+        if isinstance(space, spaces.Box):
+            low, high = float(space.low.min()), float(space.high.max())
+            return cls(kind="Box", shape=space.shape, dtype=dtype, low=low, high=high)
+        if isinstance(space, spaces.Discrete) and space.start == 0:
+            return cls(kind="Discrete", shape=(int(space.n),), dtype=dtype)
+        if isinstance(space, spaces.MultiBinary) and isinstance(space.n, int):
+            return cls(kind="MultiBinary", shape=(space.n,), dtype=dtype)
+        raise ValueError(f"only Box, Discrete from 0 and MultiBinary with one axis can be saved, got {space}")
 
-    def __str__(self) -> str:
-        return f"Box({self.low:g}, {self.high:g}, {self.shape}, {self.dtype})"
-
-
-class DiscreteRecord(BaseModel):
-    """A `gymnasium.spaces.Discrete` that starts from 0."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    n: Size
-
-    def space(self) -> spaces.Discrete:
-        return spaces.Discrete(self.n)
-
-    def __str__(self) -> str:
-        return f"Discrete({self.n})"
-
-
-class MultiBinaryRecord(BaseModel):
-    """A `gymnasium.spaces.MultiBinary` with one axis."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    bits: Size
-
-    def space(self) -> spaces.MultiBinary:
-        return spaces.MultiBinary(self.bits)
+    def space(self) -> spaces.Space:
+        """Return the space."""
+        if self.kind == "Box":
+            return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
+        return (spaces.Discrete if self.kind == "Discrete" else spaces.MultiBinary)(self.shape[0])
 
     def __str__(self) -> str:
-        return f"MultiBinary({self.bits})"
-
-
-SpaceRecord = BoxRecord | DiscreteRecord | MultiBinaryRecord
-
-
-def record_of(space: spaces.Space) -> SpaceRecord:
-    """Return the record of a space.
-
-    Raises:
-        ValueError: if it is of a kind that cannot be saved.
-    """
-    if isinstance(space, spaces.Box):
-        return BoxRecord.of(space)
-    if isinstance(space, spaces.Discrete) and space.start == 0:
-        return DiscreteRecord(n=int(space.n))
-    if isinstance(space, spaces.MultiBinary) and isinstance(space.n, int):
-        return MultiBinaryRecord(bits=space.n)
-    raise ValueError(f"only Box, Discrete from 0 and MultiBinary with one axis can be saved, got {space}")
+        if self.kind == "Box":
+            return f"Box({self.low:g}, {self.high:g}, {self.shape}, {self.dtype})"
+        return f"{self.kind}({self.shape[0]})"
 
 
 class Record(BaseModel):
@@ -122,7 +97,7 @@ class Record(BaseModel):
 
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
-    format: Literal[1] = 1
+    format: Literal[2] = 2
     """Version of this format."""
     steps: NonNegativeInt
     """Environment steps taken."""
@@ -138,11 +113,11 @@ class Record(BaseModel):
         Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
     ]
     """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
-    action_random: dict[str, Any] | None = None
+    action_random: dict[str, Any] = {}
     """State of the generator of random actions."""
     counters: dict[str, int | float] = {}
     """Further numbers that the algorithm counts."""
-    control_hz: FiniteFloat | None = None
+    control_hz: FiniteFloat
     """Control steps per second of the environment."""
     replay: dict[str, str] = {}
     """Checksums of the files of transitions that the replay buffer is made of, oldest first; see `agents.replay`."""

@@ -1,5 +1,6 @@
 """Configuration of an experiment."""
 
+import copy
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_origin
 
@@ -185,14 +186,6 @@ class TrainingConfig(Section):
     checkpoints: CheckpointConfig = CheckpointConfig()
     """When the state is saved."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _read_older(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or "algorithm" in data or not isinstance(data.get("environment"), dict):
-            return data
-        sections = (data.get(name) for name in ("ppo", "decision_network"))
-        return _converted(data) if any(isinstance(section, dict) for section in sections) else data
-
     @field_validator("algorithm")
     @classmethod
     def _know_algorithm(cls, algorithm: str) -> str:
@@ -212,25 +205,27 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
     return parse_record(data, source, kind)
 
 
+def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested mappings with other values at some keys, which are names with dots between them.
+
+    Raises:
+        ValueError: a key leads through a value that is no mapping.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(data))
+    for key, value in changes.items():
+        *parents, name = key.split(".")
+        section = changed
+        for parent in parents:
+            section[parent] = {} if section.get(parent) is None else section[parent]
+            section = section[parent]
+            if not isinstance(section, dict):
+                raise ValueError(f"--{key}: {parent} is {section!r}, and holds no keys")
+        section[name] = value
+    return changed
+
+
 def _tuples(value: Any) -> Any:
     """Return a value with tuples in place of lists, as environments take them."""
     if isinstance(value, dict):
         return {key: _tuples(one) for key, one in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
-
-
-def _converted(data: dict[str, Any]) -> dict[str, Any]:
-    """Return a configuration of the form in which PPO was the only algorithm, in this form."""
-    sections = (data.get(section) or {} for section in ("ppo", "environment"))
-    ppo, environment = ({name: value for name, value in section.items() if value is not None} for section in sections)
-    rate = ppo.pop("learning_rate", 3e-4)
-    names = {"num_steps": "n_steps", "num_epochs": "n_epochs", "entropy_coef": "ent_coef", "value_coef": "vf_coef"}
-    hyperparameters = {"learning_rate": f"lin_{rate}" if ppo.pop("anneal", True) else rate}
-    hyperparameters |= {names.get(name, name): value for name, value in ppo.items()}
-    environment = {"world": "rooms", "physics": "kinematic", "control_hz": 5.0} | environment
-    if reward := environment.pop("reward_object", None):
-        environment["reward"] = reward
-    network = "decision_network" if "Frontiers" in str(environment.get("id")) else "network"
-    kept = {name: value for name, value in data.items() if name not in ("ppo", "network", "decision_network")}
-    changes = {"algorithm": "PPO", "environment": environment, "hyperparameters": hyperparameters}
-    return kept | changes | {"network": data.get(network) or {}}

@@ -18,11 +18,9 @@ LEARNED = "learned"
 
 def read_evaluations(run: Path) -> list[Row]:
     """Read `evaluations.csv` of a run folder; every column but `policy` holds numbers."""
+    kinds: dict[str, type] = {"policy": str, "steps": int}
     with open(run / "evaluations.csv", newline="") as file:
-        return [
-            {key: value if key == "policy" else float(value) for key, value in row.items()}
-            for row in csv.DictReader(file)
-        ]
+        return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in csv.DictReader(file)]
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
@@ -30,7 +28,9 @@ def headline_of_rows(rows: Sequence[Row]) -> str:
     return next(name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25"))
 
 
-def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Path) -> None:
+def draw_learning_curve(
+    runs: Mapping[str, Sequence[Row]], title: str, path: Path, axis: str = "environment steps"
+) -> None:
     """Draw how much of the task is done at the end of episodes, and the headline measure, over training steps.
 
     A line is the mean over episodes; the band spans the quartiles of the headline. What does not learn is a level line.
@@ -39,6 +39,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
         runs: rows of `evaluations.csv` by the run's label.
         title: of the figure.
         path: PNG to write.
+        axis: what the column `steps` counts.
     """
     from matplotlib.figure import Figure
 
@@ -48,7 +49,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     for axes, measure in zip(figure.subplots(1, 2), ("progress", headline), strict=True):
         for number, (name, run) in enumerate(runs.items()):
             learned = [row for row in run if row["policy"] == LEARNED]
-            steps = [float(row["steps"]) / 1000 for row in learned]
+            steps = [int(row["steps"]) for row in learned]
             axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
             if measure == headline:
                 low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
@@ -57,7 +58,7 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
         references = [row for row in next(iter(runs.values())) if row["policy"] != LEARNED]
         for row, style in zip(references, ("--", ":", "-."), strict=False):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
-        axes.set_xlabel("environment steps [thousands]")
+        axes.set_xlabel(axis)
         axes.set_ylabel("share of the task that is done" if measure == "progress" else measure.replace("_", " "))
         axes.set_ylim(bottom=0, top=1 if measure == "progress" else None)
         axes.grid(alpha=0.3)
@@ -65,37 +66,8 @@ def draw_learning_curve(runs: Mapping[str, Sequence[Row]], title: str, path: Pat
     figure.savefig(path)
 
 
-def draw_validations(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
-    """Draw how long a score takes on its validation tasks, as shares of the rules' times.
-
-    Args:
-        rows: generation, time over that of the rule that evolution starts from, time over that of `nearest`.
-        path: PNG to write.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 3.6), dpi=120, layout="constrained")
-    axes = figure.subplots()
-    generations, over_rule, over_nearest = zip(*rows, strict=True)
-    axes.axhline(1.0, color="0.35", linestyle="--", linewidth=1.0)
-    axes.plot(generations, over_rule, color="C0", marker=".", label="of gain_over_cost's, which evolution starts from")
-    axes.plot(generations, over_nearest, color="C1", marker=".", label="of nearest's")
-    axes.set(xlabel="generation", ylabel="time to 95 % as a share, geometric mean", title="Validation tasks")
-    axes.grid(alpha=0.3)
-    axes.legend()
-    figure.savefig(path)
-
-
-def draw_sweep(curves: Mapping[str, np.ndarray], axis: str, measure: str, title: str, path: Path) -> None:
-    """Draw a measure over the course of several trainings, with 95 % intervals.
-
-    Args:
-        curves: shape (n, 4) by label: how far the training was, mean, and the interval's bounds.
-        axis: what tells how far: steps or generations.
-        measure: name of the measure.
-        title: of the figure.
-        path: PNG to write.
-    """
+def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
+    """Draw a measure over the steps of several trainings, shape (n, 4) by label: steps, mean, and a 95 % interval."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")
@@ -104,7 +76,7 @@ def draw_sweep(curves: Mapping[str, np.ndarray], axis: str, measure: str, title:
         where, mean, low, high = points.T
         axes.plot(where, mean, color=f"C{number}", marker=".", label=label)
         axes.fill_between(where, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
-    axes.set(xlabel=axis, ylabel=measure.replace("_", " "), title=title)
+    axes.set(xlabel="steps", ylabel=measure.replace("_", " "), title=title)
     axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig(path)

@@ -9,7 +9,7 @@ import torch
 from stable_baselines3.common.policies import BasePolicy
 
 from agents.algorithms import Actor, build_policy, find_algorithm, takes_vectors
-from agents.checkpoint import BoxRecord, DiscreteRecord, Record, load_checkpoint
+from agents.checkpoint import Record, load_checkpoint
 from agents.policies import Level
 from agents.run_folder import CheckpointError, find_checkpoint
 from envs.robots import RobotParams, load_robot
@@ -28,14 +28,14 @@ class LearnedPolicy:
         is_flat = takes_vectors(find_algorithm(record.config.algorithm))
         self._actor = Actor(policy, is_flat=is_flat, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
-        self.level = "decision" if isinstance(record.action, DiscreteRecord) else "twist"
+        self.level = "decision" if record.action.kind == "Discrete" else "twist"
         self.id = record.config.environment.id
         """Environment that it was trained in."""
         self.arguments = record.config.environment.arguments
         """Arguments of that environment."""
         self.observations = self.arguments.get("observations")
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
-        self.control_hz: float | None = record.control_hz or self.arguments.get("control_hz")
+        self.control_hz = record.control_hz
         """Control steps per second in its training; `baselines.episode.run_episode` asks it as often."""
         spaces = {key: described.space() for key, described in record.observation.items()}
         self._is_first = True
@@ -97,7 +97,7 @@ class LearnedPolicy:
         None where the lidars have as many beams.
         """
         scan = self._record.observation.get("scan")
-        if not isinstance(scan, BoxRecord) or len(scan.shape) > 1 or robot.lidar.num_beams == scan.shape[0]:
+        if scan is None or len(scan.shape) > 1 or robot.lidar.num_beams == scan.shape[0]:
             return None
         trained = self.arguments.get("robot")
         if trained is None:

@@ -1,21 +1,21 @@
-"""The folder of a run: what is written when it opens, and its table of evaluations."""
+"""The folder of a run: what is written when it opens, its checkpoints, and its table of evaluations."""
 
 import contextlib
 import csv
 import io
 import json
-import math
 import platform
 import re
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from agents.config import EvolutionConfig, TrainingConfig
-from agents.curves import Row, draw_learning_curve, draw_validations
+from agents.curves import Row, draw_learning_curve
 from envs.files import Lock, dump_record, sweep, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
@@ -61,13 +61,12 @@ def find_config(path: str | Path) -> Path:
     path = Path(path)
     if (path / SWEEP).exists():
         return path / SWEEP
-    if (path / GENERATIONS).exists():
-        return path / "config.yaml"
-    return find_checkpoint(path).parent.parent / "config.yaml"
+    run = path if (path / GENERATIONS).exists() else find_checkpoint(path).parent.parent
+    return run / "config.yaml"
 
 
 @contextlib.contextmanager
-def new_run(config: TrainingConfig, run: Path | None) -> Iterator[Path]:
+def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Iterator[Path]:
     """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
 
     The folder is locked until the context ends.
@@ -77,41 +76,26 @@ def new_run(config: TrainingConfig, run: Path | None) -> Iterator[Path]:
         envs.files.LockedError: if another process is at it.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
-    (run / "checkpoints").mkdir(parents=True, exist_ok=True)
+    run.mkdir(parents=True, exist_ok=True)
     with Lock(run):
-        if list_checkpoints(run):
+        if list_checkpoints(run) or (run / GENERATIONS).exists():
             raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
-        _record(run, config)
+        begin(run, config)
         yield run
 
 
-@contextlib.contextmanager
-def open_run(config: EvolutionConfig, run: Path | None, resume: Path | None) -> Iterator[Path]:
-    """Create a run folder, or take one that is to go on; None makes `runs/<experiment>__<seed>__<time>`.
-
-    The folder is locked until the context ends.
-
-    Raises:
-        ValueError: if a new folder holds a run already.
-        CheckpointError: if there is no run to go on with.
-        envs.files.LockedError: if another process is at it.
-    """
-    if resume is not None:
-        if not (resume / "config.yaml").exists():
-            raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
-        run = resume
-    else:
-        run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
-        run.mkdir(parents=True, exist_ok=True)
-    with Lock(run):
-        if resume is None and (run / "config.yaml").exists():
-            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
-        _record(run, config)
-        yield run
+def begin(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
+    """Take a locked folder for a run: remove what a killed process left, write the configuration and the versions."""
+    for folder in (run, run / "checkpoints"):
+        sweep(folder)
+    versions = {name: version(name) for name in LIBRARIES}
+    versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
+    write_file(run / "config.yaml", dump_record(config))
+    write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
 
 
-def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
-    """Prepare a run, locked by the caller, to go on from one of its checkpoints; newer ones become `*.discarded`."""
+def discard_after(checkpoint: Path) -> Path:
+    """Rename what is newer than a checkpoint to `*.discarded`, in a run that is locked; return the run's folder."""
     run = checkpoint.parent.parent
     for newer in list_checkpoints(run):
         if newer.name > checkpoint.name:
@@ -120,46 +104,22 @@ def reopen_run(config: TrainingConfig, checkpoint: Path) -> Path:
             newer.rename(aside)
     for unfinished in (run / "checkpoints").glob(".step_*.tmp"):
         shutil.rmtree(unfinished)
-    _record(run, config)
     return run
 
 
-def write_evaluations(run: Path, rows: Sequence[Row], title: str) -> None:
+def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
+    write_table(run / "evaluations.csv", rows)
+    draw_learning_curve({"learned": rows}, title, run / "learning_curve.png", axis)
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as CSV; where one lacks a column of another, it holds NaN."""
     table = io.StringIO()
-    names = dict.fromkeys(name for row in rows for name in row)  # rows of an older version lack some
-    writer = csv.DictWriter(table, fieldnames=list(names), restval="nan", lineterminator="\n")
+    writer = csv.DictWriter(table, list(dict.fromkeys(key for row in rows for key in row)), "nan", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_file(run / "evaluations.csv", table.getvalue())
-    draw_learning_curve({"learned": rows}, title, run / "learning_curve.png")
-
-
-def write_validations(run: Path, validated: Sequence[tuple[int, float]], nearest: float) -> None:
-    """Write the validations of an evolution so far as `learning_curve.csv` and draw them as `learning_curve.png`.
-
-    Args:
-        run: the run folder.
-        validated: generations, and mean logarithms of the time over that of the rule that evolution starts from.
-        nearest: the same mean of the rule `nearest`.
-    """
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(("generation", "time_over_rule", "time_over_nearest"))
-    rows = [(generation, math.exp(ratio), math.exp(ratio - nearest)) for generation, ratio in validated]
-    writer.writerows((generation, f"{rule:.4f}", f"{other:.4f}") for generation, rule, other in rows)
-    write_file(run / "learning_curve.csv", table.getvalue())
-    draw_validations(rows, run / "learning_curve.png")
-
-
-def _record(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
-    """Take a folder for a run: remove what a killed process left, write the configuration and the versions."""
-    for folder in (run, run / "checkpoints"):
-        sweep(folder)
-    versions = {name: version(name) for name in LIBRARIES}
-    versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
-    write_file(run / "config.yaml", dump_record(config))
-    write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
+    write_file(path, table.getvalue())
 
 
 def commit() -> str:

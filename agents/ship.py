@@ -44,7 +44,7 @@ def ship(run: Path, folder: Path) -> None:
     files = {name: (policy / name).read_bytes() for name in names}
     files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
-    files["curve.csv"] = (run / ("learning_curve.csv" if is_score else "evaluations.csv")).read_bytes()
+    files["curve.csv"] = (run / "evaluations.csv").read_bytes()
     if is_score or b"agents.frontiers.tasks:" in files["config.yaml"]:
         files["held_out.yaml"] = HELD_OUT.read_bytes()
     sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]

@@ -12,7 +12,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from torch import Tensor
 from torch.optim import Optimizer
 
-from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, check_tensors, damaged, record_of
+from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, SpaceRecord, check_tensors, damaged
 from agents.config import TrainingConfig
 from agents.curves import Row
 from agents.run_folder import CheckpointError
@@ -29,8 +29,8 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
         steps=model.num_timesteps,
         updates=model._n_updates,
         config=config,
-        observation={name: record_of(space) for name, space in _parts(model).items()},
-        action=record_of(model.action_space),
+        observation={name: SpaceRecord.of(space) for name, space in _parts(model).items()},
+        action=SpaceRecord.of(model.action_space),
         numpy_random=(algorithm, int(position), int(has_gauss), float(gauss)),
         action_random=dict(model.action_space.np_random.bit_generator.state),
         counters={name: getattr(model, name) for name in COUNTERS if hasattr(model, name)},
@@ -75,7 +75,7 @@ def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
     algorithm, position, has_gauss, gauss = record.numpy_random
     np.random.set_state((algorithm, given["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
     torch.set_rng_state(given["random.torch"])
-    if record.action_random is not None:
+    if record.action_random:
         try:
             model.action_space.np_random.bit_generator.state = record.action_random
         except (ValueError, TypeError, KeyError) as error:
@@ -96,7 +96,7 @@ def check_spaces(record: Record, parts: Mapping[str, spaces.Space], action_space
     wrong = [
         f"{key} {space} (here: {offered.get(key, 'none')})"
         for key, space in needed.items()
-        if key not in offered or record_of(offered[key]) != space
+        if key not in offered or SpaceRecord.of(offered[key]) != space
     ]
     if wrong or offered.keys() != needed.keys():
         raise CheckpointError(f"{name} was trained on other spaces; it needs {', '.join(wrong) or list(needed)}")

@@ -1,13 +1,13 @@
 """Several trainings by one configuration: `sweep`, lists of values by key, and `seeds`; each in a run of its own."""
 
-import csv
-import io
+import contextlib
 import itertools
 import json
 import re
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,11 @@ import yaml
 from rich.table import Table
 from scipy import stats
 
-from agents.config import EvolutionConfig, TrainingConfig, parse_config
+from agents.config import EvolutionConfig, TrainingConfig, change, parse_config
 from agents.curves import LEARNED, draw_sweep, headline_of_rows, read_evaluations
 from agents.learned import POLICY
-from agents.options import change
 from agents.pools import make_pool
-from agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints
+from agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
 from envs.command_line import make_console
 from envs.files import LockedError, naming, write_file
 from envs.progress import Progress
@@ -70,17 +69,17 @@ def run_sweep(
     write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
     failures: dict[Path, Exception] = {}
     bar = Progress(total=len(members), unit="training", disable=not progress)
+    calls: list[Callable[[], Any]] = [partial(train_member, member, progress=progress) for member in members]
     try:
-        with bar:
-            if ray is None:
-                calls: Any = (
-                    (member, lambda member=member: train_member(member, progress=progress)) for member in members
-                )
-                _collect(calls, failures, bar)
-            else:
-                with make_pool(None, ray) as pool:
-                    begun = [(member, pool.submit(train_member, member)) for member in members]
-                    _collect(((member, call.result) for member, call in begun), failures, bar)
+        with bar, make_pool(None, ray) if ray else contextlib.nullcontext() as pool:
+            if pool is not None:
+                calls = [pool.submit(train_member, member).result for member in members]
+            for member, finish in zip(members, calls, strict=True):
+                try:
+                    finish()
+                except (ValueError, CheckpointError, LockedError, OSError) as error:
+                    failures[member.run] = error
+                bar.update()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"in a sweep; --resume {folder} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
@@ -133,52 +132,28 @@ def train_member(member: Member, *, progress: bool = False) -> None:
         train(config, run=run, resume=run if saved else None, progress=progress)
 
 
-def _collect(calls: Iterable[tuple[Member, Callable[[], Any]]], failures: dict[Path, Exception], bar: Progress) -> None:
-    """Wait for trainings, and note which of them fail."""
-    for member, finish in calls:
-        try:
-            finish()
-        except (ValueError, CheckpointError, LockedError, OSError) as error:
-            failures[member.run] = error
-        bar.update()
-
-
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
     """Write a row for each training, and draw the learning curves of those that differ in the seed alone."""
     if not members:
         return
     curves: dict[str, list[np.ndarray]] = {}
-    rows: list[dict[str, Any]] = []
+    table: list[dict[str, Any]] = []
     for member in members:
-        learned, headline, axis = read_curve(member.run)
-        rows.append({**member.values, "seed": member.config.seed, **learned[-1]})
-        curves.setdefault(member.label, []).append(
-            np.array([[float(row[axis]), float(row[headline])] for row in learned])
-        )
-    table = io.StringIO()
-    writer = csv.DictWriter(table, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_file(folder / TABLE, table.getvalue())
+        rows = read_evaluations(member.run)
+        learned, headline = [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows)
+        table.append({**member.values, "seed": member.config.seed, **learned[-1]})
+        curves.setdefault(member.label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
+    write_table(folder / TABLE, table)
     intervals = {label: interval(runs) for label, runs in curves.items()}
     with naming(folder / PICTURE):
-        draw_sweep(intervals, axis, headline, folder.name, folder / PICTURE)
+        draw_sweep(intervals, headline, folder.name, folder / PICTURE)
     if shows:
-        shown = Table("trainings", "seeds", axis, f"{headline} at the end", "95 % interval")
+        shown = Table("trainings", "seeds", "steps", f"{headline} at the end", "95 % interval")
         for label, points in intervals.items():
             last, mean, low, high = points[-1]
             bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
             shown.add_row(label, str(len(curves[label])), f"{last:,.0f}", f"{mean:.4g}", bounds)
         make_console().print(shown)
-
-
-def read_curve(run: Path) -> tuple[list[dict[str, Any]], str, str]:
-    """Return the rows of a run's learning curve, and the columns of its headline and of how far the training was."""
-    if (run / "evaluations.csv").exists():
-        rows = read_evaluations(run)
-        return [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows), "steps"
-    with open(run / "learning_curve.csv", newline="") as file:
-        return list(csv.DictReader(file)), "time_over_rule", "generation"
 
 
 def interval(runs: Sequence[np.ndarray]) -> np.ndarray:

@@ -14,7 +14,7 @@ from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
 from agents.replay import ReplayFiles
-from agents.run_folder import CheckpointError, find_checkpoint, new_run, reopen_run
+from agents.run_folder import CheckpointError, begin, discard_after, find_checkpoint, new_run
 from agents.state import check_spaces, restore
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import Lock
@@ -58,16 +58,19 @@ def train(
             run = held.enter_context(new_run(config, run))
         else:
             check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
-            _check_alike(config, checkpoint.record.config, source)
+            for name in ("algorithm", "network"):  # which weights and transitions must fit
+                if (asked := getattr(config, name)) != (needed := getattr(checkpoint.record.config, name)):
+                    raise CheckpointError(f"{source} holds another {name}: it needs {name}: {needed}, and not {asked}")
             restore(model, checkpoint, source)
-            run = reopen_run(config, source)
+            run = discard_after(source)
+            begin(run, config)
         replay = None
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)
             replay.read(checkpoint.record.replay if checkpoint else {})
         # Where in their episodes the environments were is not kept: a resumed training starts new ones.
         env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
-        evaluations = [row for row in checkpoint.record.evaluations if "progress" in row] if checkpoint else []
+        evaluations = checkpoint.record.evaluations if checkpoint else []
         # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
         purge_step = model.num_timesteps + 1 if evaluations else None
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
@@ -89,17 +92,6 @@ def train(
                     one.on_training_end()
         model.logger.close()
     return run
-
-
-def _check_alike(config: TrainingConfig, saved: TrainingConfig, source: Path) -> None:
-    """Hold a configuration against that of a checkpoint, whose weights and transitions it must fit.
-
-    Raises:
-        CheckpointError: if they differ in the algorithm or in the network.
-    """
-    for name in ("algorithm", "network"):
-        if (asked := getattr(config, name)) != (needed := getattr(saved, name)):
-            raise CheckpointError(f"{source} holds another {name}: it needs {name}: {needed}, and not {asked}")
 
 
 class _TensorBoard(TensorBoardOutputFormat):

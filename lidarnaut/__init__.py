@@ -5,10 +5,10 @@ does an id with the module before it: `gymnasium.make("lidarnaut:lidarnaut/Explo
 """
 
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from envs import ENVIRONMENTS, register
-
-from .configurations import find_configuration
+from envs.files import explain_unknown
 
 __all__ = ["ENVIRONMENTS", "__version__", "find_configuration", "register"]
 
@@ -16,3 +16,19 @@ try:
     __version__ = version("lidarnaut")
 except PackageNotFoundError:  # a checkout that is on the path, but not installed
     __version__ = "0+unknown"
+CONFIGURATIONS = Path(__file__).parents[1] / "configs"
+"""Folder of the configurations, in a checkout and where the package is installed."""
+
+
+def find_configuration(name: str) -> Path:
+    """Return the file that `name` means: a path of a YAML file, or `explore_frontiers` for one that is packaged.
+
+    Raises:
+        ValueError: if no configuration has that name; lists those there are.
+    """
+    if name.endswith((".yaml", ".yml")) or Path(name).is_file():
+        return Path(name)
+    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
+    return known[name]

@@ -9,9 +9,10 @@ averaging", 1992): single means differ by less than validation can tell. Validat
 once, reports and selects nothing.
 """
 
-import csv
+import contextlib
 import io
 import shutil
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
@@ -19,21 +20,18 @@ from cmaes import CMA
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.config import EvolutionConfig
+from agents.curves import LEARNED, Row, read_evaluations
 from agents.learned import POLICY
-from agents.pools import Pool, make_pool
-from agents.run_folder import GENERATIONS, CheckpointError, open_run, write_validations
-from envs.files import write_file
+from agents.pools import make_pool, stop
+from agents.run_folder import GENERATIONS, CheckpointError, begin, new_run, write_evaluations
+from envs.files import Lock, write_file
 from envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
-from .rollout import compare, feature_variances, validate
+from .rollout import compare, feature_variances
 from .score import FrontierScore
 from .tasks import TARGET, Task, draw_task
 
-VALIDATIONS = "validations.csv"
-"""File of a run beside `GENERATIONS`: the policies that were validated."""
-REFERENCE = "nearest.csv"
-"""File of a run: the logarithms of the times of the rule `nearest` over the rule's, one per validation task."""
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
 """Streams of random numbers."""
 LEAST_SPREAD = 0.02
@@ -60,7 +58,16 @@ def evolve(
         envs.files.LockedError: if another process is at the run.
         KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
     """
-    with open_run(config, run, resume) as run, make_pool(config.num_workers, ray) as pool:
+    with contextlib.ExitStack() as held:
+        if resume is None:
+            run = held.enter_context(new_run(config, run))
+        elif not (resume / "config.yaml").exists():
+            raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
+        else:
+            run = resume
+            held.enter_context(Lock(run))
+            begin(run, config)
+        pool = held.enter_context(make_pool(config.num_workers, ray))
         evolution = _Evolution(config, run, pool)
         bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         try:
@@ -70,84 +77,89 @@ def evolve(
                     if generation % config.validate_every == 0:
                         bar.set_postfix(time_over_rule=f"{evolution.validate(generation):.3f}")
                     bar.update(evolution.advance(generation))
-                bar.set_postfix(time_over_rule=f"{evolution.validate(config.generations):.3f}")
+                reached = evolution.validate(config.generations)
+                bar.set_postfix(time_over_rule=f"{reached:.3f}")
         except KeyboardInterrupt:
-            pool.stop()
+            stop(pool)
             done = f"after generation {len(evolution.values)}"
             raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
-        evolution.save()
+        record = {"generation": config.generations, "time_over_rule": reached, "seed": config.seed}
+        shutil.rmtree(run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
+        FrontierScore(evolution.policy(config.generations)).save(run / POLICY, record)
     return run
 
 
 class _Evolution:
     """A run: the search by CMA-ES, and the validations of its means."""
 
-    def __init__(self, config: EvolutionConfig, run: Path, pool: Pool) -> None:
+    def __init__(self, config: EvolutionConfig, run: Path, pool: Executor) -> None:
         """Read what a run folder holds; raises `CheckpointError` if its files do not fit together."""
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
         """What the individuals of each generation reached, each shape (population,), float64."""
         self._means: list[np.ndarray] = []
-        self._validated = _read(run / VALIDATIONS, 2 + NUM_FEATURES)
+        self._validated: list[Row] = read_evaluations(run) if (run / "evaluations.csv").exists() else []
         seed, population = config.seed, config.population
         self._strategy = CMA(np.zeros(NUM_FEATURES), config.sigma, seed=seed, population_size=population)
         self._tasks = _tasks(config, VALIDATION_SEED, config.validation_tasks)
         self.log = SummaryWriter(str(run / "tensorboard"), purge_step=len(self.values))
 
     def prepare(self) -> None:
-        """Measure the spread of the features, and, unless that is done, the rule `nearest` on the validation tasks."""
-        config, path = self._config, self._run / REFERENCE
-        variances = list(self._pool.map(feature_variances, _tasks(config, SCALING_SEED, config.tasks)))
+        """Measure the spread of the features."""
+        tasks = _tasks(self._config, SCALING_SEED, self._config.tasks)
+        variances = list(self._pool.map(feature_variances, tasks))
         self._spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
-        rows = _read(path, config.validation_tasks)
-        if not rows:
-            rows = [_ratios(self._pool, self._tasks, [NEAREST])[:, 0]]
-            _write(path, rows)
-        self._nearest = rows[0]
 
     def validate(self, generation: int) -> float:
         """Validate the policy after so many generations, unless that is done; return its time over the rule's."""
-        if not any(row[0] == generation for row in self._validated):
-            policy = self._policy(generation)
-            jobs = [self._pool.submit(validate, task, policy, PRIOR) for task in self._tasks]
-            ratios, explored = np.array([job.result() for job in jobs]).T
-            self._validated.append(np.array([generation, ratios.mean(), *policy]))
-            _write(self._run / VALIDATIONS, self._validated)
-            _log_validation(self.log, generation, ratios, explored, self._nearest)
-        rows = sorted((int(row[0]), row[1]) for row in self._validated)
-        write_validations(self._run, rows, self._nearest.mean())
-        return float(np.exp(self._validated[-1][1]))
+        self._measure("nearest", NEAREST, 0)
+        row = self._measure(LEARNED, self.policy(generation), generation)
+        rows = sorted(self._validated, key=lambda one: (one["policy"] == LEARNED, one["steps"]))
+        title = f"{self._config.experiment}, evolution, seed {self._config.seed}"
+        write_evaluations(self._run, rows, title, "generations")
+        return float(row["time_over_rule"])
 
     def advance(self, generation: int) -> int:
         """Tell the strategy what the individuals of a generation reach; return 1 if they had to explore, else 0."""
         individuals = [self._strategy.ask() for _ in range(self._config.population)]
         is_new = generation == len(self.values)
         if is_new:
-            self.values.append(self._explore(individuals, generation))
-            _write(self._run / GENERATIONS, self.values)
+            tasks = _tasks(self._config, GENERATION_SEED, self._config.tasks, generation)
+            weights = [PRIOR + individual / self._spread for individual in individuals]
+            self.values.append(self._compare(tasks, weights)[:, :, 0].mean(axis=0))
+            table = io.StringIO()
+            np.savetxt(table, self.values, fmt="%.17g", delimiter=",")
+            write_file(self._run / GENERATIONS, table.getvalue())
             self.log.add_scalar("evolution/time_over_rule", np.exp(self.values[-1].mean()), generation)
         self._strategy.tell(list(zip(individuals, self.values[generation].tolist(), strict=True)))
         self._means.append(self._strategy.mean.copy())
         return int(is_new)
 
-    def save(self) -> None:
-        """Write the policy of the last generation."""
-        config = self._config
-        last = next(row for row in self._validated if row[0] == config.generations)
-        record = {"generation": config.generations, "time_over_rule": float(np.exp(last[1])), "seed": config.seed}
-        shutil.rmtree(self._run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
-        FrontierScore(last[2:]).save(self._run / POLICY, record)
-
-    def _policy(self, generation: int) -> np.ndarray:
+    def policy(self, generation: int) -> np.ndarray:
         """Return the average of the means of the second half of the generations as weights, shape (NUM_FEATURES,)."""
-        means = self._means[generation // 2 :]
+        means = self._means[generation // 2 : generation]
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 
-    def _explore(self, individuals: list[np.ndarray], generation: int) -> np.ndarray:
-        """Return what individuals reach in the tasks of a generation: shape (population,), float64."""
-        tasks = _tasks(self._config, GENERATION_SEED, self._config.tasks, generation)
-        weights = [PRIOR + individual / self._spread for individual in individuals]
-        return _ratios(self._pool, tasks, weights).mean(axis=0)
+    def _measure(self, policy: str, weights: np.ndarray, generation: int) -> Row:
+        """Return the row of a policy on the validation tasks, which is measured and logged unless there is one."""
+        for row in self._validated:
+            if (row["policy"], row["steps"]) == (policy, generation):
+                return row
+        ratios, explored = self._compare(self._tasks, [weights])[:, 0].T
+        low, high = np.exp(np.quantile(ratios, (0.25, 0.75))).tolist()
+        values = {"progress": float(explored.mean()), "success": float((explored >= TARGET).mean())}
+        values |= {"time_over_rule": float(np.exp(ratios.mean()))}
+        values |= {"time_over_rule_q25": low, "time_over_rule_q75": high}
+        if policy == LEARNED:
+            for name, value in values.items():
+                self.log.add_scalar(f"evaluation/{name}", value, generation)
+        self._validated.append({"policy": policy, "steps": generation, **values})
+        return self._validated[-1]
+
+    def _compare(self, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
+        """Return what `compare` does in each task: shape (tasks, individuals, 2), float64."""
+        jobs = [self._pool.submit(compare, task, weights) for task in tasks]
+        return np.array([job.result() for job in jobs])
 
 
 def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[Task]:
@@ -156,41 +168,14 @@ def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> l
     return [draw_task(np.random.default_rng(seed), config.families) for seed in seeds]
 
 
-def _ratios(pool: Pool, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
-    """Return the logarithms of times over the rule's: shape (tasks, individuals), float64."""
-    jobs = [pool.submit(compare, task, weights, PRIOR) for task in tasks]
-    return np.array([job.result() for job in jobs])
-
-
-def _log_validation(
-    log: SummaryWriter, generation: int, ratios: np.ndarray, explored: np.ndarray, nearest: np.ndarray
-) -> None:
-    """Log a validation by its tasks: logarithms of times over the rule's, of the score and of `nearest`; fractions."""
-    values = {
-        "time_over_rule": np.exp(ratios.mean()),
-        "time_over_nearest": np.exp((ratios - nearest).mean()),
-        "explored_fraction": explored.mean(),
-        "reached": (explored >= TARGET).mean(),
-    }
-    for name, value in values.items():
-        log.add_scalar(f"validation/{name}", value, generation)
-
-
 def _read(path: Path, width: int) -> list[np.ndarray]:
     """Read rows of numbers; none if there is no file."""
     if not path.exists():
         return []
-    with open(path, newline="", encoding="utf-8") as file:
-        try:
-            rows = [np.array(row, dtype=np.float64) for row in csv.reader(file)]
-        except ValueError as error:
-            raise CheckpointError(f"{path} does not hold numbers: {error}") from error
-    if any(row.shape != (width,) for row in rows):
+    try:
+        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise CheckpointError(f"{path} does not hold numbers: {error}") from error
+    if rows.shape[1] != width:
         raise CheckpointError(f"{path} does not hold rows of {width} numbers")
-    return rows
-
-
-def _write(path: Path, rows: list[np.ndarray]) -> None:
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([repr(float(value)) for value in row] for row in rows)
-    write_file(path, table.getvalue())
+    return list(rows)

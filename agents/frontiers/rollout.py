@@ -5,31 +5,27 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from envs.abstract import ExploreFrontiersAbstractEnv
-
 from .features import NUM_FEATURES
 from .score import FrontierScore
 from .tasks import TARGET, Task, make_environment, make_world
 
 MAX_RATIO = 3.0
-"""Episodes end after so many times the time that the reference takes."""
+"""Episodes end after so many times the time that the rule takes."""
 MISSING_COST = 2.0
 """What an episode that ends before the target adds to the logarithm of its time, per explored fraction that is missing.
 """
 NUM_BEST = 5
 """Best candidates of a decision between which features are told to differ or not."""
-Chooser = Callable[[dict[str, np.ndarray]], np.int64]
 
 
-def explore(env: ExploreFrontiersAbstractEnv, policy: Chooser, task: Task, max_time: float = math.inf) -> float:
-    """Explore a task's world, and return the logarithm of the time to the target [log s]; see `MISSING_COST`.
+def explore(
+    task: Task, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
+) -> tuple[float, float]:
+    """Explore a task's world until the target, or for a time [s], by a policy that chooses candidates by observations.
 
-    Args:
-        env: the task's environment.
-        policy: chooses candidates by observations.
-        task: gives world and seed.
-        max_time: time after which the episode ends [s].
+    Returns the logarithm of the time [log s], see `MISSING_COST`, and the explored fraction.
     """
+    env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
     del observation["map"]  # scores do not look at it
     explore = env.explore
@@ -39,32 +35,17 @@ def explore(env: ExploreFrontiersAbstractEnv, policy: Chooser, task: Task, max_t
     fraction = explore.task.coverage.explored_fraction
     # An episode that was cut short has taken at least that long; one that gave up would otherwise look fast.
     time = explore.time if fraction >= TARGET else max(explore.time, min(max_time, explore.time_limit))
-    return math.log(max(time, explore.control_period)) + MISSING_COST * max(TARGET - fraction, 0.0)
+    return math.log(max(time, explore.control_period)) + MISSING_COST * max(TARGET - fraction, 0.0), fraction
 
 
-def compare(task: Task, weights: Sequence[np.ndarray], reference: np.ndarray) -> np.ndarray:
-    """Return the logarithms of the times of scores over that of a reference, in one task: shape (n,), float64.
+def compare(task: Task, weights: Sequence[np.ndarray]) -> np.ndarray:
+    """Return how scores of some weights, shape (NUM_FEATURES,) each, do in a task: shape (n, 2), float64.
 
-    Args:
-        task: the task.
-        weights: of the scores, n times shape (NUM_FEATURES,).
-        reference: weights of the reference.
+    Columns are the logarithm of the time over that of the rule `gain_over_cost`, and the explored fraction.
     """
-    env = make_environment(task)
-    base = explore(env, FrontierScore(reference), task)
+    base, _ = explore(task, FrontierScore())
     limit = MAX_RATIO * math.exp(base)
-    return np.array([explore(env, FrontierScore(row), task, limit) - base for row in weights])
-
-
-def validate(task: Task, weights: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
-    """Return the logarithm of the time of a score over that of a reference, and the explored fraction at its end.
-
-    `weights` and `reference` have the shape (NUM_FEATURES,).
-    """
-    (ratio,) = compare(task, [weights], reference)
-    return float(ratio), make_environment(
-        task
-    ).explore.task.coverage.explored_fraction  # as the score's episode left it
+    return np.array([explore(task, FrontierScore(row), limit) for row in weights]) - (base, 0.0)
 
 
 def feature_variances(task: Task) -> np.ndarray:
@@ -80,5 +61,5 @@ def feature_variances(task: Task) -> np.ndarray:
         variances.append(features[np.argsort(-scores, kind="stable")[:NUM_BEST]].var(axis=0))
         return np.int64(scores.argmax())
 
-    explore(make_environment(task), choose, task)
+    explore(task, choose)
     return np.mean(variances, axis=0)

@@ -169,12 +169,8 @@ def make_world(task: Task) -> World:
 
 
 @lru_cache(maxsize=4)
-def _environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
+def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
+    """Return the environment of tasks; the last few are kept."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )
-
-
-def make_environment(task: Task) -> ExploreFrontiersAbstractEnv:
-    """Return the environment of a task; the last few are kept."""
-    return _environment(task.robot, task.resolution, task.drift)

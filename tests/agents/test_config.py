@@ -157,28 +157,12 @@ def test_mistakes_of_an_evolution_are_named(tmp_path, capsys, line, says):
     assert says in capsys.readouterr().err
 
 
-def test_a_configuration_of_the_older_form_is_read():
-    older = {"experiment": "a", "total_steps": 5, "environment": {"world_size": None, "reward_object": "a:b"}}
-    older |= {"ppo": {"num_steps": 8, "target_kl": None}, "network": {"speed": 0.5}, "decision_network": {"prior": 2}}
-    config = parse_config(older, "mem")
-    assert config.environment.arguments == {
-        "world": "rooms",
-        "physics": "kinematic",
-        "control_hz": 5.0,
-        "reward": "a:b",
-    }
-    assert (config.algorithm, config.network) == ("PPO", {"speed": 0.5})
-    assert config.hyperparameters == {"learning_rate": "lin_0.0003", "n_steps": 8}
-    older["environment"] = {"id": "lidarnaut/ExploreFrontiers-v0"}
-    assert parse_config(older | {"ppo": {"anneal": False}}, "mem").hyperparameters == {"learning_rate": 3e-4}
-    assert parse_config(older, "mem").network == {"prior": 2}
-
-
 def test_help_names_every_key(capsys):
     assert train.main(["--help"]) == 0
     said = capsys.readouterr().out
-    assert "--environment.num-workers (default None)" in said
-    assert "--generations (default 100)" in said
+    assert "--environment.num-workers {None}|INT" in said
+    assert "--generations INT" in said
+    assert "--network.NAME" in said
 
 
 def test_one_name_will_do_where_several_are_allowed():

@@ -1,6 +1,5 @@
 """Tasks that training draws, and the evolution of a score."""
 
-import csv
 import os
 import shutil
 import signal
@@ -14,7 +13,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 import train
 from agents.config import EvolutionConfig
-from agents.frontiers.evolution import REFERENCE, VALIDATIONS, evolve
+from agents.curves import read_evaluations
+from agents.frontiers import evolution
+from agents.frontiers.evolution import evolve
 from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
@@ -53,7 +54,7 @@ def test_tasks_hold_nothing_that_is_held_out_and_fit_their_robots():
 def test_a_score_that_shuns_gain_takes_longer():
     rng = np.random.default_rng(3)
     tasks = [draw_task(rng, ("rooms",)) for _ in range(6)]
-    ratios = np.array([compare(task, [PRIOR, -PRIOR], PRIOR) for task in tasks])
+    ratios = np.array([compare(task, [PRIOR, -PRIOR]) for task in tasks])[:, :, 0]
     np.testing.assert_array_equal(ratios[:, 0], 0.0)
     assert ratios[:, 1].mean() > 0.1
 
@@ -63,16 +64,15 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
     part = evolve(EvolutionConfig(**TINY, generations=1), run=tmp_path / "part", progress=False)
     shutil.rmtree(part / "policy")
     # As it would be after a kill in the midst of a generation: all of the first one, nothing of the second.
-    rows = (part / VALIDATIONS).read_text().splitlines(keepends=True)
-    (part / VALIDATIONS).write_text(rows[0])
+    rows = (part / "evaluations.csv").read_text().splitlines(keepends=True)
+    (part / "evaluations.csv").write_text("".join(rows[:-1]))
     evolve(EvolutionConfig(**TINY, generations=3), resume=part, progress=False)
-    assert (part / GENERATIONS).read_text() == (whole / GENERATIONS).read_text()
-    assert (part / VALIDATIONS).read_text() == (whole / VALIDATIONS).read_text()
+    for name in (GENERATIONS, "evaluations.csv"):
+        assert (part / name).read_text() == (whole / name).read_text()
     policy, other = load_policy(find_policy(whole)), load_policy(find_policy(part))
     assert isinstance(policy, ScoreExplorer)
     np.testing.assert_array_equal(policy.score.weights, other.score.weights)
     assert len(policy.score.weights) == len(NAMES)
-    assert (part / "learning_curve.csv").read_text() == (whole / "learning_curve.csv").read_text()
     assert (part / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -94,25 +94,21 @@ def test_ctrl_c_ends_at_once_and_names_the_run(tmp_path, monkeypatch, capsys):
     assert said.partition(": ")[2] == f"stopped after generation {generations}; --resume {run} goes on"
 
 
-def test_validations_are_logged_beside_nearest_which_is_measured_once(tmp_path):
+def test_validations_are_logged_after_nearest_which_is_measured_once(tmp_path, monkeypatch):
     config = EvolutionConfig(**TINY, generations=2)
     run = evolve(config, run=tmp_path / "run", progress=False)
-    (nearest,) = csv.reader((run / REFERENCE).read_text().splitlines())
-    mean = np.mean([float(value) for value in nearest])
-    first, last = csv.DictReader((run / "learning_curve.csv").read_text().splitlines())
-    assert float(first["time_over_rule"]) == 1.0
-    assert float(first["time_over_nearest"]) == pytest.approx(np.exp(-mean), abs=1e-4)
-    assert last["generation"] == "2"
-    (run / REFERENCE).write_text("0.0,1.0\n")
+    nearest, first, last = read_evaluations(run)
+    assert [(row["policy"], row["steps"]) for row in (nearest, first, last)] == [
+        ("nearest", 0), ("learned", 0), ("learned", 2),
+    ]  # fmt: skip
+    assert first["time_over_rule"] == 1.0 < nearest["time_over_rule"]
+    assert first["time_over_rule_q25"] == first["success"] == 1.0
+    assert last["progress"] >= 0.95
+    monkeypatch.setattr(evolution, "compare", None)
     evolve(config, resume=run, progress=False)
-    first, _ = csv.DictReader((run / "learning_curve.csv").read_text().splitlines())
-    assert float(first["time_over_nearest"]) == pytest.approx(np.exp(-0.5), abs=1e-4)
+    assert read_evaluations(run) == [nearest, first, last]
     events = EventAccumulator(str(run / "tensorboard")).Reload()
-    names = ("time_over_rule", "time_over_nearest", "explored_fraction", "reached")
-    logged = {name: [event.value for event in events.Scalars(f"validation/{name}")] for name in names}
-    assert logged["time_over_rule"][0] == 1.0
-    assert logged["reached"][0] == 1.0
-    assert logged["explored_fraction"][0] >= 0.95
+    assert events.Scalars("evaluation/time_over_rule")[0].value == 1.0
 
 
 def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
