@@ -19,8 +19,7 @@ from torch import nn
 
 from agents.checkpoint import POLICY_FILE, Checkpoint, check_tensors, damaged
 from agents.config import ALGORITHMS, DecisionNetworkConfig, GaussianNetworkConfig, NetworkConfig, TrainingConfig
-from agents.frontiers.network import NEEDED
-from agents.frontiers.policy import RULE, FrontierPolicy
+from agents.frontiers.network import NEEDED, RULE, FrontierPolicy
 from agents.frontiers.score import FrontierScore
 from agents.learned import find_policy
 from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten

@@ -3,8 +3,7 @@
 import hashlib
 from pathlib import Path
 
-from agents.frontiers.explorer import PursuitScoreExplorer, ScoreExplorer
-from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
+from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore, PursuitScoreExplorer, ScoreExplorer
 from agents.run_folder import CheckpointError, find_checkpoint
 from baselines.explorer import Explorer, ObservationPolicy
 

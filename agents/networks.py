@@ -1,4 +1,4 @@
-"""The network that turns an observation of any parts into features."""
+"""The network that turns an observation of any parts into features, and what the project's own policies share."""
 
 import math
 from collections.abc import Mapping
@@ -6,10 +6,14 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
 
+Tensors = dict[str, Tensor]
+"""Observations by part."""
 PATCH = 10
 """Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
 SECTORS = 40
@@ -70,6 +74,29 @@ class FlatFeatures(ExplorerFeatures):
         return super().forward(
             {key: piece.unflatten(1, shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
         )
+
+
+class JointPolicy(ActorCriticPolicy):
+    """A policy for PPO and A2C that says, in one method, how actions are distributed and what the state is worth."""
+
+    def judge(self, obs: Tensors) -> tuple[Distribution, Tensor]:
+        """Return the distribution of the actions, and the values, shape (batch, 1)."""
+        raise NotImplementedError
+
+    def forward(self, obs: Tensors, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
+        distribution, values = self.judge(obs)
+        actions = distribution.get_actions(deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(self, obs: Tensors, actions: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:  # type: ignore[override]
+        distribution, values = self.judge(obs)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Tensors) -> Distribution:  # type: ignore[override]
+        return self.judge(obs)[0]
+
+    def predict_values(self, obs: Tensors) -> Tensor:  # type: ignore[override]
+        return self.judge(obs)[1]
 
 
 def flat_space(parts: spaces.Dict) -> spaces.Box:

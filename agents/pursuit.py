@@ -6,14 +6,12 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import DiagGaussianDistribution
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from agents.networks import JointPolicy, Tensors
 from baselines.frontier.pursuit import TURN
 from envs.observations.plan import WIDTH
-
-Observations = dict[str, Tensor]
 
 BACK = -0.3
 """Forward speed of the guess in contact, as a fraction of the robot's limit."""
@@ -52,7 +50,7 @@ class UntrainedPursuit:
         return pursue(*(torch.from_numpy(observation[name])[None] for name in ("plan", "motion")))[0].numpy()
 
 
-class PursuitPolicy(MultiInputActorCriticPolicy):
+class PursuitPolicy(JointPolicy):
     """A Gaussian policy; its mean is `weight * pursue(...)` plus what the network says, which is nearly 0 at first."""
 
     def __init__(
@@ -76,23 +74,7 @@ class PursuitPolicy(MultiInputActorCriticPolicy):
         self._weight = weight
         super().__init__(observation_space, action_space, lr_schedule, **arguments)
 
-    def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
-        """Return actions, values and the logarithms of the actions' probabilities."""
-        distribution, values = self._evaluate(obs)
-        actions = distribution.get_actions(deterministic)
-        return actions, values, distribution.log_prob(actions)
-
-    def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:  # type: ignore[override]
-        """Return values, logarithms of the probabilities of given actions, and entropies."""
-        distribution, values = self._evaluate(obs)
-        return values, distribution.log_prob(actions), distribution.entropy()
-
-    def get_distribution(self, obs: Observations) -> DiagGaussianDistribution:  # type: ignore[override]
-        """Return the distribution of the actions."""
-        return self._evaluate(obs)[0]
-
-    def _evaluate(self, obs: Observations) -> tuple[DiagGaussianDistribution, Tensor]:
-        """Return the distribution of the actions, and the values, shape (batch, 1)."""
+    def judge(self, obs: Tensors) -> tuple[DiagGaussianDistribution, Tensor]:
         assert isinstance(self.action_dist, DiagGaussianDistribution)
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
         mean = self.action_net(latent_pi) + self._weight * pursue(obs["plan"], obs["motion"])

@@ -6,68 +6,17 @@ import numpy as np
 from numba import njit
 
 from baselines.frontier.gain_over_cost import GainOverCostParams
-from envs.navigation.candidate_features import (
-    AGE,
-    AHEAD,
-    CHOSEN,
-    CLEARANCE,
-    COST,
-    COST_RATIO,
-    FAILURES,
-    HALF_AGE,
-    HALF_AREA,
-    HALF_COST,
-    HALF_SIZE,
-    LEFT,
-    RANK,
-    REACH,
-    SIZE,
-    TURN,
-    UNKNOWN_1M,
-    UNKNOWN_2M,
-    UNKNOWN_4M,
-    VISIBLE,
-)
+from envs.navigation import candidate_features as given
 from envs.navigation.candidate_views import NUM_SECTORS
 
-NAMES = (
-    "log_visible",
-    "minus_log_cost",
-    "log_visible_3",
-    "minus_log_cost_half",
-    "minus_cost",
-    "cost_ratio",
-    "unknown_1m",
-    "unknown_2m",
-    "unknown_4m",
-    "minus_turn",
-    "log_size",
-    "clearance",
-    "age",
-    "chosen",
-    "failures",
-    "minus_rank",
-    "log_gap_first",
-    "log_gap_second",
-    "log_visible_around",
-    "log_number_around",
-    "free_range",
-    "free_range_outward",
-    "unknown_outward",
-    "unknown_sectors",
-    "number_x_log_cost",
-    "number_x_log_visible",
-    "range_x_log_visible",
-    "range_x_log_cost",
-    "small_and_near",
-    "very_near",
-    "share_of_visible",
-    "left_x_log_visible",
-    "left_x_log_cost",
-    "log_mean_gap",
-    "detour",
-    "ahead",
-)
+_NAMES = """
+log_visible minus_log_cost log_visible_3 minus_log_cost_half minus_cost cost_ratio unknown_1m unknown_2m unknown_4m
+minus_turn log_size clearance age chosen failures minus_rank log_gap_first log_gap_second log_visible_around
+log_number_around free_range free_range_outward unknown_outward unknown_sectors number_x_log_cost
+number_x_log_visible range_x_log_visible range_x_log_cost small_and_near very_near share_of_visible
+left_x_log_visible left_x_log_cost log_mean_gap detour ahead
+"""
+NAMES = tuple(_NAMES.split())
 """Features of a candidate."""
 NUM_FEATURES = len(NAMES)
 LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().least_cost
@@ -86,20 +35,12 @@ def _length(share, half):
 
 @njit(cache=True, error_model="numpy")
 def score_features(candidates, sectors, gaps, robot, count):
-    """Return the features of the first `count` candidates, shape (count, NUM_FEATURES), float64.
-
-    Args:
-        candidates: as in the observation; `sectors`, `gaps` and `robot` likewise.
-        sectors: see there.
-        gaps: see there.
-        robot: see there.
-        count: how many candidates there are.
-    """
+    """Return the features of the first `count` candidates of an observation, shape (count, NUM_FEATURES), float64."""
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):
-        visible[i] = _length(candidates[i, VISIBLE], HALF_AREA)
-        cost[i] = _length(candidates[i, COST], HALF_COST)
+        visible[i] = _length(candidates[i, given.VISIBLE], given.HALF_AREA)
+        cost[i] = _length(candidates[i, given.COST], given.HALF_COST)
     total = visible.sum()
     number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
     for i in range(count):
@@ -108,7 +49,7 @@ def score_features(candidates, sectors, gaps, robot, count):
         around, near, mean = visible[i], 0.0, 0.0
         for j in range(count):
             if j != i:
-                gap = _length(gaps[i, j], HALF_COST)
+                gap = _length(gaps[i, j], given.HALF_COST)
                 mean += gap
                 around += visible[j] * math.exp(-gap / 3.0)
                 near += math.exp(-gap / 2.0)
@@ -117,8 +58,8 @@ def score_features(candidates, sectors, gaps, robot, count):
                 elif gap < second:
                     second = gap
         mean = mean / (count - 1) if count > 1 else 0.0
-        size, age = _length(row[SIZE], HALF_SIZE), _length(row[AGE], HALF_AGE)
-        distance = REACH * math.hypot(row[AHEAD], row[LEFT])
+        size, age = _length(row[given.SIZE], given.HALF_SIZE), _length(row[given.AGE], given.HALF_AGE)
+        distance = given.REACH * math.hypot(row[given.AHEAD], row[given.LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
@@ -126,11 +67,11 @@ def score_features(candidates, sectors, gaps, robot, count):
             wide += unknown[k] > 0.3
         f[0], f[1] = log_visible, minus_log_cost
         f[2], f[3] = math.log(visible[i] + 3.0), -math.log(cost[i] + 0.5)
-        f[4], f[5] = -0.1 * cost[i], row[COST_RATIO]
-        f[6], f[7], f[8] = row[UNKNOWN_1M], row[UNKNOWN_2M], row[UNKNOWN_4M]
-        f[9], f[10], f[11] = -abs(row[TURN]), math.log(size + 0.2), row[CLEARANCE]
-        f[12], f[13], f[14] = age / (age + 60.0), row[CHOSEN], row[FAILURES]
-        f[15] = -3.0 * row[RANK]
+        f[4], f[5] = -0.1 * cost[i], row[given.COST_RATIO]
+        f[6], f[7], f[8] = row[given.UNKNOWN_1M], row[given.UNKNOWN_2M], row[given.UNKNOWN_4M]
+        f[9], f[10], f[11] = -abs(row[given.TURN]), math.log(size + 0.2), row[given.CLEARANCE]
+        f[12], f[13], f[14] = age / (age + 60.0), row[given.CHOSEN], row[given.FAILURES]
+        f[15] = -3.0 * row[given.RANK]
         f[16], f[17] = math.log(first + 0.5), math.log(second + 0.5)
         f[18], f[19] = math.log(around + 0.3), math.log(1.0 + near)
         f[20] = free.mean()
@@ -144,5 +85,5 @@ def score_features(candidates, sectors, gaps, robot, count):
         f[31], f[32] = left * log_visible, left * minus_log_cost
         f[33] = math.log(mean + 1.0)
         f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[AHEAD] * REACH / (distance + 0.5)
+        f[35] = row[given.AHEAD] * given.REACH / (distance + 0.5)
     return out

@@ -1,12 +1,17 @@
-"""The network that chooses a candidate from an observation of `ExploreFrontiersEnv`."""
+"""The network that rates the candidates in an observation of `ExploreFrontiersEnv`, and the policy that draws by it."""
+
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.distributions import CategoricalDistribution
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 from torch.nn import functional
 
-from agents.networks import PATCH, MapPatches
+from agents.networks import PATCH, JointPolicy, MapPatches, Tensors
 from envs.navigation import GainOverCostParams
 from envs.navigation.candidate_features import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
@@ -19,6 +24,8 @@ MAP_CHANNELS = 8
 """Features of a patch of the map."""
 STEEPEST = 6.0
 """Greatest first slope of attention over distance; those of the heads are spread evenly from 0."""
+RULE = "rule"
+"""As `prior_policy`: the rule `gain_over_cost`."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
 """Observations that are read."""
 
@@ -79,7 +86,7 @@ class FrontierNetwork(nn.Module):
         self.judge = nn.Sequential(nn.Linear(3 * width, width), nn.ReLU(), nn.Linear(width, 1))
         nn.init.zeros_(self.correct[-1].weight)  # type: ignore[arg-type]
 
-    def forward(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+    def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
         """Return logits, shape (batch, max_candidates), and values, shape (batch, 1), float32."""
         slots = _Slots(observations["action_mask"] > 0)
         candidates = slots.take(observations["candidates"])
@@ -99,7 +106,7 @@ class FrontierNetwork(nn.Module):
             self.judge(torch.cat([context, mean, greatest], dim=1)),
         )
 
-    def _rate(self, observations: dict[str, Tensor], candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
+    def _rate(self, observations: Tensors, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
         """Return the prior's logits, shape (rows,); and gain, cost and how much worse than the best, (rows, 3)."""
         gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
@@ -109,7 +116,7 @@ class FrontierNetwork(nn.Module):
         return logits, torch.stack([gain, cost, utility - best[slots.sample]], dim=1)
 
     @staticmethod
-    def _weigh(observations: dict[str, Tensor], score: Tensor) -> Tensor:
+    def _weigh(observations: Tensors, score: Tensor) -> Tensor:
         """Return the scores of candidates, which take the first slots of each sample: shape (rows,), float32."""
         names = ("candidates", "sectors", "gaps", "robot", "action_mask")
         samples = zip(*(observations[name].cpu().numpy() for name in names), strict=True)
@@ -149,3 +156,44 @@ class _Slots:
     def table(self, rows: Tensor, fill: float) -> Tensor:
         """Return rows as a table, shape (batch, count, ...), with `fill` in the slots without a candidate."""
         return rows.new_full((*self.mask.shape, *rows.shape[1:]), fill).index_put((self.sample, self.slot), rows)
+
+
+class FrontierPolicy(JointPolicy):
+    """Draws candidates by the logits of a `FrontierNetwork`, which also gives the values."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        *,
+        width: int = 64,
+        heads: int = 4,
+        prior: float = 10.0,
+        prior_policy: str = RULE,
+        **arguments: Any,
+    ) -> None:
+        """Build the network; see there for `width`, `heads` and `prior`. `arguments` are those of the base class.
+
+        With a `prior_policy` other than the rule, the network waits for the weights of that score; see `load_prior`.
+        """
+        self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
+        # The extractor has no weights; it is what the base class asks for.
+        arguments["features_extractor_class"] = FlattenExtractor
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+
+    def load_prior(self, score: FrontierScore) -> None:
+        """Start from a score of frontiers, where the policy was made with a `prior_policy`."""
+        assert self.network.score is not None
+        self.network.score.copy_(torch.from_numpy(score.weights))
+
+    def judge(self, obs: Tensors) -> tuple[CategoricalDistribution, Tensor]:
+        assert isinstance(self.action_dist, CategoricalDistribution)
+        logits, values = self.network(obs)
+        return self.action_dist.proba_distribution(action_logits=logits), values
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        assert isinstance(self.observation_space, spaces.Dict)
+        self.network = FrontierNetwork(self.observation_space, **self._sizes)  # type: ignore[arg-type]
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)

@@ -1,4 +1,4 @@
-"""The policy: takes the candidate with the greatest score."""
+"""The policy that takes the candidate with the greatest score, and the explorer that drives there."""
 
 import json
 from collections.abc import Mapping
@@ -10,7 +10,12 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from agents.run_folder import CheckpointError
+from baselines.frontier.explorer import RuleExplorer
+from baselines.frontier.nearest import nearest
+from baselines.frontier.pursuit import PursuitDriving
+from envs.estimation import Belief
 from envs.files import write_folder
+from envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
 from envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
@@ -19,6 +24,8 @@ from .tasks import SPLIT
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILED = 1e3
 """Taken off the score of candidates that a drive has failed to get to: they come last, as in the rules."""
+MAX_CANDIDATES = 48
+"""Candidates that are scored at most, as in training."""
 
 
 class FrontierScore:
@@ -81,3 +88,42 @@ class FrontierScore:
             return cls(weights)
         except ValueError as error:
             raise CheckpointError(f"{folder}: {error}") from error
+
+
+class ScoreExplorer(RuleExplorer):
+    """Goes to the candidate of the greatest score, and scores anew every four seconds.
+
+    At decision level the score chooses by itself; as an explorer it is not turned back, during a drive, to a goal that
+    it has turned away from.
+    """
+
+    def __init__(self, score: FrontierScore) -> None:
+        """Take a score."""
+        super().__init__(nearest, max_candidates=MAX_CANDIDATES)  # the rule is not asked
+        self.score = score
+        size = MAX_CANDIDATES
+        self._observation: dict[str, np.ndarray] = {
+            "candidates": np.zeros((size, len(FEATURES)), dtype=np.float32),
+            "sectors": np.zeros((size, 2 * NUM_SECTORS), dtype=np.float32),
+            "gaps": np.zeros((size, size), dtype=np.float32),
+            "action_mask": np.zeros(size, dtype=np.int8),
+        }
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._observation["robot"] = robot_features(robot)
+
+    @property
+    def scores(self) -> np.ndarray | None:
+        """Scores of the candidates at the last choice, shape (k,), float64."""
+        return self.score.rate(self._observation)[1]
+
+    def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
+        seen = self._observation
+        navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
+        seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
+        return int(self.score(seen))
+
+
+class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
+    """Goes to the same candidates by pursuit driving."""

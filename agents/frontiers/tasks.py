@@ -35,12 +35,10 @@ RESOLUTIONS = (0.1, 0.15, 0.2)
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """What training must not see."""
+    """Worlds and robots of the library that training must not see, by name."""
 
     worlds: tuple[str, ...]
-    """Names of library worlds."""
     robots: tuple[str, ...]
-    """Names of library robots."""
 
 
 HELD_OUT = read_record(Path(__file__).with_name("held_out.yaml"), HeldOut)
@@ -116,17 +114,8 @@ def validation_world(rng: np.random.Generator) -> World:
 
 def sized_training_world(rng: np.random.Generator) -> World:
     """Draw a world of a procedural family, of any size, as `environment.world`; none is of the test split."""
-    return _draw_sized(rng, 0)
-
-
-def sized_validation_world(rng: np.random.Generator) -> World:
-    """Draw the same of the families' test split, as `evaluation.world`."""
-    return _draw_sized(rng, 1)
-
-
-def _draw_sized(rng: np.random.Generator, parity: int) -> World:
     family = str(rng.choice(tuple(SIDES)))
-    return FAMILIES[family](2 * int(rng.integers(2**30)) + parity, _draw_size(rng, family))
+    return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
 
 def _draw_size(rng: np.random.Generator, family: str) -> tuple[float, float]:

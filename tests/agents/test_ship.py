@@ -12,7 +12,7 @@ import pytest
 from agents.config import EvolutionConfig
 from agents.explorer import LearnedPolicy
 from agents.frontiers.evolution import evolve
-from agents.frontiers.explorer import ScoreExplorer
+from agents.frontiers.score import ScoreExplorer
 from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
 from agents.learned import PRETRAINED, find_policy, load_policy
 from agents.run_folder import CheckpointError

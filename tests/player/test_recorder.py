@@ -2,8 +2,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.frontiers.explorer import ScoreExplorer
-from agents.frontiers.score import FrontierScore
+from agents.frontiers.score import FrontierScore, ScoreExplorer
 from baselines import policies_for
 from baselines.episode import run_episode
 from baselines.frontier.gain_over_cost import GainOverCostExplorer

@@ -16,9 +16,9 @@ from agents.config import EvolutionConfig
 from agents.curves import read_evaluations
 from agents.frontiers import evolution
 from agents.frontiers.evolution import evolve
-from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
+from agents.frontiers.score import ScoreExplorer
 from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError

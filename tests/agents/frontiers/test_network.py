@@ -7,8 +7,7 @@ from gymnasium import spaces
 
 from agents.algorithms import Actor
 from agents.frontiers.features import NUM_FEATURES, PRIOR
-from agents.frontiers.network import FrontierNetwork
-from agents.frontiers.policy import FrontierPolicy
+from agents.frontiers.network import FrontierNetwork, FrontierPolicy
 from agents.frontiers.score import FrontierScore
 from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv

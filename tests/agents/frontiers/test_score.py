@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from agents.frontiers.explorer import ScoreExplorer
 from agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
-from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore
+from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore, ScoreExplorer
 from agents.learned import find_policy, load_policy
 from agents.run_folder import CheckpointError
 from baselines import make_explorer
