@@ -56,7 +56,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: if an option is unknown or not allowed.
         """
         self.begin(seed=seed, options=options)
-        return self.observe(), self.info(dict.fromkeys(self.task.weights.names(), 0.0))
+        return self.observe(), self.info(dict.fromkeys(self.task.rewards.weights, 0.0))
 
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode without observation and info; arguments and errors as for `reset`."""
@@ -268,7 +268,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Args:
             is_last: whether to truncate the episode here though there is time left.
         """
-        rewards = self.task.weights.terms(self.task.quantities())
+        rewards = self.task.rewards.terms(self.task.quantities())
         terminated, truncated = self.is_over
         truncated = truncated or (is_last and not terminated)
         info = self.info(rewards)

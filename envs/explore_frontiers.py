@@ -167,7 +167,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore.begin(seed=seed, options=options)
         self.navigator.begin(explore.reading, self.belief)
         self._fused = self._fuse()
-        self._steps, self._quantities = 0, dict.fromkeys(explore.task.weights.names(), 0.0)
+        self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
         return self.observe(), self._info()
@@ -354,7 +354,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def _info(self) -> dict[str, Any]:
         """Return the info of the exploration after a decision, with what there is to say of the decision."""
         explore = self.explore
-        info = explore.info(explore.task.weights.terms(self._quantities))
+        info = explore.info(explore.task.rewards.terms(self._quantities))
         return info | {
             "action_mask": self._mask(),
             "action": self._taken,

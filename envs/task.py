@@ -2,12 +2,15 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from gymnasium import spaces
 
+from envs.arguments import is_number
 from envs.estimation import Estimator
+from envs.files import resolve
 from envs.geometry import Pose2D
 from envs.measures import TIME_TO_SUCCESS, Measure
 from envs.robot import Prior, Robot
@@ -33,16 +36,47 @@ class ObservationPart(Protocol):
         ...
 
 
-class RewardTerms(Protocol):
-    """Weights of reward terms; see `envs.tasks.rewards.Weights` and `Terms`."""
+class Rewards:
+    """Terms of a reward by name, of which it is the sum: each quantity of a task that has a weight, times that weight.
 
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the terms."""
-        ...
+    Subclasses may have further `changes` of the task's weights, and make terms of their own of its quantities.
+    """
 
-    def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
-        """Return the terms of a step by name."""
-        ...
+    changes: Mapping[str, float] = MappingProxyType({})
+    """Weights that differ from the task's, and of terms that it does not have."""
+
+    def __init__(self, weights: Mapping[str, float]) -> None:
+        """Take the weights of a task; ValueError if one is not finite."""
+        self.weights = {**weights, **self.changes}
+        """By name, in the order in which the terms are summed."""
+        for name, weight in self.weights.items():
+            if not is_number(weight):
+                raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+
+    @staticmethod
+    def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
+        """Return the terms of a task as a user wants them.
+
+        Args:
+            weights: of the task.
+            reward: None; other weights for some of them; a subclass of this class; or `module:attribute` of either.
+
+        Raises:
+            ValueError: there is no such term, or a weight is not finite.
+        """
+        reward = resolve(reward, {}, "reward")
+        if isinstance(reward, type) and issubclass(reward, Rewards):
+            return reward(weights)
+        changes = {} if reward is None else reward
+        if not isinstance(changes, Mapping):
+            raise ValueError(f"reward must map {list(weights)} to weights, or be a subclass of Rewards, got {reward!r}")
+        if unknown := sorted(set(changes) - set(weights)):
+            raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(weights)}")
+        return Rewards({**weights, **changes})
+
+    def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the terms of a step by the quantities of the task, each in the unit that its weight is for."""
+        return {name: weight * quantities[name] for name, weight in self.weights.items()}
 
 
 class Task(ABC):
@@ -69,8 +103,12 @@ class Task(ABC):
     such periods of many environments, or of a decision, without `update`."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
-    weights: RewardTerms | Mapping[str, float]
-    """Weights of the reward terms; tasks with a world of the user's choice take a mapping, too."""
+    weights: Mapping[str, float]
+    """Weights of the reward terms by name, each of which is one of the `quantities`."""
+    reward: Any = None
+    """What the user wants to be rewarded otherwise; see `Rewards.of`."""
+    rewards: Rewards
+    """The terms of both."""
     robot: RobotParams
     """The nominal robot."""
     control_period: float
@@ -91,6 +129,9 @@ class Task(ABC):
             ValueError: the task cannot be done with that; the message names the culprit.
         """
         self.robot, self.control_period, self.physics = robot, control_period, physics
+        if not hasattr(self, "weights"):
+            raise ValueError(f"task {type(self).__name__} needs weights of reward terms, such as {{'time': -0.02}}")
+        self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:
         """Return the names of the observation parts that are shown by default: the task's own among them."""

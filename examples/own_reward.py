@@ -1,33 +1,29 @@
 """Reward terms of one's own: weights with other defaults, and a term made of the task's quantities."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import gymnasium
 import numpy as np
 import tyro
 
 import envs  # noqa: F401  (registers the environments)
-from envs.tasks.rewards import RewardWeights
+from envs.task import Rewards
 
 
-@dataclass(frozen=True, slots=True)
-class Careful(RewardWeights):
+class Careful(Rewards):
     """Contacts cost ten times as much, and what is explored without contact counts double."""
 
-    collision: float = -5.0
-    careful: float = 1.0
-    """For area explored in a step without contact [1/m2]."""
+    changes = {"collision": -5.0, "careful": 1.0}
 
     def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
         """Return the weighted terms of a step by name; `info["rewards"]` shows them."""
         careful = quantities["explored"] * (quantities["collision"] == 0.0)
-        return RewardWeights.terms(self, {**quantities, "careful": careful})
+        return super().terms({**quantities, "careful": careful})
 
 
 def main(steps: int = 100) -> dict[str, float]:
     """Drive ahead for some steps; return the sums of the terms."""
-    env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", reward=Careful(), physics="kinematic")
+    env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", reward=Careful, physics="kinematic")
     env.reset(seed=0)
     sums: dict[str, float] = {}
     for _ in range(steps):

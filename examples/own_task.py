@@ -16,7 +16,6 @@ from envs.robot import Robot
 from envs.simulation import Simulator
 from envs.tasks.goals import GeodesicDistance, draw_goal
 from envs.tasks.measures import GOAL
-from envs.tasks.rewards import NavigateRewards
 from envs.tasks.starts import UnknownWorldTask
 
 
@@ -26,7 +25,7 @@ class ReachGoal(UnknownWorldTask):
 
     measures = GOAL
     progress = "progress"
-    weights = NavigateRewards()
+    weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
     goal_tolerance: float = 0.3
 
     def observation_parts(self) -> Mapping[str, Any]:

@@ -14,11 +14,10 @@ from envs.core import LidarEnv
 from envs.estimation import ORIGIN, Belief, MapUpdate, Window
 from envs.observations import MapCrop
 from envs.slam import KnownPoses, load_params
+from envs.task import Rewards
 from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
-from envs.tasks.rewards import RewardWeights
-from envs.tasks.starts import UnknownWorldTask
 from envs.worlds import load_world
 from tests.rollouts import rollout
 from tests.side_by_side import step_both
@@ -32,7 +31,7 @@ from gymnasium import spaces
 
 from envs.estimation import Belief
 from envs.slam import KnownPoses, load_params
-from envs.tasks.rewards import RewardWeights
+from envs.task import Rewards
 from dataclasses import dataclass, replace
 
 
@@ -56,12 +55,11 @@ class Nailed(KnownPoses):
         return super().update(reading, type(motion)(0.0, 0.0, 0.0))
 
 
-@dataclass(frozen=True, slots=True)
-class Hurry(RewardWeights):
-    hurry: float = -1.0
+class Hurry(Rewards):
+    changes = {"hurry": -1.0}
 
     def terms(self, quantities):
-        return RewardWeights.terms(self, {**quantities, "hurry": quantities["time"]})
+        return super().terms({**quantities, "hurry": quantities["time"]})
 '''
 
 
@@ -270,10 +268,11 @@ def test_every_environment_is_checked_deterministic_and_pickles(env):
 
 
 def test_rewards_name_what_is_wrong():
-    assert RewardWeights.of({"explored": 2.0}).explored == 2.0
+    weights = {"explored": 1.0, "time": -0.1}
+    assert Rewards.of(weights, {"explored": 2.0}).weights == {"explored": 2.0, "time": -0.1}
     for wrong in ({"fame": 1.0}, {"time": np.nan}, 5):
-        with pytest.raises(ValueError, match=r"fame|time|reward must be"):
-            RewardWeights.of(wrong)
+        with pytest.raises(ValueError, match=r"fame|time|reward must map"):
+            Rewards.of(weights, wrong)
 
 
 @pytest.mark.parametrize("id", ["Explore", "ExploreTeam", "ExploreFrontiers", "Navigate", "Track"])
@@ -332,7 +331,7 @@ def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
 
 def test_a_task_without_weights_is_named():
     class Weightless(Explore):
-        attach = UnknownWorldTask.attach
+        weights = property()
 
     with pytest.raises(ValueError, match="task Weightless needs weights of reward terms"):
         LidarEnv(Weightless)

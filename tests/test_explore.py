@@ -17,7 +17,6 @@ from envs.geometry import Pose2D
 from envs.observations import PARTS
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
-from envs.tasks.rewards import RewardWeights
 from envs.worlds import World
 from tests.rollouts import rollout
 
@@ -158,7 +157,7 @@ def test_reaching_the_target_terminates():
     assert truncated is False
     assert info["is_success"]
     assert info["end_reason"] == "covered"
-    assert info["rewards"]["completed"] == RewardWeights().completed
+    assert info["rewards"]["completed"] == Explore.weights["completed"]
 
 
 def test_driving_into_a_wall_is_counted_and_does_not_end_the_episode():

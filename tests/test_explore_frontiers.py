@@ -33,7 +33,7 @@ from envs.slam import (
     load_hector_params,
     load_params,
 )
-from envs.tasks.rewards import RewardWeights
+from envs.tasks.explore import Explore
 from tests.rollouts import nearest
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -291,7 +291,7 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
         observation, reward, _, _, info = env.step(nearest(observation))
         assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
         assert reward == pytest.approx(sum(sum(rewards.values()) for rewards in taken))
-        for name in RewardWeights.names():
+        for name in Explore.weights:
             assert info["rewards"][name] == pytest.approx(sum(rewards[name] for rewards in taken))
         collision += info["rewards"]["collision"]
         assert info["decision_steps"] == len(taken) <= MOST_STEPS
@@ -308,7 +308,7 @@ def test_reaching_the_target_terminates():
     *_, (_, _, terminated, truncated, info) = rollout(env, 0, 100)
     assert (terminated, truncated, info["end_reason"]) == (True, False, "covered")
     assert info["is_success"]
-    assert info["rewards"]["completed"] == RewardWeights().completed
+    assert info["rewards"]["completed"] == Explore.weights["completed"]
 
 
 def test_time_up_truncates_within_a_decision():

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from envs.core import LidarEnv
 from envs.estimation.peers import remove_peers
 from envs.geometry import Pose2D
-from envs.observations.peers import PEERS_RANGE
+from envs.observations.positions import PEERS_RANGE
 from envs.robots import load_robot
 from envs.simulation.contact import check_starts
 from envs.tasks.explore import Explore, ExploreTeam

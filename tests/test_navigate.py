@@ -15,7 +15,6 @@ from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.tasks.goals import DeadReckoning
 from envs.tasks.navigate import Navigate
-from envs.tasks.rewards import NavigateRewards
 from envs.worlds import save_map
 from tests.rollouts import rollout
 
@@ -108,7 +107,7 @@ def test_reaching_the_goal_terminates_and_pays():
     assert info["is_success"]
     assert info["end_reason"] == "reached"
     assert 0.25 < info["distance_to_goal"] <= 0.3
-    assert info["rewards"]["reached"] == NavigateRewards().reached
+    assert info["rewards"]["reached"] == Navigate.weights["reached"]
 
 
 def test_a_heading_can_be_asked_for():

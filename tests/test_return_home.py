@@ -14,7 +14,6 @@ from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
-from envs.tasks.rewards import RewardWeights
 from tests.rollouts import nearest
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
@@ -145,8 +144,8 @@ def test_policies_see_where_home_is():
 
 
 def test_weights_of_an_exploration_keep_their_values():
-    assert LidarEnv(Explore, **QUICK, reward=RewardWeights(time=-1.0)).task.weights.time == -1.0
-    assert LidarEnv(Explore, **QUICK, reward={"returned": 3.0}).task.weights.returned == 3.0
+    weights = LidarEnv(Explore, **QUICK, reward={"returned": 3.0}).task.rewards.weights
+    assert weights == {**Explore.weights, "returned": 3.0}
 
 
 def test_what_cannot_return_says_so():

@@ -18,7 +18,6 @@ from envs.geometry import Pose2D
 from envs.localization.measurements import CompassMeter, WheelMeter
 from envs.robots import load_robot
 from envs.tasks.follow_route import FollowRoute
-from envs.tasks.rewards import TrackRewards
 from envs.tasks.route import Progress, Route, rectangle
 from envs.tasks.route_map import make_route_map
 from envs.worlds import load_world
@@ -102,7 +101,7 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
     for _, reward, _, _, info in out[1:]:
         assert reward == pytest.approx(sum(info["rewards"].values()))
     assert sum(info["rewards"]["progress"] for info in infos) == pytest.approx(env.task.route.length, abs=0.15)
-    assert infos[-1]["rewards"]["completed"] == TrackRewards().completed
+    assert infos[-1]["rewards"]["completed"] == FollowRoute.weights["completed"]
     counts = env.robots[0].estimator.ekf.counts
     assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(out) - 1
     assert 20 < counts["map"]["accepted"] < 35

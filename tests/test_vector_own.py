@@ -14,8 +14,8 @@ from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.observations import Motion
 from envs.slam import KnownPoses, load_params
+from envs.task import Rewards
 from envs.tasks.explore import Explore
-from envs.tasks.rewards import RewardWeights
 from envs.vector import LidarEnvs, make_vec
 from tests.side_by_side import step_both
 from tests.test_vector import QUICK, actions_of
@@ -43,12 +43,11 @@ class Faster(Motion):
         out[0] *= 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Squared(RewardWeights):
+class Squared(Rewards):
     """Terms that are not linear in the quantities."""
 
     def terms(self, quantities):
-        return {name: getattr(self, name) * quantities[name] ** 2 for name in self.names()}
+        return {name: weight * quantities[name] ** 2 for name, weight in self.weights.items()}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -97,7 +96,7 @@ CASES = {
     "part": {"observations": {"scan": None, "map_near": None, "mine": Travelled}},
     "overwritten part": {"observations": {"motion": Faster}},
     "plan": {"observations": ("motion", "plan")},
-    "reward": {"reward": Squared()},
+    "reward": {"reward": Squared},
     "task": {"task": Counting},
     "estimator": {"slam": EveryScan},
     "sensor": {"sensors": [Clock()], "observations": ("scan", "clock")},

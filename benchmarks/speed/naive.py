@@ -21,7 +21,7 @@ from envs.robots import RobotParams
 from envs.simulation.bullet_bodies import CHASSIS_LINK, GROUND, ROLLING, WHEEL_LINKS, build_robot
 from envs.simulation.bullet_client import BulletClient
 from envs.slam import load_params
-from envs.tasks.rewards import RewardWeights
+from envs.tasks.explore import Explore
 from envs.worlds import explorable_area
 
 PHYSICS_HZ = 240
@@ -121,7 +121,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._robot, self._period, self._uses_truth = robot, 1.0 / control_hz, slam == "truth"
         params = replace(load_params("default"), odometry_noise=robot.odometry.noise)
         self.slam = NaiveSlam(robot.lidar, params, match_scans=slam == "tinyslam")
-        self._physics, self._weights = NaivePhysics(hall, robot, self._period), RewardWeights()
+        self._physics = NaivePhysics(hall, robot, self._period)
         self._area, self._start = explorable_area(hall.world, robot, params.resolution), hall.world.spawns[0]
         self.time_limit = self._area.usual_time_limit(robot.max_v)
         pixels = (np.arange(CROP_SIZE) + 0.5 - CROP_SIZE / 2) * PIXEL / params.resolution
@@ -156,9 +156,9 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         odometry = Pose2D(*wheel_motion(left - left_before, right - right_before, wheels.metres_per_tick, wheels.track))
         motion = before.between(self._pose) if self._uses_truth else odometry
         gained, observation, info = self._observe(motion, odometry, action, touching)
-        weights, terminated = self._weights, bool(info["explored_fraction"] >= 0.99)
-        reward = weights.explored * gained * self._area.walls.resolution**2 + weights.time * self._period
-        reward += weights.collision * self._period * touching + weights.completed * terminated
+        weights, terminated = Explore.weights, bool(info["explored_fraction"] >= 0.99)
+        reward = weights["explored"] * gained * self._area.walls.resolution**2 + weights["time"] * self._period
+        reward += weights["collision"] * self._period * touching + weights["completed"] * terminated
         return observation, float(reward), terminated, not terminated and info["time"] >= self.time_limit, info
 
     def close(self) -> None:

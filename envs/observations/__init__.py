@@ -7,11 +7,9 @@ from typing import Any
 from envs.files import resolve
 from envs.task import ObservationPart
 
-from .goal import Goal, PoseUncertainty
 from .maps import MapCrop
-from .peers import Peers
 from .plan import Plan
-from .route import RouteAhead
+from .positions import Goal, Home, Peers, PoseUncertainty, RouteAhead
 from .scan import Motion, Scan
 
 NEAR_PIXEL = 0.2
@@ -70,6 +68,7 @@ __all__ = [
     "NEAR_PIXEL",
     "PARTS",
     "Goal",
+    "Home",
     "MapCrop",
     "Motion",
     "Observations",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,8 +11,7 @@ import numpy as np
 from envs.arguments import is_number
 from envs.estimation import NO_UPDATE
 from envs.geometry import Pose2D
-from envs.observations.home import Home
-from envs.observations.peers import Peers
+from envs.observations import Home, Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Simulator
@@ -20,7 +19,6 @@ from envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
 from .measures import EXPLORATION, RETURN
-from .rewards import ReturnRewards, RewardWeights
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
@@ -57,9 +55,10 @@ class Explore(UnknownWorldTask):
     channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, weighted by `RewardWeights`: `explored` (area [m2] of
-    explorable cells that became explored: the map knows the cell where it is, and the true scan that made it known, or a
-    later one, has seen it; a map that is displaced or bent gains nothing), `time`, `collision`, `completed`.
+    The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of explorable cells that became explored: the map knows
+    the cell where it is, and the true scan that made it known, or a later one, has seen it; a map that is displaced or bent
+    gains nothing), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once, when the
+    target coverage is reached); with `return_home=True` also `returned` (10, once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of
@@ -95,7 +94,7 @@ class Explore(UnknownWorldTask):
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
-    | `reward` | `RewardWeights()` | weights, also as a mapping |
+    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
     | `map_resolution` | `0.05` | side of a map cell [m] |
     | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
 
@@ -105,11 +104,10 @@ class Explore(UnknownWorldTask):
 
     measures = EXPLORATION
     progress = "explored_fraction"
+    weights = {"explored": 1.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     target_coverage: float = 0.99
     """Explored fraction that ends the episode."""
-    reward: Any = RewardWeights()
-    """Weights of the reward terms; see `RewardWeights.of`."""
     return_home: bool = False
     """Whether the robot is to come back to its start after exploring."""
 
@@ -124,12 +122,9 @@ class Explore(UnknownWorldTask):
             raise ValueError(f"target_coverage must lie in (0, 1], got {self.target_coverage!r}")
         if self.return_home and self.num_robots > 1:
             raise ValueError("return_home is for one robot, not for a team")
-        reward = self.reward
-        if self.return_home and type(reward) is RewardWeights:
-            reward = asdict(reward)  # the term `returned` gets its default
         if self.return_home:
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
-        self.weights = (ReturnRewards if self.return_home else RewardWeights).of(reward)
+            self.weights = {**self.weights, "returned": 10.0}
         self.is_returning = False
         """Whether the robot is to come back to its start now; with `return_home=True` alone."""
         super().attach(robot, control_period, physics)
@@ -138,7 +133,7 @@ class Explore(UnknownWorldTask):
         """Return the start as "home" and the peers of a team as "teammates"; see `Task`."""
         parts: dict[str, Callable[..., ObservationPart]] = {}
         if self.return_home:
-            parts["home"] = partial(Home, self._calls_back)
+            parts["home"] = partial(Home, self)
         if self.num_robots > 1:
             parts["teammates"] = partial(Peers, self.num_robots - 1)
         return parts
@@ -153,9 +148,6 @@ class Explore(UnknownWorldTask):
             raise ValueError("the robot can be called back with return_home=True alone")
         self.is_returning = True
 
-    def _calls_back(self) -> bool:
-        return self.is_returning
-
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
@@ -165,21 +157,24 @@ class Explore(UnknownWorldTask):
         for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
         self.end_reason = None
-        self.is_returning = self._is_covered = self._has_completed = False
-        self._time_home = 0.0
-        self._robots = robots
+        self.is_returning = self._is_covered = False
+        self._time_home, self._robots = 0.0, robots
         return self.area.usual_time_limit(self.robot.max_v)
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Count what was explored, and see whether that is all; see `Task`."""
-        self._gained, self._period = 0.0, period
         self._time_home += period * self.is_returning
+        gained = 0.0
         for k, robot in enumerate(robots):
             if robot.belief.update is not NO_UPDATE:
-                self._gained += self._cover(robot, simulator.states[k].pose)
-        self._touching = sum(robot.bumper for robot in robots)
+                gained += self._cover(robot, simulator.states[k].pose)
         is_covered = self.coverage.explored_fraction >= self.target_coverage
-        self._has_completed = is_covered and not self._is_covered
+        self._quantities = {
+            "explored": gained,
+            "time": period,
+            "collision": period * sum(robot.bumper for robot in robots),
+            "completed": float(is_covered and not self._is_covered),
+        }
         self._is_covered |= is_covered
         if not self.return_home:
             self.end_reason = "covered" if is_covered else None
@@ -188,16 +183,11 @@ class Explore(UnknownWorldTask):
         (x, y, _), (home_x, home_y, _) = simulator.states[0].pose, self.map_pose
         if self.is_returning and math.hypot(x - home_x, y - home_y) <= HOME_RADIUS:
             self.end_reason = "returned"
+        self._quantities["returned"] = float(self.end_reason == "returned")
 
     def quantities(self) -> dict[str, float]:
         """Return explored area [m2], time [s], time in contact [s] of all robots, and what was achieved just now."""
-        quantities = {
-            "explored": self._gained,
-            "time": self._period,
-            "collision": self._period * self._touching,
-            "completed": float(self._has_completed),
-        }
-        return quantities | {"returned": float(self.end_reason == "returned")} if self.return_home else quantities
+        return self._quantities
 
     def metrics(self) -> dict[str, Any]:
         """Return how much is explored, and whether the robot has returned and how long that took; see `Task`."""

@@ -22,7 +22,6 @@ from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
 from .measures import ROUTE
-from .rewards import TrackRewards
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
 
@@ -65,8 +64,9 @@ class FollowRoute(Task):
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, weighted by `TrackRewards`: `progress` along the route, `deviation` from it,
-    `time`, `collision`, `completed`. Progress and deviation are the true ones, not the estimated ones.
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s off it),
+    `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once). `reward` changes the
+    weights. Progress and deviation are the true ones, not the estimated ones.
 
     ## Starting State
     The robot is at rest at the beginning of the route, off by a normal draw with the standard deviations
@@ -99,7 +99,7 @@ class FollowRoute(Task):
     | `map_latency` | `0.1` | latency of the localizer [s] |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
-    | `reward` | `TrackRewards()` | weights, also as a mapping |
+    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
 
     ## Version History
     * v0: first version
@@ -107,6 +107,7 @@ class FollowRoute(Task):
 
     measures = ROUTE
     progress = "progress"
+    weights = {"progress": 1.0, "deviation": -2.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     world: str | World = "workshop_hall"
     """Library world, path of a world YAML or of a `map_server` YAML, or a `World`."""
@@ -126,8 +127,8 @@ class FollowRoute(Task):
     """Distance from the route that ends the episode [m]."""
     start_spread: tuple[float, float] = (0.02, 0.02)
     """Standard deviations of the start's position [m] and heading [rad]."""
-    reward: Any = TrackRewards()
-    """Weights of the reward terms; see `TrackRewards.of`."""
+    reward: Any = None
+    """Weights of reward terms that differ from the task's, or terms of one's own; see `envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
@@ -138,7 +139,6 @@ class FollowRoute(Task):
         if len(spread) != 2 or not all(0 <= std < math.inf for std in spread):
             raise ValueError(f"start_spread must be two numbers that are not negative, got {spread!r}")
         super().attach(robot, control_period, physics)
-        self.weights = TrackRewards.of(self.reward)
         self._world = self.world if isinstance(self.world, World) else load_world(self.world)
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
         self.map_pose = self.route_world.start
@@ -223,21 +223,21 @@ class FollowRoute(Task):
         pose, before = simulator.states[0].pose, self._driven
         self._follow(pose, robots[0])
         away = distance(*(self._true_progress.route.points[self._true_progress.index] - pose[:2]))
-        self._gained, self._period, self._touching = self._driven - before, period, robots[0].reading.bumper
         if self._driven >= self.route.length - END:
             self.end_reason = "completed"
         elif away > self.max_deviation:
             self.end_reason = "strayed"
+        self._quantities = {
+            "progress": self._driven - before,
+            "deviation": period * abs(self._deviation),
+            "time": period,
+            "collision": period * robots[0].bumper,
+            "completed": float(self.end_reason == "completed"),
+        }
 
     def quantities(self) -> dict[str, float]:
         """Return progress [m], deviation times time [m s], time [s], time in contact [s], and whether it is over."""
-        return {
-            "progress": self._gained,
-            "deviation": self._period * abs(self._deviation),
-            "time": self._period,
-            "collision": self._period * self._touching,
-            "completed": float(self.end_reason == "completed"),
-        }
+        return self._quantities
 
     def metrics(self) -> dict[str, Any]:
         """Return how far the robot came; see `Task`."""

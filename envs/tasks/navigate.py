@@ -22,7 +22,6 @@ from envs.worlds import load_map
 
 from .goals import GeodesicDistance, draw_goal, known_map, make_localizer
 from .measures import GOAL
-from .rewards import NavigateRewards
 from .starts import WorldTask
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
@@ -57,8 +56,9 @@ class Navigate(WorldTask):
     Unknown is 0 in channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, weighted by `NavigateRewards`: `progress` (metres by which the true geodesic
-    distance to the goal, around all that does not move, became shorter), `time`, `collision`, `reached`.
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
+    all that does not move, became shorter), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything),
+    `reached` (10, once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
@@ -97,7 +97,7 @@ class Navigate(WorldTask):
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
-    | `reward` | `NavigateRewards()` | weights, also as a mapping |
+    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
     | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
 
     ## Version History
@@ -106,6 +106,7 @@ class Navigate(WorldTask):
 
     measures = GOAL
     progress = "progress"
+    weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
     reset_options = ("goal",)
 
     localizer: str = "amcl"
@@ -124,8 +125,6 @@ class Navigate(WorldTask):
     """Distance from the goal that counts as reached [m]."""
     heading_tolerance: float = math.pi
     """Turn from the goal's heading that counts as reached [rad]."""
-    reward: Any = NavigateRewards()
-    """Weights of the reward terms; see `NavigateRewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
@@ -143,7 +142,6 @@ class Navigate(WorldTask):
             raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
         self.map_pose = Pose2D(*(float(k) for k in self.map_pose))
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
-        self.weights = NavigateRewards.of(self.reward)
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
@@ -207,18 +205,17 @@ class Navigate(WorldTask):
         """Measure how far the robot came; see `Task`."""
         self._true_pose = simulator.states[0].pose
         before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
-        self._gained, self._period = before - self._path_left, period
-        self._touching = robots[0].reading.bumper
         self.end_reason = "reached" if self._is_at_goal() else None
+        self._quantities = {
+            "progress": before - self._path_left,
+            "time": period,
+            "collision": period * robots[0].bumper,
+            "reached": float(self.end_reason is not None),
+        }
 
     def quantities(self) -> dict[str, float]:
         """Return progress [m], time [s], time in contact [s], and whether the goal is reached."""
-        return {
-            "progress": self._gained,
-            "time": self._period,
-            "collision": self._period * self._touching,
-            "reached": float(self.end_reason is not None),
-        }
+        return self._quantities
 
     def metrics(self) -> dict[str, Any]:
         """Return how far it is to the goal; see `Task`."""

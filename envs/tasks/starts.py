@@ -1,7 +1,7 @@
 """In which world an episode runs, and where robots start."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
@@ -18,17 +18,11 @@ from envs.slam import DEFAULT_SLAM, make_slam
 from envs.task import Task
 from envs.worlds import FAMILIES, ExplorableArea, World, explorable_area, world_sampler
 
-from .rewards import Terms
-
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
 """Least gaps between the footprints of two robots at the start [m]: each is tried where there is no room for the ones
 before."""
-
-
-Start = str | Pose2D | list[Pose2D]
-"""What `read_start` returns."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -46,16 +40,12 @@ class WorldTask(Task):
     map_resolution: float = 0.05
     """Side of a map cell [m]."""
     reward: Any = None
-    """Weights of the reward's terms, for those that are to have others than the task's."""
+    """Weights of reward terms that differ from the task's, or terms of one's own; see `envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
-        if not hasattr(self, "weights"):
-            raise ValueError(f"task {type(self).__name__} needs weights of reward terms, such as {{'time': -0.02}}")
-        if isinstance(self.weights, Mapping):
-            self.weights = Terms(self.weights, self.reward)
         self._start = read_start(self.start, self.num_robots)
         self._sample = world_sampler(self.world, split=self.split, size=self.world_size, radius=robot.radius)
 
@@ -71,11 +61,27 @@ class WorldTask(Task):
         return drawn
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start; see `Task` and the function `choose_starts`."""
-        self.area = explorable_area(world, self.robot, self.map_resolution)
+        """Return where the robots start: where asked, and the rest of a team around the first; see `Task`.
+
+        Raises:
+            ValueError: if a robot does not fit there, or there is no room for the others.
+        """
+        self.area = area = explorable_area(world, self.robot, self.map_resolution)
         """The true part of the world that can be reached."""
-        chosen = self._start if start is None else read_start(start, self.num_robots)
-        self.starts = choose_starts(chosen, world, self.area, self.robot, self.num_robots, rng)
+        robot, chosen = self.robot, self._start if start is None else read_start(start, self.num_robots)
+        if chosen == "random":
+            chosen = [area.draw_pose(rng)]
+        else:
+            chosen = world.spawns[:1] if isinstance(chosen, str) else chosen
+            for pose in chosen:
+                if not area.is_traversable(pose):
+                    raise ValueError(
+                        f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
+                        f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
+                    )
+        if len(chosen) < self.num_robots:
+            chosen = draw_starts(area, world, robot, chosen[0], self.num_robots, rng)
+        self.starts = list(chosen)
         return self.starts
 
 
@@ -110,49 +116,19 @@ class UnknownWorldTask(WorldTask):
         return starts
 
 
-def read_start(start: Any, num_robots: int = 1) -> Start:
-    """Return the argument `start` of environments: `"random"`, `"spawn"`, a pose, or a pose for each robot of a team.
+def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
+    """Return the argument `start` of environments: `"random"`, `"spawn"`, or the pose of one or all robots of a team.
 
     Raises:
         ValueError: if it is none of them.
     """
     if isinstance(start, str) and start in ("random", "spawn"):
         return start
-    if is_pose(start):
-        return Pose2D(*(float(value) for value in start))
-    poses = list(start) if isinstance(start, Iterable) and not isinstance(start, str) else []
-    if num_robots > 1 and len(poses) == num_robots and all(is_pose(pose) for pose in poses):
-        return [Pose2D(*(float(value) for value in pose)) for pose in poses]
+    poses = [start] if is_pose(start) else list(start) if isinstance(start, Iterable) else []
+    if (is_pose(start) or len(poses) == num_robots) and all(map(is_pose, poses)):
+        return [Pose2D(*map(float, pose)) for pose in poses]
     each = f", or one for each of {num_robots} robots" if num_robots > 1 else ""
     raise ValueError(f"start must be 'random', 'spawn', a pose (x, y, theta){each}, got {start!r}")
-
-
-def choose_starts(
-    start: Start, world: World, area: ExplorableArea, robot: RobotParams, num_robots: int, rng: np.random.Generator
-) -> list[Pose2D]:
-    """Return the poses to start from, world frame: the rest of a team around the first, unless each has its own.
-
-    Args:
-        start: what `read_start` returned.
-        world: its first spawn is `"spawn"`.
-        area: of the world.
-        robot: params of the robots.
-        num_robots: how many start.
-        rng: draws `"random"` uniformly over where the robot fits, and the other robots of a team around the first.
-
-    Raises:
-        ValueError: if a robot does not fit there, or there is no room for the others.
-    """
-    if start == "random":
-        return draw_starts(area, world, robot, area.draw_pose(rng), num_robots, rng)
-    given = start if isinstance(start, list) else [start if isinstance(start, Pose2D) else world.spawns[0]]
-    for pose in given:
-        if not area.is_traversable(pose):
-            raise ValueError(
-                f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
-                f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
-            )
-    return given if isinstance(start, list) else draw_starts(area, world, robot, given[0], num_robots, rng)
 
 
 def draw_starts(

@@ -12,7 +12,7 @@ import numpy as np
 from envs.robot import SCAN
 from envs.simulation import state as at
 from envs.simulation.rows import BLOCK
-from envs.tasks.rewards import Terms, Weights
+from envs.task import Rewards
 from envs.transition import pose_errors, step_rows
 
 from .memory import Arrays, Extras
@@ -61,9 +61,9 @@ class Batch:
             follows = all(robot.follows_odometry for robot in env.robots)
             self._rests[i] = env.task.rests_between_scans and follows and not env.sensors and env.on_period is None
         self._moving = [i for i, env in enumerate(envs) if env.world.movers]
-        weights = envs[0].task.weights
-        self._has_columns = type(weights).terms in (Terms.terms, Weights.terms) and all(
-            env.task.weights == weights for env in envs
+        tasks = [env.task for env in envs]
+        self._has_columns = all(type(task.rewards).terms is Rewards.terms for task in tasks) and all(
+            task.rewards.weights == tasks[0].rewards.weights for task in tasks
         )
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
@@ -190,9 +190,9 @@ class Batch:
         """Return the reward terms of environments as columns."""
         tasks = [env.task for env in self._envs]
         if self._has_columns:
-            return tasks[0].weights.terms(quantities)
+            return tasks[0].rewards.terms(quantities)
         values = zip(*(column.tolist() for column in quantities.values()), strict=True)
-        rows = [task.weights.terms(dict(zip(quantities, row, strict=True))) for task, row in zip(tasks, values)]
+        rows = [task.rewards.terms(dict(zip(quantities, row, strict=True))) for task, row in zip(tasks, values)]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

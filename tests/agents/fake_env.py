@@ -26,7 +26,7 @@ BEAMS = 36
 
 
 class FakeEnv(LidarEnv):
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": []}
     belief, time = None, 0.0
 
     def __init__(self, *, split="train", world="rooms", control_hz=5.0, time_limit=None, render_mode=None, **_ignored):

@@ -319,5 +319,5 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypa
     assert [row["policy"] for row in read_csv(run)] == ["own_parts:Circling", "own_parts:ahead", "learned", "learned"]
     assert all(float(row["path_length"]) > 0.2 for row in read_csv(run)[:2])
     env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
-    assert (env.unwrapped.robot.name, env.unwrapped.task.weights.collision) == ("my_mouse", -5.0)
+    assert (env.unwrapped.robot.name, env.unwrapped.task.rewards.weights["collision"]) == ("my_mouse", -5.0)
     sys.modules.pop("own_parts")

@@ -1,0 +1,122 @@
+"""Where goals, the start, teammates and the route are, and how uncertain the pose is, by the robot's own estimate."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from envs.geometry import Pose2D
+from envs.robot import Robot
+from envs.robots import RobotParams
+
+GOAL_RANGE = 32.0
+"""Distance to the goal, or to the start, that is shown as 1 [m]."""
+PEERS_RANGE = 16.0
+"""Distance along either axis at which the position of a teammate saturates [m]: half of what `map_far` shows."""
+ROUTE_RANGE = 5.0
+"""Distance along either axis at which a point of the route saturates [m]."""
+ROUTE_POINTS = 0.4 * np.arange(10)
+"""How far ahead the points of the route are that are shown [m]."""
+
+
+class Goal:
+    """Where the goal is, in five numbers.
+
+    Distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the turn to the goal's heading.
+    """
+
+    def __init__(self, goal: Callable[[], Pose2D]) -> None:
+        """Take what returns the goal of the moment, map frame."""
+        self._goal = goal
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (5,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (5,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the goal to `out`."""
+        ahead = robot.belief.pose.between(self._goal())
+        _write_point(ahead, out[:3])
+        out[3], out[4] = math.cos(ahead.theta), math.sin(ahead.theta)
+
+
+class Home:
+    """Where the robot started, in four numbers.
+
+    1 once the robot is to return and 0 before; distance over 32 m (at most 1), cosine and sine of the bearing.
+    """
+
+    def __init__(self, task: Any) -> None:
+        """Take the task, whose `is_returning` tells whether the robot is to return."""
+        self._task = task
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (4,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (4,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write where home is to `out`."""
+        out[0] = self._task.is_returning
+        _write_point(robot.belief.pose.inverse(), out[1:])  # the map frame is the start
+
+
+def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
+    """Write distance and bearing of a position in the robot's frame."""
+    bearing = math.atan2(ahead.y, ahead.x)
+    out[0] = min(math.hypot(ahead.x, ahead.y) / GOAL_RANGE, 1.0)
+    out[1], out[2] = math.cos(bearing), math.sin(bearing)
+
+
+class PoseUncertainty:
+    """The uncertainty of the pose estimate, in three numbers.
+
+    Standard deviation of the position over 1 m and of the heading over pi (at most 1), and 1 if the estimator is lost.
+    """
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(0, 1, (3,), float32)`."""
+        return spaces.Box(0.0, 1.0, (3,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the pose's uncertainty to `out`."""
+        x, y, theta = np.sqrt(np.diag(robot.belief.covariance)).tolist()
+        out[:] = min(math.hypot(x, y), 1.0), min(theta / math.pi, 1.0), robot.belief.is_lost
+
+
+class Peers:
+    """Estimated poses of the others of a team: forward and to the left over 16 m, cosine and sine of the heading."""
+
+    def __init__(self, num_peers: int) -> None:
+        """Take how many others there are."""
+        self._num_peers = num_peers
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (4 * num_peers,), float32)`: in one row, since three axes are taken for an image."""
+        return spaces.Box(-1.0, 1.0, (4 * self._num_peers,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the others' poses to `out`, in the order of their indices."""
+        for row, peer in zip(out.reshape(-1, 4), robot.peers, strict=True):
+            x, y, theta = robot.belief.pose.between(peer.belief.pose)
+            row[0] = min(max(x / PEERS_RANGE, -1.0), 1.0)
+            row[1] = min(max(y / PEERS_RANGE, -1.0), 1.0)
+            row[2:] = math.cos(theta), math.sin(theta)
+
+
+class RouteAhead:
+    """Points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of the estimated pose, over 5 m."""
+
+    def __init__(self, points_ahead: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Take what returns the points, shape (n, 2), map frame [m], at distances ahead, shape (n,) [m]."""
+        self._points_ahead = points_ahead
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (10, 2), float32)`."""
+        return spaces.Box(-1.0, 1.0, (len(ROUTE_POINTS), 2), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the points to `out`."""
+        ahead = robot.belief.pose.inverse().transform(self._points_ahead(ROUTE_POINTS))
+        np.clip(ahead / ROUTE_RANGE, -1.0, 1.0, out=out, casting="same_kind")
