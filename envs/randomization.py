@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
+from envs.files import explain_errors
 from envs.robots import RobotParams
 
 RANDOMIZABLE = (
@@ -96,8 +98,8 @@ def _check_range(name: str, value: Any, robot: RobotParams) -> tuple[float, floa
     for end in (low, high):
         try:
             _replace_nested(robot, name, end)
-        except ValueError as error:
-            raise ValueError(f"randomize[{name!r}]: {error}") from None
+        except ValidationError as error:
+            raise ValueError(f"randomize[{name!r}]: {'; '.join(explain_errors(error, RobotParams))}") from None
     return low, high
 
 

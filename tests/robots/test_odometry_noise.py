@@ -31,7 +31,7 @@ def test_noise_in_the_library_follows_from_what_is_simulated(name):
 
 
 def test_noise_is_never_zero():
-    with pytest.raises(ValueError, match="heading_std must be positive"):
+    with pytest.raises(ValueError, match=r"heading_std\n.*greater than 0"):
         OdometryNoise(heading_std=0.0)
-    with pytest.raises(ValueError, match="position_per_metre must not be negative"):
+    with pytest.raises(ValueError, match=r"position_per_metre\n.*greater than or equal to 0"):
         OdometryNoise(position_per_metre=-0.1)

@@ -176,7 +176,7 @@ def test_presets_belong_to_their_slam():
         ({"num_levels": 9}, "num_levels must be at most 6, got 9"),
         ({"empty_prob": 0.5}, "empty_prob must lie above 0 and below 0.5"),
         ({"search_distance": -1.0}, "search_distance must not be negative"),
-        ({"odometry_noise": {"position_std": 0.0}}, "position_std must be positive"),
+        ({"odometry_noise": {"position_std": 0.0}}, "position_std: Input should be greater than 0"),
         ({"hole_width": 1.0}, "unknown key 'hole_width'"),
     ):
         with pytest.raises(ValueError, match=complaint):
