@@ -14,8 +14,8 @@ from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.records import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from envs.simulation import KinematicSimulator
+from envs.simulation.records import THETA, X
 from envs.simulation.sensors import sense
-from envs.simulation.state import THETA, X
 from envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97

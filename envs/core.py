@@ -15,15 +15,14 @@ from envs.arguments import check_positive, choose_robot, clip_hint, is_number, r
 from envs.estimation import Belief
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
-from envs.ground_truth import GroundTruth
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene, scene_of
-from envs.robot import REMEMBER_TRUE, Robot, reset_robots
+from envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
 from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
-from envs.simulation import state as at
+from envs.simulation import records as at
 from envs.simulation.rows import Rows
 from envs.task import Task
 from envs.transition import pose_errors, update_robots

@@ -11,7 +11,7 @@ from envs.navigation import Navigator
 from envs.navigation.navigator_kernels import check_progress, compute_velocity_command, update_obstacles
 from envs.navigation.records import DRIVING
 from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN
-from envs.simulation import state as at
+from envs.simulation import records as at
 from envs.simulation.kinematic import step_robots
 from envs.simulation.rows import BLOCK
 from envs.transition import update_robots
@@ -36,7 +36,7 @@ def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from)
     """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
 
     Args:
-        rows: shape (1, ROW_SIZE), float64, written; see `envs.simulation.state`.
+        rows: shape (1, ROW_SIZE), float64, written; see `envs.simulation.records`.
         draws: as for `step_robots`.
         ranges: as for `step_robots`.
         around: segments and circles of the world, which rests.

@@ -1,4 +1,4 @@
-"""One robot: its readings, its estimates of pose and map, and the path that it took."""
+"""One robot: its readings, its estimates of pose and map, the path that it took, and beside it the true one."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,9 +12,10 @@ from envs.estimation.motion import update_bias
 from envs.estimation.peers import PeerFilter
 from envs.estimation.trail import Trail, interpolate
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.pose import distance
 from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
-from envs.simulation import state as at
+from envs.simulation import Reading, RobotState, Twist
+from envs.simulation import records as at
 from envs.simulation.rows import Rows
 from envs.slam import KnownPoses, TinySlam
 from envs.slam.key_scans import KeyScanSlam
@@ -62,7 +63,7 @@ def _follows_odometry(slam: Any) -> bool:
 
 
 class Robot:
-    """A robot with its sensors, odometry and estimator: a view of its row, see `envs.simulation.state`, and its map.
+    """A robot with its sensors, odometry and estimator: a view of its row, see `envs.simulation.records`, and its map.
 
     Holds no ground truth. What it is told of its true motion, where users ask for `slam="truth"`, reaches the estimator
     alone.
@@ -244,6 +245,40 @@ class Robot:
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
             self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+
+
+class GroundTruth:
+    """True course of a robot, for rewards, metrics and pictures, never for what drives: its row and a trail."""
+
+    def __init__(self, rows: Rows, index: int) -> None:
+        """Begin an episode at the state in a row."""
+        self._rows, self._index = rows, index
+        self.trail = Trail()
+        """Positions so far, world frame."""
+        self.remember()
+
+    @property
+    def state(self) -> RobotState:
+        """Pose and velocity now."""
+        return self._rows.state(self._index)
+
+    @property
+    def path_length(self) -> float:
+        """Driven so far [m]."""
+        return float(self._rows.numbers[self._index, at.PATH_LENGTH])
+
+    def remember(self) -> None:
+        """Append the position to the trail, if it is far enough from the last one."""
+        x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
+        if self.trail.append(Pose2D(x, y, theta)):
+            self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
+
+    def update(self) -> None:
+        """Process a state to which something else than the kernels of a step has moved the robot."""
+        row = self._rows.numbers[self._index]
+        row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
+        row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]
+        self.remember()
 
 
 def reset_robots(

@@ -1,4 +1,4 @@
-"""What a control period does to robots, but for what their scans tell. Kernels over rows, see `envs.simulation.state`.
+"""What a control period does to robots, but for what their scans tell: kernels over rows (`envs.simulation.records`).
 
 They are the step of every environment: of one robot, of a team, of a shard's sub-environments, of a drive.
 """
@@ -10,9 +10,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from envs.estimation.motion import gyro_motion, wheel_motion
 from envs.estimation.trail import TRAIL_SPACING
 from envs.geometry.pose import between, compose, distance
-from envs.ground_truth import pose_error
 from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN, Setup
-from envs.simulation import state as at
+from envs.simulation import records as at
 from envs.simulation.kinematic import step_robots
 from envs.slam.key_scans import has_moved
 
@@ -83,7 +82,7 @@ def step_rows(rows, draws, ranges, worlds, active, num_robots):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
     Args:
-        rows: shape (num_envs * num_robots, ROW_SIZE), float64, written; see `envs.simulation.state`.
+        rows: shape (num_envs * num_robots, ROW_SIZE), float64, written; see `envs.simulation.records`.
         draws: shape (num_envs * num_robots, BLOCK, n), float64; see `Rows.draws`.
         ranges: shape (num_envs * num_robots, num_beams), float32 [m], written.
         worlds: lists with an array for each environment: segments, circles before and after the period.
@@ -105,5 +104,7 @@ def pose_errors(rows):
     errors = np.empty((rows.shape[0], 2))
     for k in range(rows.shape[0]):
         start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)
-        errors[k] = pose_error(start[0], start[1], start[2], pose[0], pose[1], pose[2], true[0], true[1], true[2])
+        pose = compose(start[0], start[1], start[2], pose[0], pose[1], pose[2])
+        dx, dy, turn = between(pose[0], pose[1], pose[2], true[0], true[1], true[2])
+        errors[k] = distance(dx, dy), abs(turn)
     return errors

@@ -25,8 +25,7 @@ from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
 from envs.robots import LidarParams
 from envs.simulation.kinematic import Obstacles, advance
-from envs.simulation.records import robot_record
-from envs.simulation.state import STATE_SIZE
+from envs.simulation.records import STATE_SIZE, robot_record
 from envs.slam import load_params
 from envs.slam.cells import probabilities
 from envs.slam.grid_map import GridMap

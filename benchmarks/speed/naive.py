@@ -18,8 +18,8 @@ from benchmarks.speed.naive_slam import ORIGIN, NaiveSlam
 from envs.estimation.motion import wheel_motion
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import RobotParams
-from envs.simulation.bullet_bodies import CHASSIS_LINK, GROUND, ROLLING, WHEEL_LINKS, build_robot
-from envs.simulation.bullet_client import BulletClient
+from envs.simulation.bullet_robot import CHASSIS_LINK, WHEEL_LINKS, build_robot
+from envs.simulation.bullet_world import GROUND, ROLLING, BulletClient
 from envs.slam import load_params
 from envs.tasks.explore import Explore
 from envs.worlds import explorable_area

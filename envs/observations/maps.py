@@ -10,7 +10,7 @@ from envs.arguments import is_number, is_whole
 from envs.estimation.map_pyramid import crop_level
 from envs.robot import Robot
 from envs.robots import RobotParams
-from envs.simulation import state as at
+from envs.simulation import records as at
 
 MAX_SIZE = 4096
 """Most pixels along a side of a map crop."""
@@ -24,7 +24,7 @@ def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
         levels: list of the levels' words.
         sizes: shape (n, 2), int64: rows and columns of the levels.
         origins: shape (n, 2), float64: corners of the maps [m].
-        rows: shape (n, ROW_SIZE), float64; see `envs.simulation.state`.
+        rows: shape (n, ROW_SIZE), float64; see `envs.simulation.records`.
         side: of a block [m].
         pixel: side of a pixel [blocks].
         active: shape (n,), bool.

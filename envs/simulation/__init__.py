@@ -3,7 +3,8 @@
 from envs.robots import RobotParams
 
 from .kinematic import KinematicSimulator
-from .simulator import Reading, RobotState, Simulator, Twist
+from .rows import Reading, RobotState, Twist
+from .simulator import Simulator
 
 PHYSICS = ("bullet", "kinematic")
 """Names of the physics."""

@@ -10,14 +10,11 @@ from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.worlds import World
 
-from .base import BaseSimulator
-from .bullet_bodies import build_world
-from .bullet_client import BulletClient, import_pybullet
 from .bullet_robot import BulletRobot
-from .bullet_walls import NearbyWalls, has_many_walls
-from .records import robot_record
+from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
+from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, X, Y, robot_record
 from .sensors import sense
-from .state import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, X, Y
+from .simulator import Simulator
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2]."""
@@ -28,7 +25,7 @@ CONTACT_BREAKING = 0.1
 drag old points of contact along, which costs time, and robots meet walls too late to stop before them."""
 
 
-class BulletSimulator(BaseSimulator):
+class BulletSimulator(Simulator):
     """Robots in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
 
     The lidar of each sees the others as circles, as under the kinematic physics.

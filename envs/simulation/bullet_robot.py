@@ -1,29 +1,122 @@
-"""One robot in a PyBullet simulation: its body, and the controller between the command and the motors of its wheels."""
+"""One robot in PyBullet: a chassis on two wheels and casters, and the controller between command and motors."""
 
 import math
+from functools import partial
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.robots import RobotParams
+from envs.robots import BodyParams, RobotParams
 
-from .bullet_bodies import CHASSIS_LINK, WHEEL_LINKS, build_robot
-from .bullet_client import BulletClient
+from . import records as at
+from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
 from .drive import plan_wheels
-from .records import robot_record, unpack_robot
-from .state import COMMANDED_V, COMMANDED_W, LEFT_ANGLE, MEAN_W, RIGHT_ANGLE, THETA, V, W, X, Y
 
+WHEEL_LINKS = (0, 1)
+"""Links of the left and the right wheel."""
+CHASSIS_LINK = 2
+"""Link of the chassis."""
+
+_LIGHT = 1e-3
+"""Mass of the base and of each caster, as a fraction of the body's."""
+_PLATE = 0.01
+"""Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
+where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
+_ROTOR = 0.25
+"""Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
+of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
+weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
 _NORMAL_FORCE = 9
 """Entry of a contact point that holds the force between the bodies."""
 _OUT_OF_REACH = 1e3
 """Height at which a body touches nothing [m]."""
 
 
+def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
+    """Put the robot into the simulation and return its id.
+
+    The base is the middle of the axle. Were it the centre of mass, which turns about the axle, every substep would
+    carry it off along the tangent, and a robot that turns on the spot would creep. Links: the left wheel, the right
+    wheel, the chassis, then the casters. Wheels are spheres to the ground, so that they touch it in one point,
+    exactly under their middle.
+    """
+    body, drive = robot.body, robot.drive
+    radius, half_track = drive.wheel_radius, 0.5 * drive.track
+    center_of_mass = body.center_of_mass or body.center
+    plate = (body.center[0], body.center[1], min(radius, center_of_mass[2]))
+    positions = [(0.0, half_track, radius), (0.0, -half_track, radius), plate]
+    positions += [(caster.x, caster.y, caster.radius + caster.clearance) for caster in robot.casters]
+    sphere = partial(bullet.createCollisionShape, bullet.GEOM_SPHERE)
+    shapes = [sphere(radius=radius)] * 2 + [_plate(bullet, robot)]
+    shapes += [sphere(radius=caster.radius) for caster in robot.casters]
+    count, casters = len(positions), len(robot.casters)
+    light = _LIGHT * body.mass
+    offsets = np.zeros((count, 3))
+    offsets[CHASSIS_LINK] = np.subtract(center_of_mass, plate)
+    upright = [0.0, 0.0, 0.0, 1.0]
+    robot_id: int = bullet.createMultiBody(
+        baseMass=light,
+        linkMasses=[drive.wheel_mass] * 2 + [body.mass] + [light] * casters,
+        linkCollisionShapeIndices=shapes,
+        linkVisualShapeIndices=[-1] * count,
+        linkPositions=(np.array(positions) - (0.0, 0.0, radius)).tolist(),
+        linkOrientations=[upright] * count,
+        linkInertialFramePositions=offsets.tolist(),
+        linkInertialFrameOrientations=[upright] * count,
+        linkParentIndices=[0] * count,
+        linkJointTypes=[bullet.JOINT_REVOLUTE] * 2 + [bullet.JOINT_FIXED] * (1 + casters),
+        linkJointAxis=[[0.0, 1.0, 0.0]] * count,
+    )
+    rolling = [_ROTOR * body.mass * radius**2] * 3
+    inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
+    # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
+    # more weight rests, would drag it along the wall, faster than it can drive.
+    frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
+    for link in range(-1, count):
+        bullet.changeDynamics(
+            robot_id,
+            link,
+            lateralFriction=frictions.get(link, 0.0),
+            restitution=0.0,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            jointDamping=0.0,
+        )
+        if link in inertias:
+            bullet.changeDynamics(robot_id, link, localInertiaDiagonal=inertias[link])
+        group, mask = (CHASSIS, OBSTACLES | CHASSIS) if link == CHASSIS_LINK else (ROLLING, GROUND)
+        bullet.setCollisionFilterGroupMask(robot_id, link, group, mask)
+    return robot_id
+
+
+def _plate(bullet: BulletClient, robot: RobotParams) -> int:
+    """Return the id of the shape that touches obstacles: the body's outline, `_PLATE` thick.
+
+    Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
+    wall in one corner after another, one in a substep, and rock itself into it.
+    """
+    body = robot.body
+    if body.size is None:
+        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=body.radius, height=_PLATE)
+    half = [0.5 * body.size[0], 0.5 * body.size[1], 0.5 * _PLATE]
+    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half)
+
+
+def _inertia(body: BodyParams) -> list[float]:
+    """Return the principal moments of inertia of the body, solid and even [kg m2]."""
+    if body.size is not None:
+        x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
+        return [y + z, x + z, x + y]
+    radius, height = body.radius or 0.0, body.height or 0.0
+    across = body.mass * (3.0 * radius**2 + height**2) / 12.0
+    return [across, across, 0.5 * body.mass * radius**2]
+
+
 @njit(cache=True, error_model="numpy")
 def _plan_wheels(reached, command, normals, numbers, rates, slips):
     """Call `plan_wheels` for numbers that Python hands over fast; see `unpack_robot`."""
-    return plan_wheels(reached, command, normals, unpack_robot(numbers), rates, slips)
+    return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
 
 
 class BulletRobot:
@@ -34,8 +127,8 @@ class BulletRobot:
     """
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
-        """Prepare a robot whose state is written to `row`, shape (11,), float64; see `state`."""
-        record = robot_record(robot, control_period)
+        """Prepare a robot whose state is written to `row`, shape (11,), float64; see `records`."""
+        record = at.robot_record(robot, control_period)
         self._robot, self._numbers, self._row = robot, np.array(record), row
         substeps, self._period = int(record.substeps), record.period
         self._dt = self._period / substeps
@@ -68,7 +161,7 @@ class BulletRobot:
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
         self.touched = False
         self.update_state()
-        self._row[MEAN_W] = 0.0
+        self._row[at.MEAN_W] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Plan what the wheels do during the next control period.
@@ -78,8 +171,8 @@ class BulletRobot:
             normals: shape (n,), float64, standard normal draws; the first two are for the slip of the wheels.
         """
         row, rates, slips = self._row, self._rates, self._slips
-        reached = (row[COMMANDED_V], row[COMMANDED_W])
-        row[COMMANDED_V], row[COMMANDED_W] = _plan_wheels(reached, command, normals, self._numbers, rates, slips)
+        reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
+        row[at.COMMANDED_V], row[at.COMMANDED_W] = _plan_wheels(reached, command, normals, self._numbers, rates, slips)
         self._targets = (rates + slips).tolist()
         if self._robot.odometry.open_loop:
             self._rolled += rates.sum(axis=0) * self._dt
@@ -111,15 +204,15 @@ class BulletRobot:
         theta = math.atan2(rotation[3], rotation[0])
         row = self._row
         # Headings tell turns up to whole circles; which of them it was the command tells.
-        period, expected = self._period, row[COMMANDED_W]
-        row[MEAN_W] = expected + wrap_angle(theta - row[THETA] - expected * period) / period
-        row[X], row[Y], row[THETA] = x, y, wrap_angle(theta)
-        row[V], row[W] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
+        period, expected = self._period, row[at.COMMANDED_W]
+        row[at.MEAN_W] = expected + wrap_angle(theta - row[at.THETA] - expected * period) / period
+        row[at.X], row[at.Y], row[at.THETA] = x, y, wrap_angle(theta)
+        row[at.V], row[at.W] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
         if self._robot.odometry.open_loop:
-            row[LEFT_ANGLE], row[RIGHT_ANGLE] = self._rolled
+            row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = self._rolled
         else:
             left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS)
-            row[LEFT_ANGLE], row[RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
+            row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]

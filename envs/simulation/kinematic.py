@@ -10,12 +10,11 @@ from numba import njit
 from envs.geometry import Pose2D, wrap_angle
 from envs.worlds import World
 
-from . import state as at
-from .base import BaseSimulator
+from . import records as at
 from .contact import push_out, select_near
 from .drive import plan_wheels
-from .records import unpack_robot
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
+from .simulator import Simulator
 
 
 class Obstacles(NamedTuple):
@@ -39,7 +38,7 @@ def advance(state, command, normals, robot, obstacles):
     Wheels keep turning while the robot is held.
 
     Args:
-        state: shape (11 or more,), float64, changed in place; see `state`.
+        state: shape (11 or more,), float64, changed in place; see `records`.
         command: commanded twist (v, w) [m/s, rad/s].
         normals: standard normal draws for the slip of the left and the right wheel.
         robot: `RobotRecord`.
@@ -105,7 +104,7 @@ def step_robots(rows, draws, ranges, segments, before, after):
         before: see `Obstacles`.
         after: see `Obstacles`.
     """
-    robot, num_fixed = unpack_robot(rows[0, at.ROBOT :]), before.shape[0]
+    robot, num_fixed = at.unpack_robot(rows[0, at.ROBOT :]), before.shape[0]
     radius = robot.radius
     for k in range(rows.shape[0]):
         rows[k, at.TOUCHED] = 0.0
@@ -127,7 +126,7 @@ def step_robots(rows, draws, ranges, segments, before, after):
     sense(rows, draws, ranges, segments, after)
 
 
-class KinematicSimulator(BaseSimulator):
+class KinematicSimulator(Simulator):
     """Robots in a world, moved by `advance`. Needs no PyBullet."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")

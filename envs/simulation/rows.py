@@ -1,19 +1,62 @@
 """Robots as rows of arrays: what kernels write, and what records of readings and states are made of when asked for."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 
-from . import state as at
-from .records import robot_record
+from . import records as at
 from .sensors import OTHER_NORMALS, SLIP_LEFT
-from .simulator import Reading, RobotState, Twist
 
 BLOCK = 16
 """Control periods for which noise is drawn at once."""
+
+
+class Twist(NamedTuple):
+    """Velocity of a differential-drive robot in its own frame."""
+
+    v: float
+    """Forward speed [m/s]."""
+    w: float
+    """Yaw rate, counter-clockwise [rad/s]."""
+
+
+class Reading(NamedTuple):
+    """Everything that a robot's sensors report at the end of one control period. Holds no ground truth."""
+
+    time: float
+    """Time since the reset [s]."""
+    ranges: np.ndarray
+    """Shape (num_beams,), float32 [m]: +inf where nothing lies within the lidar's range, NaN where the beam was
+    dropped or hit something nearer than the least range (REP 117 has -inf for the latter)."""
+    ticks: tuple[int, int]
+    """Cumulative encoder counts of the left and the right wheel."""
+    yaw_rate: float
+    """Gyroscope: mean over the control period, as integrated by the robot's own controller [rad/s]."""
+    heading: float
+    """Compass, in the world frame [rad]; NaN for robots without one."""
+    bumper: bool
+    """Whether the body touched anything during the period."""
+    extra: Mapping[str, np.ndarray] = {}
+    """What sensors of the user's own measured, by their names; see `envs.sensor.Sensor`."""
+
+    @classmethod
+    def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
+        """Return a reading that holds a scan alone, shape (num_beams,), float32 [m]; for estimators without a robot."""
+        return cls(time, ranges, (0, 0), 0.0, math.nan, False)
+
+
+class RobotState(NamedTuple):
+    """Ground truth of one robot. For metrics, rewards, `info` and tests; never for a policy."""
+
+    pose: Pose2D
+    """Pose of the robot's base (midpoint of the wheel axle) in the world frame."""
+    twist: Twist
+    """Velocity of the base."""
 
 
 class Rows:
@@ -26,7 +69,7 @@ class Rows:
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
         self.numbers = np.zeros((num_robots, at.ROW_SIZE))
-        """Shape (num_robots, ROW_SIZE), float64; see `state`."""
+        """Shape (num_robots, ROW_SIZE), float64; see `records`."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Scans, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
@@ -38,7 +81,7 @@ class Rows:
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
         """Change the robots' parameters; the number of beams stays as it was."""
         self._gyro_bias_std = robot.imu.gyro_bias_std
-        self.numbers[:, at.ROBOT :] = robot_record(robot, control_period)
+        self.numbers[:, at.ROBOT :] = at.robot_record(robot, control_period)
         if robot.lidar.dropout > 0.0 and not self._num_uniforms:
             self._num_uniforms = robot.lidar.num_beams
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))

@@ -8,8 +8,7 @@ from numba import njit
 from envs.geometry import wrap_angle
 from envs.geometry.raycast import cast_rays
 
-from . import state as at
-from .records import unpack_robot
+from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
 """Entries of a robot's standard normal draws in a control period; those of the beams follow."""
@@ -94,7 +93,7 @@ def with_peers(circles, states, index, radius):
 
     Args:
         circles: shape (m, 3), float64: (x, y, radius) [m].
-        states: shape (num_robots, 2 or more), float64; see `state`.
+        states: shape (num_robots, 2 or more), float64; see `records`.
         index: of the robot that is left out.
         radius: of the robots' footprints [m].
     """
@@ -113,13 +112,13 @@ def sense(rows, draws, ranges, segments, circles):
     """Measure what all robots sense, but for contact, which the physics determines.
 
     Args:
-        rows: shape (num_robots, ROW_SIZE), float64, written; see `state`.
+        rows: shape (num_robots, ROW_SIZE), float64, written; see `records`.
         draws: shape (num_robots, BLOCK, n), float64; see `Rows.draws`.
         ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
         segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
     """
-    robot = unpack_robot(rows[0, at.ROBOT :])
+    robot = at.unpack_robot(rows[0, at.ROBOT :])
     for k in range(rows.shape[0]):
         row = rows[k]
         noise = draws[k, int(row[at.DRAW])]

@@ -1,97 +1,56 @@
-"""What simulated robots report, and what every physics must offer."""
+"""One or several equal robots in a world, whatever moves them."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
 
+import gymnasium
 import numpy as np
 
 from envs.geometry import Pose2D
 from envs.robots import RobotParams
 from envs.worlds import World
 
-from .contact import Contact
+from .contact import Contact, check_starts, find_contacts
+from .records import COMMAND_V, COMMAND_W, TOUCHED, Y
+from .rows import BLOCK, Reading, RobotState, Rows, Twist
+from .sensors import sense
 
 
-class Twist(NamedTuple):
-    """Velocity of a differential-drive robot in its own frame."""
+class Simulator(ABC):
+    """Robots that see each other and collide with each other; physics are subclasses."""
 
-    v: float
-    """Forward speed [m/s]."""
-    w: float
-    """Yaw rate, counter-clockwise [rad/s]."""
+    ignored: tuple[str, ...] = ()
+    """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
 
-
-class Reading(NamedTuple):
-    """Everything that a robot's sensors report at the end of one control period. Holds no ground truth."""
-
-    time: float
-    """Time since the reset [s]."""
-    ranges: np.ndarray
-    """Shape (num_beams,), float32 [m]: +inf where nothing lies within the lidar's range, NaN where the beam was
-    dropped or hit something nearer than the least range (REP 117 has -inf for the latter)."""
-    ticks: tuple[int, int]
-    """Cumulative encoder counts of the left and the right wheel."""
-    yaw_rate: float
-    """Gyroscope: mean over the control period, as integrated by the robot's own controller [rad/s]."""
-    heading: float
-    """Compass, in the world frame [rad]; NaN for robots without one."""
-    bumper: bool
-    """Whether the body touched anything during the period."""
-    extra: Mapping[str, np.ndarray] = {}
-    """What sensors of the user's own measured, by their names; see `envs.sensor.Sensor`."""
-
-    @classmethod
-    def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
-        """Return a reading that holds a scan alone, shape (num_beams,), float32 [m]; for estimators without a robot."""
-        return cls(time, ranges, (0, 0), 0.0, math.nan, False)
-
-
-class RobotState(NamedTuple):
-    """Ground truth of one robot. For metrics, rewards, `info` and tests; never for a policy."""
-
-    pose: Pose2D
-    """Pose of the robot's base (midpoint of the wheel axle) in the world frame."""
-    twist: Twist
-    """Velocity of the base."""
-
-
-class Simulator(Protocol):
-    """One or several equal robots in a world: they see each other, and collide with each other."""
-
-    @property
-    def ignored(self) -> tuple[str, ...]:
-        """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
-        ...
-
-    @property
-    def robot(self) -> RobotParams:
+    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
+        self.rows = Rows(robot, control_period, num_robots)
+        """The robots' states, measurements and noise."""
+        self.rngs: Sequence[np.random.Generator] = ()
+        self.circles = np.empty((0, 3))
+        """Static cylinders, and after them what moves, now: shape (m, 3), float64, (x, y, radius), world frame [m]."""
+        self.robot = robot
         """The robots as they are: where parameters are drawn, those of this episode."""
-        ...
+        self._radius, self._period = robot.radius, float(control_period)
+        self._world: World | None = None
 
-    @property
-    def rows(self) -> Any:
-        """`envs.simulation.rows.Rows`: states, measurements and noise as arrays; see `BaseSimulator`."""
-        ...
+    def set_robot(self, robot: RobotParams) -> None:
+        """Change the robots' parameters from the next reset on; footprint and beams of the lidar stay as they were."""
+        self.robot = robot
+        self.rows.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
         """Ground truth of each robot after the last `reset` or `step`."""
-        ...
+        self._reset_world()
+        return [self.rows.state(k) for k in range(len(self.rows.numbers))]
 
     @property
-    def contacts(self) -> Sequence[Contact]:
+    def contacts(self) -> list[Contact]:
         """What the robots touched during the last period, one entry for each thing."""
-        ...
-
-    @property
-    def circles(self) -> np.ndarray:
-        """Static cylinders, and after them what moves, now: shape (m, 3), float64, (x, y, radius), world frame [m]."""
-        ...
-
-    def set_robot(self, robot: RobotParams) -> None:
-        """Change the robots' parameters from the next reset on; footprint and beams of the lidar stay as they were."""
-        ...
+        touched = np.flatnonzero(self.rows.numbers[:, TOUCHED] > 0.0).tolist()
+        return find_contacts(touched, self.rows.numbers[:, : Y + 1], self._radius, self._reset_world(), self.circles)
 
     def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
         """Place the robots at rest at poses in the world frame and return their first readings.
@@ -103,21 +62,74 @@ class Simulator(Protocol):
             ValueError: a robot does not fit there, two of them overlap, or there are not as many poses and generators
                 as robots.
         """
-        ...
+        self._check_number(poses=poses, rngs=rngs)
+        check_starts(poses, self._radius, world)
+        self._world, self.rngs, self.circles, rows = world, rngs, world.circles_at(0.0), self.rows
+        rows.reset()
+        self._place(world, poses)
+        rows.draw(rngs)
+        rows.draw_biases()
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self.circles)
+        return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive each robot with its commanded twist for one control period and return the readings at its end.
+        """Drive each robot with its command for one control period and return the readings at its end.
 
         Raises:
             ValueError: a command holds NaN or infinity, or there are not as many commands as robots.
-            RuntimeError: there was no reset.
+            gymnasium.error.ResetNeeded: there was no reset.
         """
-        ...
+        self.move(commands, 1)
+        return self._readings()
 
-    def move(self, commands: Sequence[Twist]) -> None:
-        """Drive as `step` does; `rows` then hold what it returns. An environment calls this one."""
-        ...
+    def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
+        """Drive as `step` does; `rows` then hold what it returns. An environment calls this one.
 
-    def close(self) -> None:
+        Args:
+            commands: as for `step`.
+            ahead: control periods for which noise is drawn at once, which nobody else may draw from the generators.
+        """
+        world, rows = self._reset_world(), self.rows
+        self._check_number(commands=commands)
+        for k, (v, w) in enumerate(commands):
+            if not (math.isfinite(v) and math.isfinite(w)):
+                raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
+            rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
+        rows.draw_ahead(self.rngs, ahead)
+        self._move(world, self.move_circles())
+
+    def move_circles(self) -> np.ndarray:
+        """Take `circles` to the end of the coming control period; return them as they are at its beginning."""
+        before, world = self.circles, self._reset_world()
+        if world.movers:
+            self.circles = world.circles_at((self.rows.steps + 1) * self._period)
+        return before
+
+    def close(self) -> None:  # noqa: B027
         """Release what the simulator holds. Closing twice does no harm."""
-        ...
+
+    @abstractmethod
+    def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
+        """Put the robots at rest at their poses, and write these to `rows`."""
+
+    @abstractmethod
+    def _move(self, world: World, before: np.ndarray) -> None:
+        """Drive all robots by the commands in `rows` for one control period, and measure what they sense at its end.
+
+        Meanwhile circles go evenly from `before`, shape (m, 3), float64 [m], to `circles`.
+        """
+
+    def _readings(self) -> list[Reading]:
+        return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
+
+    def _reset_world(self) -> World:
+        """Return the world of the last reset."""
+        if self._world is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        return self._world
+
+    def _check_number(self, **arguments: Sequence[Any]) -> None:
+        count = len(self.rows.numbers)
+        for name, values in arguments.items():
+            if len(values) != count:
+                raise ValueError(f"{name} must have one entry per robot, {count} in all, got {len(values)}")

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from envs.robot import SCAN
-from envs.simulation import state as at
+from envs.simulation import records as at
 from envs.simulation.rows import BLOCK
 from envs.task import Rewards
 from envs.transition import pose_errors, step_rows

@@ -12,14 +12,14 @@ from envs.worlds import World, load_world
 
 pytest.importorskip("pybullet")
 
-from envs.simulation import bullet_walls
-from envs.simulation.bullet_walls import NearbyWalls
+from envs.simulation import bullet_world
+from envs.simulation.bullet_world import NearbyWalls
 
 
 @pytest.fixture
 def many(monkeypatch):
     """Let every world count as one with many walls."""
-    monkeypatch.setattr(bullet_walls, "_MANY", 0)
+    monkeypatch.setattr(bullet_world, "_MANY", 0)
 
 
 def corridor(length):

@@ -163,6 +163,6 @@ def test_unknown_physics_is_refused():
 def test_a_period_of_countless_physics_steps_is_refused():
     robot = replace(load_robot("turtlebot3_burger"), max_v=1e6)
     with pytest.raises(
-        ValueError, match=r"'turtlebot3_burger' .*1e\+06 m/s\) needs .* physics steps in a control period"
+        ValueError, match=r"'turtlebot3_burger' .*1e\+06 m/s\) needs more than 10,000 physics steps in a control period"
     ):
         make_simulator("kinematic", robot, 0.2)

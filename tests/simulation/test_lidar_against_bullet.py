@@ -17,7 +17,7 @@ GRAZED = 1e-3
 @pytest.fixture(scope="module")
 def bullet():
     pytest.importorskip("pybullet", reason="PyBullet is not installed")
-    from envs.simulation.bullet_client import BulletClient
+    from envs.simulation.bullet_world import BulletClient
 
     bullet = BulletClient()
     yield bullet
@@ -33,11 +33,12 @@ def cast_in_bullet(bullet, x, y, z, angles):
 
 @pytest.mark.parametrize("name", WORLD_NAMES)
 def test_ranges_agree_within_two_millimetres(bullet, name):
-    from envs.simulation.bullet_walls import build_mesh, extrude, outlines
+    from envs.simulation.bullet_world import build_meshes, outlines
 
     world = load_world(name)
     bullet.resetSimulation()
-    bullet.createMultiBody(0.0, build_mesh(bullet, *extrude(outlines(world, sagitta=1e-5), world.height)))
+    (mesh,) = build_meshes(bullet, outlines(world, sagitta=1e-5), world.height)
+    bullet.createMultiBody(0.0, mesh)
     corners = np.vstack([world.segments[:, :2], world.segments[:, 2:]])
     rng = np.random.default_rng(0)
     ranges, grazing = np.empty(BEAMS), 0

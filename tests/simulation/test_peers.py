@@ -9,7 +9,7 @@ import pytest
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.simulation import KinematicSimulator, Twist, make_simulator
-from envs.simulation.state import X
+from envs.simulation.records import X
 from envs.worlds import World
 
 BURGER = load_robot("turtlebot3_burger")

@@ -9,7 +9,7 @@ import pytest
 from envs.geometry import Pose2D, wrap_angle
 from envs.robots import ImuParams, LidarParams, Mount, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.simulation import state as at
+from envs.simulation import records as at
 from envs.simulation.records import robot_record
 from envs.simulation.rows import Rows
 from envs.simulation.sensors import disturb_ranges, sense

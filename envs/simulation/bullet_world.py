@@ -1,0 +1,184 @@
+"""PyBullet, and what it holds of a world: the ground, upright walls, all of them or those around robots, and movers."""
+
+import math
+import os
+import weakref
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from envs.worlds import World
+
+from .contact import select_near
+
+GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
+"""Collision groups: wheels and casters touch the ground alone, the chassis obstacles and other robots."""
+
+_MESH_RECTANGLES = 30_000
+"""Most rectangles of a mesh, of four vertices each: PyBullet refuses more than 131,072."""
+_MANY = 100_000
+"""Rectangles from which on a world has many walls, which would take PyBullet long to build."""
+_PER_CIRCLE = 32
+"""Rectangles that stand for a circle of 0.1 m; larger ones have more."""
+_SLACK = 2.0
+"""How far robots drive before the walls around them are built again, in a world with many [m]."""
+_UNSTOPPABLE = 1e4
+"""Mass of a mover [kg]."""
+
+
+def import_pybullet() -> ModuleType:
+    """Import PyBullet without the line that it prints on standard error.
+
+    Raises:
+        ImportError: it is not installed; the message says how to get it.
+    """
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        import pybullet
+    except ImportError as error:
+        raise ImportError(
+            "physics='bullet' needs PyBullet, which has wheels for Linux x86_64 and Python 3.11 and older: "
+            "install it there with `pip install pybullet`, or use physics='kinematic'"
+        ) from error
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
+    return pybullet
+
+
+class BulletClient:
+    """A physics client: the functions of PyBullet without their argument `physicsClientId`, and its constants."""
+
+    def __init__(self) -> None:
+        self._module = import_pybullet()
+        self._id = self._module.connect(self._module.DIRECT)
+        self.close = weakref.finalize(self, self._module.disconnect, self._id)
+        """Disconnects, when it is called or the client is collected; a second time does no harm."""
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._module, name)
+        if callable(found):
+            found = partial(found, physicsClientId=self._id)
+        setattr(self, name, found)  # so that the next look-up does not come here
+        return found
+
+
+def build_world(bullet: BulletClient, world: World) -> list[int]:
+    """Put ground, walls and movers into an empty simulation; return the ids of the movers.
+
+    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside. The
+    walls of a world with very many are left to `NearbyWalls`.
+    """
+    plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
+    meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
+    cylinders = [
+        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height)
+        for mover in world.movers
+    ]
+    static = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes)]
+    movers = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
+    set_contact(bullet, static[0], GROUND, ROLLING)
+    for body in (*static[1:], *movers):
+        set_contact(bullet, body, OBSTACLES, CHASSIS)
+    return movers
+
+
+def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
+    """Set the collision group of a body of the world, what it touches, and how."""
+    bullet.setCollisionFilterGroupMask(body, -1, group, mask)
+    bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
+
+
+def has_many_walls(world: World) -> bool:
+    """Tell whether a world has too many walls for PyBullet to hold all of them."""
+    return len(world.segments) + _PER_CIRCLE * len(world.circles) > _MANY
+
+
+def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
+    """Return the static part of a world as segments, shape (n, 4), float64 [m].
+
+    Polygons stand for circles, at a distance of at most `sagitta` [m].
+    """
+    found = [world.segments]
+    for x, y, radius in world.circles.tolist():
+        corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
+        angles = np.arange(corners + 1) * (2.0 * math.pi / corners)
+        points = np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
+        found.append(np.hstack([points[:-1], points[1:]]))
+    return np.vstack(found)
+
+
+# PyBullet never lets go of the lists that it reads a mesh from, nor of what they hold: fresh ones leak a third of a
+# megabyte for a world of 350 segments. So the same objects are filled anew for every mesh.
+_POINTS: list[list[float]] = []
+_NUMBERS: list[int] = []
+_VERTICES: list[list[float]] = []
+_TRIANGLES: list[int] = []
+
+
+def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> list[int]:
+    """Return the ids of collision shapes for segments, shape (n, 4) [m], as upright rectangles of a height [m].
+
+    Each rectangle is two triangles; they are smooth where they join.
+    """
+    meshes = []
+    for first in range(0, len(segments), _MESH_RECTANGLES):
+        part = segments[first : first + _MESH_RECTANGLES]
+        corners = np.zeros((len(part), 4, 3))
+        corners[:, 0, :2] = corners[:, 3, :2] = part[:, :2]
+        corners[:, 1, :2] = corners[:, 2, :2] = part[:, 2:]
+        corners[:, 2:, 2] = height
+        vertices = corners.reshape(-1, 3)
+        triangles = np.array([0, 1, 2, 0, 2, 3]) + 4 * np.arange(len(part))[:, None]
+        _POINTS.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(_POINTS)))
+        _NUMBERS.extend(range(len(_NUMBERS), len(vertices)))
+        # By columns: a list for each vertex would keep the garbage collector busy.
+        for point, x, y, z in zip(_POINTS, *vertices.T.tolist()):
+            point[0], point[1], point[2] = x, y, z
+        _VERTICES[:] = _POINTS[: len(vertices)]
+        _TRIANGLES[:] = [_NUMBERS[corner] for corner in triangles.ravel().tolist()]
+        flags = bullet.GEOM_FORCE_CONCAVE_TRIMESH | bullet.GEOM_CONCAVE_INTERNAL_EDGE
+        made = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=_VERTICES, indices=_TRIANGLES, flags=flags)
+        meshes.append(made)
+    return meshes
+
+
+class NearbyWalls:
+    """The walls around the robots, in a world that has too many for PyBullet."""
+
+    def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
+        """Take the world; robots drive no farther than `reach` [m] between two calls of `follow`, with their bodies.
+
+        A mover that pushes a robot faster than it drives can push it past the walls that are built.
+        """
+        self._bullet = bullet
+        self._segments = outlines(world)
+        self._height = world.height
+        self._reach = reach
+        self._near = np.empty(len(self._segments) + 1, dtype=np.int64)
+        self._bodies: list[int] = []
+        self._centers: np.ndarray | None = None
+
+    def follow(self, positions: np.ndarray) -> None:
+        """Build the walls around the robots anew if one has come too far; positions: shape (n, 2), float64 [m].
+
+        PyBullet removes bodies, but keeps the shapes of meshes until the simulation is reset.
+        """
+        if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _SLACK:
+            return
+        self._centers = positions.copy()
+        for body in self._bodies:
+            self._bullet.removeBody(body)
+        found = []
+        for x, y in positions:
+            count = select_near(x, y, _SLACK + self._reach, self._segments, self._near)
+            found.append(self._near[:count].copy())
+        chosen = self._segments[np.unique(np.concatenate(found))]
+        shapes = build_meshes(self._bullet, chosen, self._height) if len(chosen) else []
+        self._bodies = [self._bullet.createMultiBody(0.0, shape) for shape in shapes]
+        for body in self._bodies:
+            set_contact(self._bullet, body, OBSTACLES, CHASSIS)
