@@ -63,7 +63,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     That of `ExploreFrontiersEnv`.
 
     ## Rewards
-    That of `ExploreFrontiersEnv`. There are no collisions.
+    Those of `ExploreFrontiersEnv`. There are no collisions.
 
     ## Starting State
     That of `ExploreFrontiersEnv`.
@@ -99,11 +99,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         false_returns: float = 0.0002,
         **arguments: Any,
     ) -> None:
-        """See the class for the arguments.
-
-        Raises:
-            ValueError: if an argument is not among the allowed values; the message names it and them.
-        """
+        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
         for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
             if value != allowed:
                 raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
@@ -111,7 +107,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
         if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
             raise ValueError(
-                f"randomize must name parameters of the lidar where robots slide along paths, got {others}"
+                f"randomize must name parameters of the lidar where robots slide on paths, got {others}"
             )
         check_positive(scan_distance=scan_distance)
         if np.shape(drift) != (2,) or not all(is_number(value) and value >= 0.0 for value in drift):
@@ -201,8 +197,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     def _scan(self, pose: Pose2D, count: int) -> bool:
         """Move the robot to an estimated pose, `count` control periods later, and integrate the scan that it takes.
 
-        Returns:
-            False if it cannot be there, and stays where it was.
+        Returns False if it cannot be there, and stays where it was.
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]

@@ -72,9 +72,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
-        """Assemble an environment for a task; see the class for the arguments, of which `settings` are the task's.
+        """Assemble an environment for a task, a subclass of `envs.task.Task` or `module:attribute` of one.
 
-        `task` is a subclass of `envs.task.Task`, or `module:attribute` of one.
+        See the class for the other arguments, of which `settings` are the task's.
 
         Raises:
             ValueError: if an argument is not among the allowed values; the message names it and them.
@@ -93,7 +93,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots)
-        self.robots = [self._make_robot() for _ in range(num_robots)]
+        self.robots = [
+            Robot(self.robot, period, self.task.make_estimator(), uses_true_motion=self.task.uses_true_motion)
+            for _ in range(num_robots)
+        ]
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
@@ -115,11 +118,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = self.task.default_observations() if observations is None else observations
         self.parts = make_parts(chosen, {**measured, **self.task.observation_parts()})
-        self.observation_space: spaces.Space[Any] = self._make_observation_space()
+        space: Any = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
+        self.observation_space: spaces.Space[Any] = batch_space(space, num_robots) if self._is_team else space
         self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        space: Any = self.observation_space
-        self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._prepared: tuple[Mapping[str, Any], World] | None = None
         self._has_begun = False
         self._renderer: Any = None
@@ -144,9 +146,11 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode without observation and info; arguments and errors as for `reset`."""
-        options = self._check_options(options)
+        task, num_robots, options = self.task, len(self.robots), read_options(options)
+        allowed = ("world", "start", *task.reset_options)
+        if unknown := sorted(map(str, set(options) - set(allowed))):
+            raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
-        task, num_robots = self.task, len(self.robots)
         self._has_begun = False  # unless all of it succeeds
         self.world = self._next_world(options, seed is not None)
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
@@ -160,11 +164,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
-        own = {key: options[key] for key in task.reset_options if key in options}
-        readings = self._measure(readings, is_first=True)
+        if self.sensors:  # a generator after all others: the same seed without sensors has the same episode
+            for sensor, rng in zip(self.sensors, self.np_random.spawn(len(self.sensors)), strict=True):
+                sensor.reset(self.world, rng)
+            readings = self._measure(readings)
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         """What each robot was told at the start."""
         reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
+        own = {key: options[key] for key in task.reset_options if key in options}
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -215,11 +222,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return twists
 
     def check_begun(self) -> None:
-        """Make sure that an episode has begun.
-
-        Raises:
-            gymnasium.error.ResetNeeded: if none has: `reset` was not called, or failed.
-        """
+        """Raise `gymnasium.error.ResetNeeded` if no episode has begun: `reset` was not called, or failed."""
         if not self._has_begun:
             raise gymnasium.error.ResetNeeded(f"call reset of {type(self).__name__} first: no episode has begun")
 
@@ -249,13 +252,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             if int(flag) & REMEMBER_TRUE:
                 truth.remember()
 
-    def _measure(self, readings: list[Reading], is_first: bool = False) -> list[Reading]:
+    def _measure(self, readings: Sequence[Reading]) -> list[Reading]:
         """Return the readings with what the user's own sensors measure."""
-        if not self.sensors:
-            return readings
-        if is_first:  # a generator after all others: the same seed without sensors has the same episode
-            for sensor, rng in zip(self.sensors, self.np_random.spawn(len(self.sensors)), strict=True):
-                sensor.reset(self.world, rng)
         return [
             reading._replace(extra={sensor.name: sensor.measure(self.simulator, k) for sensor in self.sensors})
             for k, reading in enumerate(readings)
@@ -299,7 +297,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in fresh arrays, or write it to the arrays of `out`."""
         if out is None:
-            out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
+            space: Any = self.observation_space
+            out = {name: np.empty(space[name].shape, space[name].dtype) for name in self.parts}
         for name in self.parts:
             self.write_part(name, out[name])
         return dict(out)
@@ -319,15 +318,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         rows = self.rows.numbers
         if self._randomization is not None:
             info["randomized"] = dict(self.randomized)
-        info["time"] = self.time
-        info["rewards"] = rewards
-        errors, lengths = pose_errors(rows), rows[:, at.PATH_LENGTH]
-        collisions = rows[:, at.COLLISIONS].astype(np.int64)
-        if self._is_team:
-            info["pose_error"], info["path_length"], info["collisions"] = errors, lengths.copy(), collisions
-        else:
-            info["pose_error"], info["path_length"] = errors[0], float(lengths[0])
-            info["collisions"] = int(collisions[0])
+        info["time"], info["rewards"], info["pose_error"] = self.time, rewards, pose_errors(rows)
+        info["path_length"] = rows[:, at.PATH_LENGTH].copy()
+        info["collisions"] = rows[:, at.COLLISIONS].astype(np.int64)
+        if not self._is_team:
+            info["pose_error"], info["path_length"] = info["pose_error"][0], float(info["path_length"][0])
+            info["collisions"] = int(info["collisions"][0])
         return info
 
     def prepare(self) -> None:
@@ -403,10 +399,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
 
-    def _make_robot(self) -> Robot:
-        task = self.task
-        return Robot(self.robot, self.control_period, task.make_estimator(), uses_true_motion=task.uses_true_motion)
-
     def set_goal(self, goal: tuple[float, float, float]) -> None:
         """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
 
@@ -416,17 +408,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
-
-    def _make_observation_space(self) -> spaces.Dict:
-        space = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
-        return batch_space(space, len(self.robots)) if self._is_team else space  # type: ignore[return-value]
-
-    def _check_options(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
-        allowed = ("world", "start", *self.task.reset_options)
-        options = read_options(options)
-        if unknown := sorted(map(str, set(options) - set(allowed))):
-            raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
-        return options
 
     def _next_world(self, options: Mapping[str, Any], is_seeded: bool) -> World:
         """Return the world of an episode: the prepared one if it is the one that would be drawn now."""
@@ -444,11 +425,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
-    """Return the environment in which robots drive, whatever wraps it, and be they driven by twists or decisions.
-
-    Raises:
-        TypeError: there is none in it.
-    """
+    """Return the environment in which robots drive, by twists or decisions, whatever wraps it; else TypeError."""
     inner = getattr(env.unwrapped, "explore", env.unwrapped)
     if not isinstance(inner, LidarEnv):
         raise TypeError(f"{type(inner).__name__} is no LidarEnv")
@@ -456,16 +433,7 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
 
 
 def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
-    """Return a new task.
-
-    Args:
-        task: class of the task, or `module:attribute` of it.
-        settings: arguments of its constructor.
-
-    Raises:
-        ValueError: if it is no task.
-        TypeError: if it has no such argument.
-    """
+    """Return a new task of a class, or `module:attribute` of one; see `LidarEnv` for what is raised."""
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise ValueError(f"task must be a subclass of envs.task.Task, or module:attribute of one, got {task!r}")

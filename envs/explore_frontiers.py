@@ -124,11 +124,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         control_hz: float = 5.0,
         **arguments: Any,
     ) -> None:
-        """See the class for the arguments.
-
-        Raises:
-            ValueError: if an argument is not among the allowed values; the message names it and them.
-        """
+        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
         if "observations" in arguments:
@@ -166,7 +162,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self.navigator.begin(explore.reading, self.belief)
-        self._fused = self._fuse()
+        fuses = not self.why_not_fused
+        self._fused = (self._fused or FusedDrive(explore, self.navigator.navigator)) if fuses else None
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
@@ -230,7 +227,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def candidates(self) -> Candidates:
-        """What there is to choose from, for rules (`baselines.frontier`)."""
+        """What there is to choose from."""
         return self.navigator.candidates
 
     @property
@@ -270,10 +267,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Why control periods of this episode need Python one by one; empty where they do not."""
         return FusedDrive.why_not(self.explore)
 
-    def _fuse(self) -> FusedDrive | None:
-        """Return what drives by a kernel; None where control periods need Python."""
-        return None if self.why_not_fused else self._fused or FusedDrive(self.explore, self.navigator.navigator)
-
     def _drive(self) -> str:
         """Drive until a decision is due, and return why."""
         while True:
@@ -293,7 +286,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.update(robot.reading, robot.belief)
 
     def _control(self, twist: Twist) -> None:
-        """Command a twist for one control period."""
+        """Drive by a twist for one control period."""
         explore, robot = self.explore, self.explore.robots[0]
         if explore.render_mode == "human":
             explore.render()
@@ -318,13 +311,13 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _advance_fused(self, fused: FusedDrive) -> str | None:
         """Do the same for as many control periods as a kernel can do."""
-        explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        navigator = self.navigator
         count, contacts, progress, has_mapped = fused.advance(navigator.check_from)
         self._note(count, contacts)
-        reading, belief = robot.reading, robot.belief
+        reading, belief = self.explore.reading, self.belief
         if has_mapped:
             navigator.integrate(belief)
-        if any(explore.is_over):
+        if any(self.explore.is_over):
             navigator.find_candidates(reading, belief)
             return EPISODE_END
         if progress == UNCHECKED:
@@ -332,12 +325,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.conclude(progress, reading, belief)
 
     def _note(self, count: int, contacts: int) -> None:
-        """Sum what is rewarded of control periods, of which the task has processed the last.
-
-        Args:
-            count: how many.
-            contacts: how many of them, but for the last, ended in contact.
-        """
+        """Sum what is rewarded of `count` control periods, of which all but the last had `contacts` with something."""
         self._steps += count
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():
