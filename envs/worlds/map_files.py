@@ -14,11 +14,9 @@ from scipy import ndimage
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import deepest_cell
 from envs.progress import Progress
 
-from .outline import outline
-from .raster import MAX_CELLS, check_world
+from .raster import MAX_CELLS, check_world, outline
 from .world import World
 from .world_file import Number, Size
 
@@ -30,8 +28,6 @@ IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
 """Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
 _DELAY = 2.0
 """Time after which there is a progress bar [s]."""
-_ROWS = 256
-"""Rows of pixels that are interpreted at once: floating-point numbers take eight times the space of pixels."""
 
 
 class MapFile(BaseModel):
@@ -130,7 +126,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
             with Image.open(path, formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > MAX_CELLS:
                     raise ValueError(f"{image.width} x {image.height} pixels; at most {MAX_CELLS:,} are allowed")
-                depth = 257.0 if image.mode.startswith("I") else 1.0
+                is_deep = image.mode.startswith("I")
                 alpha = np.asarray(image.convert("RGBA"))[..., 3] if image.has_transparency_data else None
                 plain = image.mode in ("L", "I", "I;16", "I;16B")
                 array = np.asarray(image if plain else image.convert("RGB"))
@@ -139,30 +135,28 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
     except Exception as error:  # Pillow raises many kinds for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
-    data = np.full(array.shape[:2], UNKNOWN, dtype=np.int8)
-    for first in range(0, len(array), _ROWS):
-        rows = slice(first, first + _ROWS)
-        pixels = array[rows].astype(np.float64)
-        grey = (pixels.mean(axis=2) if pixels.ndim == 3 else pixels) / depth
-        data[rows] = _interpret(grey, None if alpha is None else alpha[rows] == 255, file)
+    if array.ndim == 3:
+        data = _interpret(np.arange(766) / 3, file)[array.sum(axis=2, dtype=np.uint16)]
+    elif is_deep:
+        data = _interpret(np.arange(65536) / 257, file)[array.clip(0, 65535)]
+    else:
+        data = _interpret(np.arange(256.0), file)[array]
+    if alpha is not None and file.mode == "scale":
+        data[alpha < 255] = UNKNOWN
     return data
 
 
-def _interpret(pixels: np.ndarray, opaque: np.ndarray | None, file: MapFile) -> np.ndarray:
-    """Turn grey values from 0 to 255 into occupancy, int8 [percent], -1 for unknown; None says that all are opaque."""
-    data = np.full(pixels.shape, UNKNOWN, dtype=np.int8)
+def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
+    """Return the occupancy of grey values from 0 to 255: int8 [percent], -1 for unknown."""
     if file.mode == "raw":
-        known = (pixels >= 0) & (pixels <= 100)
-        data[known] = np.rint(pixels[known]).astype(np.int8)
-        return data
-    occupancy = pixels / 255 if file.negate else (255 - pixels) / 255
+        return np.where(grey <= 100, np.rint(grey), UNKNOWN).astype(np.int8)
+    occupancy = grey / 255 if file.negate else (255 - grey) / 255
+    data = np.full(grey.shape, UNKNOWN, dtype=np.int8)
     if file.mode == "scale":
         share = (occupancy - file.free_thresh) / (file.occupied_thresh - file.free_thresh)
-        data[:] = np.rint(100 * np.clip(share, 0, 1)).astype(np.int8)
+        data[:] = np.rint(100 * np.clip(share, 0, 1))
     data[occupancy > file.occupied_thresh] = OCCUPIED
     data[occupancy < file.free_thresh] = FREE
-    if file.mode == "scale" and opaque is not None:
-        data[~opaque] = UNKNOWN
     return data
 
 
@@ -186,7 +180,8 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         area = _free_area(grid, name, spawn)
         bar.update()
         if spawn is None:
-            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
+            deepest = np.unravel_index(ndimage.distance_transform_edt(area).argmax(), area.shape)
+            x, y = grid.centers(np.array(deepest) - 1)
             spawn = Pose2D(float(x), float(y), 0.0)
         bar.update()
         height, width = grid.data.shape

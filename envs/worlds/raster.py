@@ -1,6 +1,4 @@
-"""Worlds as rasters: which cells are touched, what can be reached, and whether the outside can."""
-
-from typing import Any
+"""Worlds as rasters: which cells are touched, what can be reached, whether the outside can; and rasters as outlines."""
 
 import numpy as np
 from numba import njit
@@ -130,12 +128,6 @@ def leaks(mask: np.ndarray) -> bool:
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
-def _check_numbers(world: World, what: str, numbers: Any) -> None:
-    farthest = np.abs(np.asarray(numbers, dtype=np.float64)).max(initial=0.0)
-    if not farthest <= MAX_COORDINATE:
-        raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
-
-
 def check_world(world: World) -> World:
     """Return a world after making sure that robots can be driven in it.
 
@@ -145,10 +137,11 @@ def check_world(world: World) -> World:
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
-    for what in ("bounds", "segments", "circles", "spawns"):
-        _check_numbers(world, what, getattr(world, what))
-    for mover in world.movers:
-        _check_numbers(world, "movers", mover.waypoints)
+    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns")]
+    for what, values in numbers + [("movers", mover.waypoints) for mover in world.movers]:
+        farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
+        if not farthest <= MAX_COORDINATE:
+            raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
     grid = rasterize(world, CHECK_RESOLUTION)
     labels, _ = ndimage.label(grid.data == FREE)
     pieces = []
@@ -172,3 +165,35 @@ def check_world(world: World) -> World:
                 f"world {world.name!r}: spawn {tuple(spawn)} cannot be reached from {tuple(world.spawns[0])}"
             )
     return world
+
+
+def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
+    """Return the borders between solid and open cells, straight neighbours merged.
+
+    Args:
+        solid: shape (height, width), bool; beyond the array counts as solid, so that no segments run along its edge
+            unless open cells touch it.
+        xs: shape (width + 1,), positions of the grid lines along x [m].
+        ys: shape (height + 1,), positions of the grid lines along y [m].
+
+    Returns:
+        Shape (n, 4), float64, axis-aligned (x0, y0, x1, y1) [m].
+    """
+    padded = np.pad(solid, 1, constant_values=True)
+    # Border k of a row of cells lies between cell k - 1 and cell k.
+    cols, bottoms, tops = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
+    rows, lefts, rights = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    segments = np.empty((len(cols) + len(rows), 4))
+    upright, level = segments[: len(cols)], segments[len(cols) :]
+    upright[:, 0] = upright[:, 2] = xs[cols]
+    upright[:, 1], upright[:, 3] = ys[bottoms], ys[tops]
+    level[:, 1] = level[:, 3] = ys[rows]
+    level[:, 0], level[:, 2] = xs[lefts], xs[rights]
+    return segments
+
+
+def _runs(marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the runs of true values along the rows: row, start and end of each, all of shape (n,), int64."""
+    steps = np.diff(np.pad(marks.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    rows, starts = np.nonzero(steps == 1)
+    return rows, starts, np.nonzero(steps == -1)[1]

@@ -6,7 +6,7 @@ import pytest
 
 from envs.geometry import Pose2D
 from envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable, world_sampler
-from envs.worlds.catalogue import descriptions, draw, table
+from envs.worlds.catalogue import descriptions, table
 
 # Size and free area (flood fill at 0.05 m) as measured independently from the sources of the worlds.
 MEASURED = {
@@ -149,8 +149,3 @@ def test_the_page_about_worlds_is_up_to_date():
     page = (Path(__file__).parents[2] / "docs/worlds.md").read_text()
     assert page.endswith(f"{table()}\n\n{descriptions()}\n"), "append the output of python -m envs.worlds.catalogue"
     assert all(f"`{family}`" in page for family in FAMILIES)
-
-
-def test_the_picture_of_worlds_is_drawn(tmp_path):
-    draw([load_world("turtlebot3_dqn_stage4"), load_world("turtlebot3_world")], tmp_path / "worlds.png", columns=2)
-    assert (tmp_path / "worlds.png").stat().st_size > 5000

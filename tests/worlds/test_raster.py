@@ -6,8 +6,8 @@ from scipy import ndimage
 
 from envs.geometry import Pose2D
 from envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
-from envs.worlds.outline import outline
 from envs.worlds.procedural.contour import contour
+from envs.worlds.raster import outline
 
 
 def world_of(segments, circles=(), spawns=((0.0, 0.0, 0.0),), bounds=(-1.0, -1.0, 1.0, 1.0)):

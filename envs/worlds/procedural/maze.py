@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..outline import outline
+from ..raster import outline
 from ..world import World
 from .plan import Size, world_within
 

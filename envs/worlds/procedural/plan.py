@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from envs.geometry import Pose2D
 
-from ..outline import outline
+from ..raster import outline
 from ..world import World
 
 UNIT = 0.05
