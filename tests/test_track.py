@@ -15,7 +15,7 @@ from baselines.episode import begin_episode, decide_with
 from baselines.route_follower import RouteFollower
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
-from envs.localization.measurements import CompassMeter, WheelMeter
+from envs.localization.fusion import CompassMeter, WheelMeter
 from envs.robots import load_robot
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.route import Progress, Route, rectangle

@@ -9,8 +9,7 @@ import numpy as np
 
 from envs.command_line import Count, run_command
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import Ekf
-from envs.localization.measurements import Measurement
+from envs.localization.ekf import Ekf, Measurement
 
 from .drive import follow_route, make_env, make_started_filter, true_pose
 

@@ -9,6 +9,7 @@ from benchmarks.recorded_drives import PERIOD
 from envs.geometry import Pose2D
 from envs.localization import PRESETS, Amcl
 from envs.logs import pose_errors
+from envs.simulation import Reading
 
 from .maps import KnownWorld, record_from_anywhere
 from .runs import KIDNAPPED_AT, START_STD, localize
@@ -30,7 +31,7 @@ def draw(known: KnownWorld, seed: int, cost: tuple[np.ndarray, np.ndarray, np.nd
 def _draw_particles(axes, known: KnownWorld, seed: int) -> None:
     drive = record_from_anywhere(known.setup, np.random.SeedSequence(seed), max(PARTICLE_TIMES))
     amcl = Amcl(known.setup.robot.lidar, PRESETS["default"])
-    amcl.reset(known.grid, None, np.random.default_rng(seed))
+    amcl.reset(np.random.default_rng(seed), None, known.grid)
     x_min, y_min, x_max, y_max = known.grid.bounds
     ax_at = dict(zip((round(time / PERIOD) for time in PARTICLE_TIMES), axes))
     for k, (ranges, motion) in enumerate(zip(drive.ranges, drive.motions.tolist())):
@@ -43,7 +44,7 @@ def _draw_particles(axes, known: KnownWorld, seed: int) -> None:
             ax.plot(*drive.truth[k, :2], "o", color="tab:red", markersize=7, markerfacecolor="none")
             ax.set_title(f"{k * PERIOD:g} s: {len(particles):,} particles")
             ax.set_axis_off()
-        amcl.update(ranges, Pose2D(*motion))
+        amcl.update(Reading.of_scan(ranges), Pose2D(*motion))
 
 
 def _draw_error(ax, known: KnownWorld, seed: int) -> None:

@@ -10,6 +10,7 @@ from benchmarks.recorded_drives import PERIOD, Drive
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import Amcl, load_preset
 from envs.logs import pose_errors, rms
+from envs.simulation import Reading
 
 from .maps import load_known_world, record_from_anywhere, symmetries
 
@@ -59,13 +60,13 @@ def localize(
     """
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
-    amcl.reset(grid, start, np.random.default_rng(seed), covariance=covariance)
+    amcl.reset(np.random.default_rng(seed), start, grid, covariance)
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
         begin = time.perf_counter()
-        estimate = amcl.update(ranges, Pose2D(*motion))
+        belief = amcl.update(Reading.of_scan(ranges), Pose2D(*motion))
         seconds = time.perf_counter() - begin
-        rows.append((estimate.pose, estimate.is_lost, estimate.fit, estimate.is_corrected, amcl.num_particles, seconds))
+        rows.append((belief.pose, belief.is_lost, amcl.fit, amcl.is_corrected, amcl.num_particles, seconds))
     return Track(*map(np.array, zip(*rows)))
 
 

@@ -11,8 +11,8 @@ from benchmarks.recorded_drives import PERIOD, Drive
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams
 from envs.localization.likelihood_field import LikelihoodField
-from envs.localization.motion_model import differential_drive
-from envs.localization.resampling import Injection, KldParams, resample
+from envs.localization.motion_model import move_particles
+from envs.localization.resampling import resample
 from envs.robots import LidarParams
 
 from .maps import KnownWorld, record_from_anywhere
@@ -34,18 +34,18 @@ def _median_steps(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params:
     weigh, particles = LikelihoodField(params, lidar, grid), params.max_particles
     rng = np.random.default_rng(0)
     cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
-    other, none = np.empty_like(cloud), Injection(np.empty((3, 1), dtype=np.float32), 0.0)
-    bins, seen, kld = np.zeros(particles, dtype=np.int32), np.zeros(1, dtype=bool), KldParams(particles, 0.05, 0.99)
+    other, none = np.empty_like(cloud), np.empty((3, 0), dtype=np.float32)
+    bins, seen, kld = np.zeros(particles, dtype=np.int32), np.zeros(1, dtype=bool), (particles, 0.05, 0.99)
     spent = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
         begin = time.perf_counter()
-        differential_drive(params, Pose2D(*motion))(cloud, rng)
+        move_particles(cloud, Pose2D(*motion), params, rng)
         weights = np.full(particles, 1.0 / particles)
         weigher = weigh(ranges)
         assert weigher is not None
         weigher(cloud, weights)
         weights /= weights.sum()
-        resample(cloud, weights, bins, none, rng.random(), kld, seen, other)
+        resample(cloud, weights, bins, rng.random(), kld, none, 0.0, seen, other)
         cloud, other = other, cloud
         spent.append(time.perf_counter() - begin)
     return 1e6 * float(np.median(spent[20:]))

@@ -8,21 +8,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from envs.estimation import ORIGIN
+from envs.estimation import ORIGIN, Belief
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.robots import LidarParams
+from envs.simulation import Reading
 from envs.slam.scans import check_scan
 from envs.worlds.map_files import FREE_THRESH
 
 from .beam_model import BeamModel
 from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
 from .likelihood_field import LikelihoodField
-from .localizer import PoseEstimate
-from .motion_model import differential_drive
+from .motion_model import move_particles
 from .params import AmclParams
-from .resampling import Injection, KldParams, resample
+from .resampling import resample
 
-_NO_INJECTION = Injection(np.empty((3, 1), dtype=np.float32), 0.0)
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
 
@@ -45,21 +44,33 @@ class _MapTables:
 
 
 class Amcl:
-    """An augmented particle filter whose size follows the spread of its particles.
+    """An augmented particle filter whose size follows the spread of its particles; an `Estimator` on a known map.
 
-    Each scan that is used goes through four steps: propagate, reweight, normalize, resample. Fox, "Adapting the sample
-    size in particle filters through KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005),
-    table 8.3.
+    Each scan that is used goes through four steps: propagate, reweight, normalize, resample; in between, the pose
+    follows odometry. Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003); Thrun, Burgard,
+    Fox, "Probabilistic Robotics" (2005), table 8.3.
     """
+
+    uses_first_scan = False
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
         """Build a localizer for one lidar."""
         self.params = params
         self._lidar = lidar
-        self._kld = KldParams(params.min_particles, params.kld_err, params.kld_z)
         self._tables: _MapTables
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
+        self.belief: Belief
+        """The map as it was given, and mean and covariance of the heaviest cluster. It is lost where the filter has not
+        converged, too few scans have confirmed a pose found by global localization, or the map does not explain the
+        scans."""
+        self.cluster_weight: float
+        """Share of the heaviest cluster in the weight of all particles, from 0 to 1."""
+        self.fit: float
+        """Share of the hits of recent scans that lie near an obstacle of the map as seen from the pose; NaN until the
+        filter has converged, and before the first scan with enough hits."""
+        self.is_corrected = False
+        """Whether the last scan was used; else the estimate followed odometry alone."""
 
     @property
     def particles(self) -> np.ndarray:
@@ -78,44 +89,59 @@ class Amcl:
 
     def reset(
         self,
-        occupancy: OccupancyGrid,
-        pose: Pose2D | None,
         rng: np.random.Generator,
-        *,
+        pose: Pose2D | None = ORIGIN,
+        map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
-    ) -> PoseEstimate:
-        """Start on a map, see `Localizer`; by default `covariance` follows from the params' `initial_std`."""
-        self._prepare(occupancy)
+    ) -> Belief:
+        """Start on a map; see `Estimator`.
+
+        Args:
+            rng: source of all later noise.
+            pose: initial pose of the base (map frame); None for global localization, anywhere in the free space.
+            map: the map.
+            covariance: shape (3, 3), of `pose` [m, m, rad]; None for one that follows from the params' `initial_std`.
+
+        Raises:
+            ValueError: there is no map, it has no free cell, `pose` lies outside of it or on a cell that is not free,
+                or `covariance` is not a covariance matrix.
+        """
+        if map is None:
+            raise ValueError("localization needs a map")
+        self._prepare(map)
         self.rng = rng
         if pose is not None:
-            self._check_pose(pose, occupancy)
+            self._check_pose(pose, map)
         self._start(pose, covariance)
         self._moved = ORIGIN
-        self.estimate = self._corrected = self._summarise()
-        return self.estimate
+        self.belief = Belief(ORIGIN, map)
+        self._summarise()
+        return self.belief
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
-        """Update by one scan, see `Localizer`; until the robot has moved far enough, by odometry alone."""
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Update by a scan; see `Estimator`.
+
+        Raises:
+            ValueError: if the scan has another number of beams, or the motion is not finite.
+            RuntimeError: before the first `reset`.
+        """
         if not hasattr(self, "_tables"):
             raise RuntimeError("AMCL has no map yet; call reset first")
-        ranges = check_scan(ranges, motion, self._lidar)
+        ranges = check_scan(reading.ranges, motion, self._lidar)
         self._moved = moved = self._moved.compose(motion)
         params = self.params
         has_moved = math.hypot(moved.x, moved.y) >= params.update_min_d or abs(moved.theta) >= params.update_min_a
-        if has_moved or self._num_updates == 0:
-            differential_drive(params, moved)(self._particles, self.rng)
+        self.is_corrected = has_moved or self._num_updates == 0
+        if self.is_corrected:
+            move_particles(self._particles, moved, params, self.rng)
             self._moved = ORIGIN
             self._correct(ranges)
-            if params.relocalize and len(self._fits) == params.lost_updates and self._corrected.fit < params.lost_fit:
+            if params.relocalize and len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
                 self._start(None)  # the map has not explained the last scans
                 self._correct(ranges)
-            self.estimate = self._corrected
         else:
-            at_scan = self._corrected
-            self.estimate = replace(
-                at_scan, pose=at_scan.pose.compose(moved), mean=at_scan.mean.compose(moved), is_corrected=False
-            )
-        return self.estimate
+            self.belief.pose = self._corrected_pose.compose(moved)
+        return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
@@ -182,7 +208,7 @@ class Amcl:
             # Long-term and short-term average of the likelihood (Thrun et al. 2005, table 8.3).
             self._slow += self.params.alpha_slow * (likelihood - self._slow)
             self._fast += self.params.alpha_fast * (likelihood - self._fast)
-        self._corrected = self._summarise(ranges)
+        self._summarise(ranges)
         self._num_updates += 1
         if weigh is not None and self._num_updates % self.params.resample_interval == 0:
             self._resample()
@@ -190,29 +216,26 @@ class Amcl:
     def _resample(self) -> None:
         """Draw the next particles by weight; some at random where the likelihood has fallen."""
         params, rng = self.params, self.rng
-        injection = _NO_INJECTION
+        share, anywhere = 0.0, np.empty((3, 0), dtype=np.float32)
         if params.alpha_slow > 0.0 and self._fast < self._slow:
             share = 1.0 - self._fast / self._slow
-            injection = Injection(self._draw_anywhere(math.ceil(params.max_particles * share) + 1), share)
+            anywhere = self._draw_anywhere(math.ceil(params.max_particles * share) + 1)
             self._slow = self._fast = 0.0
-        particles, bins = self._particles, self._bins[: self._particles.shape[1]]
-        count = resample(particles, self._weights, bins, injection, rng.random(), self._kld, self._seen, self._spare)
+        particles, bins, limits = self._particles, self._bins[: len(self._weights)], params.kld_limits
+        start = rng.random()
+        count = resample(particles, self._weights, bins, start, limits, anywhere, share, self._seen, self._spare)
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
-    def _summarise(self, ranges: np.ndarray | None = None) -> PoseEstimate:
+    def _summarise(self, ranges: np.ndarray | None = None) -> None:
         """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
         tables, particles, weights = self._tables, self._particles, self._weights
         bins = self._bins[: len(weights)]
         extent = find_bins(particles, tables.raster, bins)
         # In a cloud of at most two bins along each axis, all bins touch.
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
-        covariance, mean_covariance = np.empty((3, 3)), np.empty((3, 3))
+        covariance = np.empty((3, 3))
         pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
-        if weight == 1.0:
-            mean, mean_covariance = pose, covariance.copy()
-        else:
-            mean = Pose2D(*mean_and_covariance(particles, weights, 1.0, mean_covariance))
         has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
         if not has_converged:
             self._fits.clear()
@@ -220,7 +243,9 @@ class Amcl:
             share, hits = tables.field.fit(ranges, pose)
             if hits >= _MIN_HITS:
                 self._fits.append(share)
-        fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
+        self.cluster_weight = weight
+        self.fit = fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
         self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
-        is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
-        return PoseEstimate(pose, covariance, weight, mean, mean_covariance, fit, is_lost, ranges is not None)
+        belief, self._corrected_pose = self.belief, pose
+        belief.pose, belief.covariance = pose, covariance
+        belief.is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit

@@ -12,8 +12,7 @@ from envs.geometry import UNKNOWN, OccupancyGrid
 from envs.robots import LidarParams
 from envs.worlds.map_files import OCCUPIED_THRESH
 
-from .beams import Beams
-from .likelihood_field import Field, obstacle_distances
+from .likelihood_field import Beams, Field, obstacle_distances
 from .motion_model import cosine, sine
 from .params import AmclParams
 
@@ -73,18 +72,10 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
-    """Multiply weights of particles by `1 + sum p^3` over the beams of a scan.
+    """Multiply weights by `1 + sum p^3` over the beams of a scan; return the weighted mean of these factors.
 
-    Args:
-        field: `Field` of the distances that `march` takes [cells].
-        ranges: shape (k,), float32 [m]; inf for no return, NaN for a beam to ignore.
-        geometry: `ScanGeometry` of these beams.
-        mixture: `BeamMixture`.
-        particles: shape (3, n), float32, x, y, heading [m, rad].
-        weights: shape (n,), float64, changed in place.
-
-    Returns:
-        The weighted mean of the factors.
+    `field` holds the distances that `march` takes [cells]; `ranges`, shape (k,), float32 [m], are inf for no return,
+    NaN for a beam to ignore, of the `ScanGeometry` `geometry`; `particles`, shape (3, n), are float32 [m, rad].
     """
     resolution, (corner_x, corner_y) = field.resolution, field.origin
     mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max

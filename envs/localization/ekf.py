@@ -12,51 +12,62 @@ import contextlib
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
+from numba import njit
 from scipy.stats import chi2
 
 from envs.geometry import Pose2D, wrap_angle
 
-from .ekf_kernels import STATE_SIZE, correct, innovation_of, predict
-from .measurements import KINDS, MEASURED, Measurement
+X, Y, THETA, V, W = range(5)
+"""Entries of the state: pose in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""
+STATE_SIZE = 5
+"""Number of entries of the state."""
+DRIFT = (0.001, 0.001, 0.0005)
+"""Standard deviations of position and heading after 1 s from sources other than the velocities [m, m, rad]."""
+MAX_STEP = 0.002
+"""Longest step of the prediction [s]."""
+MAX_STEPS = 5000
+"""Greatest number of steps of a prediction; after a long time without measurements they become longer."""
 
+Kind = Literal["map", "encoder", "compass"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Kinds of measurement."""
+MEASURED: dict[str, np.ndarray] = {
+    "map": np.array([X, Y, THETA]),
+    "encoder": np.array([V, W]),
+    "compass": np.array([THETA, W]),
+}
+"""Entries of the state that each kind measures: the rows of H in equations (5), (7) and (9)."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "unusable"]
-"""Outcome of a measurement; see `EkfParams`."""
+"""Outcome of a measurement; see `Ekf`."""
 
 
-@dataclass(frozen=True, slots=True)
-class EkfParams:
-    """Process noise and innovation gating."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """Measurement of a part of the state."""
 
-    acceleration: float = 0.3
-    """Root of the spectral density of forward acceleration [m/s2/sqrt(Hz)]: the speed's deviation after 1 s."""
-    angular_acceleration: float = 0.6
-    """Root of the spectral density of angular acceleration [rad/s2/sqrt(Hz)]."""
-    position_drift: float = 0.001
-    """Standard deviation of the position after 1 s from sources other than the speed, along either axis [m]."""
-    heading_drift: float = 0.0005
-    """Standard deviation of the heading after 1 s from sources other than the yaw rate [rad]."""
-    max_step: float = 0.002
-    """Longest step of the prediction [s]."""
-    horizon: float = 1.0
-    """How late a measurement may arrive [s]. Later ones are rejected, and counted as `too_old`."""
-    gate: float = 0.999
-    """Share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`."""
-    patience: float = 2.0
-    """Once all measurements of a kind have been gated for this long [s], the filter counts as diverged: it
-    inflates the covariance of what that kind measures and accepts the next one, which is counted as `recovered`."""
+    time: float
+    """When it was taken, by the clock that all measurements share [s]."""
+    kind: Kind
+    """Sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
+    values: np.ndarray
+    """Shape (k,), float64 [m, rad, m/s, rad/s]; with NaN or infinity in it the measurement is `unusable`."""
+    covariance: np.ndarray
+    """Shape (k, k), float64, of the values' errors; symmetric and positive definite."""
 
     def __post_init__(self) -> None:
-        for name in ("acceleration", "angular_acceleration", "position_drift", "heading_drift", "max_step"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)!r}")
-        for name in ("horizon", "patience"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
-        if not 0.0 < self.gate < 1.0:
-            raise ValueError(f"gate must lie in (0, 1), got {self.gate!r}")
+        if self.kind not in KINDS:
+            raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
+        size = len(MEASURED[self.kind])
+        if self.values.shape != (size,) or self.covariance.shape != (size, size):
+            raise ValueError(
+                f"a {self.kind} measurement has {size} values and a covariance of shape {(size, size)}, "
+                f"got shapes {self.values.shape} and {self.covariance.shape}"
+            )
+        if not math.isfinite(self.time):
+            raise ValueError(f"time of a measurement must be finite, got {self.time!r}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,12 +111,41 @@ class Ekf:
     again, so that the result equals that of measurements in order, to the last bit.
     """
 
-    def __init__(self, params: EkfParams = EkfParams()) -> None:
-        """Build a filter at the origin at time 0, with variances of one in SI units; see `reset`."""
-        self.params = params
-        drift, turn = params.position_drift, params.heading_drift
-        self._noise = np.square([drift, drift, turn, params.acceleration, params.angular_acceleration])
-        self._gates = {kind: float(chi2.ppf(params.gate, len(MEASURED[kind]))) for kind in KINDS}
+    def __init__(
+        self,
+        *,
+        acceleration: float = 0.3,
+        angular_acceleration: float = 0.6,
+        horizon: float = 1.0,
+        gate: float = 0.999,
+        patience: float = 2.0,
+    ) -> None:
+        """Build a filter at the origin at time 0, with variances of one in SI units; see `reset`.
+
+        Args:
+            acceleration: root of the spectral density of forward acceleration [m/s2/sqrt(Hz)]: the speed's deviation
+                after 1 s.
+            angular_acceleration: that of angular acceleration [rad/s2/sqrt(Hz)].
+            horizon: how late a measurement may arrive [s]. Later ones are rejected, and counted as `too_old`.
+            gate: share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`.
+            patience: once all measurements of a kind have been gated for this long [s], the filter counts as diverged:
+                it inflates the covariance of what that kind measures and accepts the next one, which is counted as
+                `recovered`.
+
+        Raises:
+            ValueError: an argument is out of range.
+        """
+        for name, value in (("acceleration", acceleration), ("angular_acceleration", angular_acceleration)):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be positive and finite, got {value!r}")
+        for name, value in (("horizon", horizon), ("patience", patience)):
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+        if not 0.0 < gate < 1.0:
+            raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
+        self._horizon, self._patience = horizon, patience
+        self._noise = np.square([*DRIFT, acceleration, angular_acceleration])
+        self._gates = {kind: float(chi2.ppf(gate, len(MEASURED[kind]))) for kind in KINDS}
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
@@ -145,7 +185,7 @@ class Ekf:
             self._counts[measurement.kind, "unusable"] += 1
             return "unusable"
         _require_covariance(measurement.covariance, len(measurement.values))
-        if measurement.time < max(self._moments[0].time, self.time - self.params.horizon):
+        if measurement.time < max(self._moments[0].time, self.time - self._horizon):
             self._counts[measurement.kind, "too_old"] += 1
             return "too_old"
         added = _Moment(measurement.time, measurement)
@@ -153,7 +193,11 @@ class Ekf:
         self._moments.insert(index, added)
         for k in range(index, len(self._moments)):
             self._apply(self._moments[k - 1], self._moments[k])
-        self._prune()
+        # But for the last one, from which late measurements are predicted, moments before the horizon are dropped.
+        oldest = self.time - self._horizon
+        keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
+        self._counts.update(_tally(self._moments[:keep]))
+        del self._moments[:keep]
         return added.verdict
 
     def estimate(self, time: float | None = None) -> Estimate:
@@ -176,7 +220,7 @@ class Ekf:
         """Return state and covariance at a time [s] that is not before a moment."""
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
-            predict(state, covariance, time - before.time, self._noise, self.params.max_step)
+            predict(state, covariance, time - before.time, self._noise, MAX_STEP)
         return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
@@ -185,11 +229,11 @@ class Ekf:
         assert measurement is not None
         kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
         state, covariance = self._predict(before, after.time)
-        innovation, spread, length = innovation_of(state, covariance, measured, measurement.values, noise)
+        innovation, spread, length = _innovation_of(state, covariance, measured, measurement.values, noise)
         after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
         if length > self._gates[kind]:
             since = after.gated_since.setdefault(kind, after.time)
-            if after.time - since < self.params.patience or after.time == since:
+            if after.time - since < self._patience or after.time == since:
                 after.verdict = "gated"
                 return
             # With a prior as uncertain as the innovation is large, the measurement decides.
@@ -199,14 +243,7 @@ class Ekf:
         else:
             after.verdict = "accepted"
         after.gated_since.pop(kind, None)
-        after.covariance = correct(state, covariance, measured, innovation, spread, noise)
-
-    def _prune(self) -> None:
-        """Drop moments before the horizon but for the last one, from which late measurements are predicted."""
-        oldest = self.time - self.params.horizon
-        keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
-        self._counts.update(_tally(self._moments[:keep]))
-        del self._moments[:keep]
+        after.covariance = _correct(state, covariance, measured, innovation, spread, noise)
 
 
 def _tally(moments: list[_Moment]) -> Counter[tuple[str, Verdict]]:
@@ -223,3 +260,65 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
     raise ValueError(
         f"covariance must be symmetric and positive definite, of shape {(size, size)}, got {covariance.tolist()}"
     )
+
+
+@njit(cache=True, error_model="numpy")
+def predict(state, covariance, duration, noise, max_step):
+    """Predict the state and its covariance in place: equations (2) and (3), and P = F P F^T + Q.
+
+    Takes a `duration` in steps of at most `max_step` [s]; `noise`, shape (5,), float64, are the spectral densities of
+    the process noise [unit^2/s].
+    """
+    num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
+    dt = duration / num_steps
+    for _ in range(num_steps):
+        c, s = math.cos(state[THETA]), math.sin(state[THETA])
+        turn_x, turn_y = -state[V] * dt * s, state[V] * dt * c
+        state[X] += state[V] * dt * c
+        state[Y] += state[V] * dt * s
+        state[THETA] += state[W] * dt
+        # F differs from the identity in five entries: first F P, row by row, then (F P) F^T, column by column.
+        for j in range(STATE_SIZE):
+            covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
+            covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]
+            covariance[THETA, j] += dt * covariance[W, j]
+        for i in range(STATE_SIZE):
+            covariance[i, X] += turn_x * covariance[i, THETA] + dt * c * covariance[i, V]
+            covariance[i, Y] += turn_y * covariance[i, THETA] + dt * s * covariance[i, V]
+            covariance[i, THETA] += dt * covariance[i, W]
+            covariance[i, i] += noise[i] * dt
+    state[THETA] = wrap_angle(state[THETA])
+
+
+@njit(cache=True, error_model="numpy")
+def _innovation_of(state, covariance, measured, values, noise):
+    """Return the innovation of the entries `measured`, its covariance S, and its normalised square (NIS).
+
+    The NIS is chi-square distributed if the filter is consistent.
+    """
+    size = measured.shape[0]
+    innovation, spread = np.empty(size), np.empty((size, size))
+    for i in range(size):
+        innovation[i] = values[i] - state[measured[i]]
+        if measured[i] == THETA:
+            innovation[i] = wrap_angle(innovation[i])
+        for j in range(size):
+            spread[i, j] = covariance[measured[i], measured[j]] + noise[i, j]
+    return innovation, spread, np.dot(innovation, np.linalg.solve(spread, innovation))
+
+
+@njit(cache=True, error_model="numpy")
+def _correct(state, covariance, measured, innovation, spread, noise):
+    """Update the state in place by a measurement; return the covariance, in Joseph's form."""
+    size = measured.shape[0]
+    rows = np.empty((size, STATE_SIZE))
+    for i in range(size):
+        rows[i] = covariance[measured[i]]
+    gain = np.ascontiguousarray(np.linalg.solve(spread, rows).T)
+    state += np.dot(gain, innovation)
+    state[THETA] = wrap_angle(state[THETA])
+    kept = np.eye(STATE_SIZE)
+    for i in range(size):
+        kept[:, measured[i]] -= gain[:, i]
+    corrected = kept @ covariance @ kept.T + gain @ noise @ gain.T
+    return 0.5 * (corrected + corrected.T)

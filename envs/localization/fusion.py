@@ -1,4 +1,4 @@
-"""Sensor fusion: one pose estimate from a localizer, wheel encoders and a compass."""
+"""Sensor fusion: readings of wheel encoders and compass as measurements, and one pose estimate from these and a map."""
 
 import math
 from collections import deque
@@ -6,14 +6,12 @@ from collections import deque
 import numpy as np
 
 from envs.estimation import ORIGIN, Belief
-from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
-from .ekf import Ekf, EkfParams, Estimate
-from .ekf_kernels import STATE_SIZE
-from .localizer import Localizer
-from .measurements import CompassMeter, Kind, Measurement, WheelMeter
+from .amcl import Amcl
+from .ekf import STATE_SIZE, Ekf, Estimate, Kind, Measurement
 
 FUSIONS: dict[str, tuple[Kind, ...]] = {
     "encoder": ("encoder",),
@@ -28,11 +26,13 @@ MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 MAP_STD = (0.025, 0.025, 0.003)
 """Standard deviations of x, y and heading [m, m, rad], added to those of the localizer's estimates, whose errors are
 correlated: where the map is 6 mm off, all of them are. With this much the filter is consistent (NEES)."""
+MIN_HEADING_STD = 1e-4
+"""Standard deviation of a perfect compass [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
     """Return a Kalman filter whose process noise is the greatest acceleration of a robot."""
-    return Ekf(EkfParams(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w))
+    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
@@ -44,10 +44,86 @@ def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
+def _elapsed(before: float, now: float, sensor: str) -> float:
+    if not now > before:
+        raise ValueError(f"time must go on between two {sensor} readings, got {now!r} s after {before!r} s")
+    return now - before
+
+
+class WheelMeter:
+    """Turns encoder counts into speed and yaw rate, with the wheel radius and track of the robot's controller.
+
+    Counts give the mean over the period since the last call, so the measurement's time is the middle of the period. Its
+    covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
+    """
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._metres_per_tick = robot.odometry.metres_per_tick
+        self._track = robot.odometry.track
+        self._slip_variance = robot.drive.slip_std**2
+
+    def reset(self, time: float, ticks: tuple[int, int]) -> None:
+        """Start from cumulative counts (left, right) at a time [s]."""
+        self._time, self._ticks = time, ticks
+
+    def update(self, time: float, ticks: tuple[int, int]) -> Measurement:
+        """Return speed and yaw rate since the last call, from cumulative counts (left, right) at a time [s].
+
+        Raises:
+            ValueError: no time has passed since the last call.
+        """
+        period = _elapsed(self._time, time, "encoder")
+        left, right = ((now - before) * self._metres_per_tick for now, before in zip(ticks, self._ticks))
+        self._time, self._ticks = time, ticks
+        quantisation = self._metres_per_tick**2 / 6.0
+        left_variance, right_variance = (quantisation + self._slip_variance * abs(rolled) for rolled in (left, right))
+        both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
+        track = self._track
+        return Measurement(
+            time - 0.5 * period,
+            "encoder",
+            np.array([0.5 * (left + right), (right - left) / track]) / period,
+            np.array([[0.25 * both, 0.5 * across / track], [0.5 * across / track, both / track**2]]),
+        )
+
+
+class CompassMeter:
+    """Turns compass readings into heading and yaw rate; the rate is the change of the heading since the last call."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        imu = robot.imu
+        # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
+        self._variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
+        self._max_w, self._max_acc_w = robot.max_w, robot.max_acc_w
+
+    def reset(self, time: float, north: float) -> None:
+        """Start at a time [s]; `north` is what the compass reads in the direction of the map's x axis [rad]."""
+        self._time, self._north = time, north
+        self._heading = math.nan
+
+    def update(self, time: float, reading: float) -> Measurement:
+        """Return heading in the map frame and yaw rate from a reading [rad] at a time [s]; NaN gives NaN.
+
+        Raises:
+            ValueError: no time has passed since the last call.
+        """
+        period = _elapsed(self._time, time, "compass")
+        heading = wrap_angle(reading - self._north)
+        rate = wrap_angle(heading - self._heading) / period
+        variance, lag = self._variance, 0.5 * self._max_acc_w * period
+        rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
+        if math.isnan(rate) and not math.isnan(heading):
+            rate, rate_variance, common = 0.0, self._max_w**2, 0.0
+        self._time, self._heading = time, heading
+        return Measurement(
+            time, "compass", np.array([heading, rate]), np.array([[variance, common], [common, rate_variance]])
+        )
+
+
 class FusedPose:
     """Estimates a robot's pose from its sensors."""
 
-    def __init__(self, robot: RobotParams, localizer: Localizer, fusion: str = "full", latency: float = 0.1) -> None:
+    def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
         """Fuse, by one of `FUSIONS`, a robot's sensors and a localizer whose estimates come `latency` [s] late.
 
         Raises:
@@ -82,21 +158,20 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a map; see `Estimator`. The first reading that follows is that of the start.
-
-        Raises:
-            ValueError: there is no map.
-        """
-        if map is None:
-            raise ValueError("localization needs a map")
+        """Start at rest on a map; see `Estimator` and `Amcl`. The first reading that follows is that of the start."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
         self._has_begun = False
         self._delayed.clear()
-        self.localizer.reset(map, pose, rng, covariance=np.diag(self._start[:3]))
-        self.belief = Belief(pose, map)
+        located = self.localizer.reset(rng, pose, map, np.diag(self._start[:3]))
+        self.belief = Belief(pose, located.grid)
         return self.belief
+
+    @property
+    def particles(self) -> np.ndarray:
+        """Particles of the localizer; see `Amcl`."""
+        return self.localizer.particles
 
     def _begin(self, reading: Reading) -> Belief:
         """Process the reading of the start."""
@@ -104,7 +179,7 @@ class FusedPose:
         covariance = np.diag(self._start)
         self._wheels.reset(reading.time, reading.ticks)
         self._compass.reset(reading.time, self.north)
-        self.localizer.update(reading.ranges, ORIGIN)
+        self.localizer.update(reading, ORIGIN)
         self.ekf.reset(self.belief.pose, covariance, time=reading.time)
         self.measurements = []
         self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, covariance)
@@ -114,12 +189,12 @@ class FusedPose:
         """Update by a reading; see `Estimator`."""
         if not self._has_begun:
             return self._begin(reading)
-        localized = self.localizer.update(reading.ranges, motion)
+        localized = self.localizer.update(reading, motion)
         wheels = self._wheels.update(reading.time, reading.ticks)
         self.measurements = [wheels]
         if self._has_compass:
             self.measurements.append(self._compass.update(reading.time, reading.heading))
-        if localized.is_corrected and not localized.is_lost:
+        if self.localizer.is_corrected and not localized.is_lost:
             covariance = localized.covariance + np.diag(np.square(MAP_STD))
             measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
             self._delayed.append((reading.time + self._latency, measurement))

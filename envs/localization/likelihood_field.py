@@ -12,14 +12,35 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.distance_transform import MAX_REACH, squared_distances
 from envs.geometry.lookup import load
 from envs.robots import LidarParams
+from envs.slam.scans import ScanGeometry, project_hits
 from envs.worlds.map_files import OCCUPIED_THRESH
 
-from .beams import Beams
 from .motion_model import cosine, sine
 from .params import AmclParams
 
 ONE = 65535
 """Greatest entry of a field, which are 16-bit so that more of it stays in the cache, and sums are exact."""
+
+
+class Beams:
+    """The beams of a scan that a sensor model uses."""
+
+    def __init__(self, params: AmclParams, lidar: LidarParams, resolution: float) -> None:
+        step = max(1, (lidar.num_beams - 1) // max(params.max_beams - 1, 1))
+        self._picked = slice(0, step * (params.max_beams - 1) + 1, step)
+        self.geometry = ScanGeometry.of(lidar, resolution)._replace(
+            directions=np.ascontiguousarray(lidar.directions[:, self._picked]),
+            range_max=float(min(params.max_range or math.inf, lidar.range_max)),
+        )
+
+    def pick(self, ranges: np.ndarray) -> np.ndarray:
+        """Return the readings of these beams, shape (k,), float32 [m]."""
+        return np.ascontiguousarray(ranges[self._picked])
+
+    def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
+        """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
+        points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
+        return points, project_hits(self.pick(ranges), self.geometry, points)
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
@@ -52,16 +73,10 @@ class Field(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sum_fields(field, points, num_points, particles, sums):
-    """Sum the field over the points as seen from every particle.
+    """Sum a `Field` over points, shape (2, >= num_points), base frame [cells], as seen from particles, into `sums`.
 
+    `particles`, shape (3, n), are float32, `sums`, shape (n,), int32. A particle outside the map sees no obstacle.
     Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
-
-    Args:
-        field: `Field`. A particle outside the map sees no obstacle.
-        points: shape (2, >= num_points), float32, in the base frame [cells].
-        num_points: number of points.
-        particles: shape (3, n), float32, x, y, heading [m, rad].
-        sums: shape (n,), int32, written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]
@@ -111,9 +126,8 @@ def multiply_by_sum(weights, sums, unit):
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply weights, shape (n,), float64, by the likelihoods whose logarithms are the sums, up to a factor.
 
-    Returns:
-        The weighted mean of the likelihoods' geometric means over the beams, if it is needed. The likelihoods
-        themselves would jump by powers of ten from one scan to the next.
+    Returns, if it is needed, the weighted mean of the likelihoods' geometric means over the beams: the likelihoods
+    themselves would jump by powers of ten from one scan to the next.
     """
     best = sums.max()
     mean = 0.0
@@ -171,10 +185,8 @@ class LikelihoodField:
 
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         distances = obstacle_distances(obstacles, resolution, params.max_distance)
-        entries = np.empty(distances.shape, dtype=np.uint16)
         # By rows: memory for whole fields would take most of the time on a large map.
-        for out, line in zip(entries, distances):
-            out[:] = entry(line)
+        entries = np.array([entry(row) for row in distances])
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
@@ -182,14 +194,10 @@ class LikelihoodField:
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan.
+        """Return the weighting function of a scan, shape (num_beams,), float32 [m]; None if no beam has hit anything.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-
-        Returns:
-            A function that multiplies the weights, shape (n,), float64, of particles, shape (3, n), float32, by
-            likelihoods up to a common factor, and returns their mean. None if no beam has hit anything.
+        It multiplies the weights, shape (n,), float64, of particles, shape (3, n), float32, by likelihoods up to a
+        common factor, and returns their mean.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:

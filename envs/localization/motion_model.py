@@ -1,8 +1,6 @@
-"""Odometry motion model: control in, sampler out."""
+"""Odometry motion model."""
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -67,26 +65,12 @@ def cosine(theta):
     return sine(t - _TURN if t > _PI else t)
 
 
-class NoisyMotion(NamedTuple):
-    """A motion as rotation [rad], translation [m], rotation [rad], with the standard deviations of their errors."""
-
-    rot1: float
-    trans: float
-    rot2: float
-    std_rot1: float
-    std_trans: float
-    std_rot2: float
-
-
 @njit(cache=True, error_model="numpy")
-def propagate(particles, motion, seed):
-    """Move every particle by a noisy copy of a motion, with a seed, uint64 (Thrun et al. 2005, table 5.6).
-
-    `particles`, shape (3, n), float32, x, y, heading [m, rad], are changed in place; `motion` is a `NoisyMotion`.
-    """
+def _move(particles, motion, stds, seed):
+    """Move particles by noisy copies of a rotation [rad], translation [m] and rotation [rad]; see `move_particles`."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
-    rot1, trans, rot2 = np.float32(motion.rot1), np.float32(motion.trans), np.float32(motion.rot2)
-    std1, std_trans, std2 = np.float32(motion.std_rot1), np.float32(motion.std_trans), np.float32(motion.std_rot2)
+    rot1, trans, rot2 = np.float32(motion[0]), np.float32(motion[1]), np.float32(motion[2])
+    std1, std_trans, std2 = np.float32(stds[0]), np.float32(stds[1]), np.float32(stds[2])
     count = np.uint64(xs.shape[0])
     for i in range(xs.shape[0]):
         k = np.uint64(i)
@@ -97,25 +81,23 @@ def propagate(particles, motion, seed):
         thetas[i] = wrap(heading + rot2 + std2 * normal(seed, k + count + count))
 
 
-def differential_drive(params: AmclParams, motion: Pose2D) -> Callable[[np.ndarray, np.random.Generator], None]:
-    """Return a sampler of the odometry motion model of a differential drive, as Nav2 computes it.
+def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
+    """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as Nav2 does.
 
-    It moves particles, shape (3, n), float32 [m, rad], in place by `motion`, the pose of the base now as odometry sees
-    it from the base before, with noise from a generator.
+    Args:
+        particles: shape (3, n), float32, x, y, heading [m, rad], changed in place.
+        motion: pose of the base now, as odometry sees it from the base before.
+        params: give the noise.
+        rng: source of the noise.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
     rot2 = wrap_angle(motion.theta - rot1)
     # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
     noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
-    noisy = NoisyMotion(
-        *(rot1, trans, rot2),
-        std_rot1=math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2),
-        std_trans=math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),
-        std_rot2=math.sqrt(params.alpha1 * noise2**2 + params.alpha2 * trans**2),
+    stds = (
+        math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2),
+        math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),
+        math.sqrt(params.alpha1 * noise2**2 + params.alpha2 * trans**2),
     )
-
-    def sample(particles: np.ndarray, rng: np.random.Generator) -> None:
-        propagate(particles, noisy, rng.integers(1 << 64, dtype=np.uint64))
-
-    return sample
+    _move(particles, (rot1, trans, rot2), stds, rng.integers(1 << 64, dtype=np.uint64))

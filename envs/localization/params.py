@@ -1,7 +1,6 @@
 """Parameters of AMCL, and their presets."""
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -112,6 +111,11 @@ class AmclParams:
             raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
 
     @property
+    def kld_limits(self) -> tuple[int, float, float]:
+        """Least number of particles, `kld_err` and `kld_z`."""
+        return self.min_particles, self.kld_err, self.kld_z
+
+    @property
     def most_particles(self) -> int:
         """Greatest number of particles at any time, with those of global localization."""
         return max(self.max_particles, self.global_particles or 0)
@@ -157,7 +161,4 @@ def load_preset(preset: str | AmclParams) -> AmclParams:
     Raises:
         ValueError: for an unknown name.
     """
-    if preset == "seed2":
-        warnings.warn("AMCL's preset 'seed2' is now called 'turtlebot3'", DeprecationWarning, stacklevel=2)
-        preset = "turtlebot3"
     return resolve(preset, PRESETS, "AMCL preset")

@@ -1,7 +1,6 @@
 """KLD-sampling: resampling by weight, with as many particles as the spread of the cloud needs."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,25 +41,8 @@ def cumulate(weights, cumulated, guide):
     guide[slot:] = n - 1
 
 
-class KldParams(NamedTuple):
-    """How many particles to draw: `min_particles`, `kld_err` and `kld_z` of `AmclParams`."""
-
-    min_particles: int
-    error: float
-    quantile: float
-
-
-class Injection(NamedTuple):
-    """Random particles to mix in."""
-
-    particles: np.ndarray
-    """Shape (3, f), float32, f >= `share` * m + 1 for at most m drawn particles."""
-    share: float
-    """Their share among the drawn particles, 0 to 1."""
-
-
 @njit(cache=True, error_model="numpy")
-def resample(particles, weights, bins, injection, start, kld, seen, drawn):
+def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until there are as many as the bins that they fall into need.
 
     Systematic resampling takes every n-th part of the sum of weights in order, so n must be known and one cannot stop
@@ -70,9 +52,11 @@ def resample(particles, weights, bins, injection, start, kld, seen, drawn):
         particles: shape (3, n), float32 [m, rad].
         weights: shape (n,), float64, with the sum 1.
         bins: shape (n,), int32, the particles' bins.
-        injection: `Injection`; each of its particles counts as a bin.
         start: position of the first draw in the cumulated weights, 0 to 1.
-        kld: `KldParams`.
+        kld: `AmclParams.kld_limits`.
+        injected: shape (3, f), float32, random particles to mix in, each of which counts as a bin; f >= `share` * m +
+            1.
+        share: of these among the drawn particles, 0 to 1.
         seen: shape (num_bins,), bool, all False; scratch.
         drawn: shape (3, m), float32, written.
 
@@ -82,12 +66,12 @@ def resample(particles, weights, bins, injection, start, kld, seen, drawn):
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)
     cumulate(weights, cumulated, guide)
-    needed = float(kld.min_particles)
-    share = injection.share
+    min_particles, error, quantile = kld
+    needed = float(min_particles)
     num_bins = num_injected = count = 0
     while count < drawn.shape[1] and count < needed:
         if share > 0.0 and math.floor((count + 1) * share + start) > math.floor(count * share + start):
-            drawn[:, count] = injection.particles[:, num_injected]
+            drawn[:, count] = injected[:, num_injected]
             num_injected += 1
             is_new = True
         else:
@@ -102,7 +86,7 @@ def resample(particles, weights, bins, injection, start, kld, seen, drawn):
         count += 1
         if is_new:
             num_bins += 1
-            needed = max(needed, particles_needed(num_bins, kld.error, kld.quantile))
+            needed = max(needed, particles_needed(num_bins, error, quantile))
     for i in range(n):
         seen[bins[i]] = False
     return count

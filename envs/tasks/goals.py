@@ -1,14 +1,16 @@
 """The known map, the localizer, goals and the true distance to them."""
 
 import math
+from typing import Any
 
 import numpy as np
 
-from envs.estimation import ORIGIN
+from envs.estimation import ORIGIN, Belief, Estimator
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.localization import Amcl, AmclParams, Localizer, PoseEstimate, load_preset
+from envs.localization import Amcl, AmclParams, load_preset
 from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
 from envs.robots import LidarParams
+from envs.simulation import Reading
 from envs.worlds import ExplorableArea
 
 LOCALIZERS = ("amcl", "odometry", "truth")
@@ -18,39 +20,35 @@ MIN_DISTANCE = 1.0
 
 
 class DeadReckoning:
-    """A `Localizer` that adds up motions and looks at no scan."""
+    """An `Estimator` on a known map that adds up motions and looks at no scan."""
 
-    def __init__(self) -> None:
-        self._move_to(ORIGIN)
-
-    def _move_to(self, pose: Pose2D) -> PoseEstimate:
-        nothing = np.zeros((3, 3))
-        self.estimate = PoseEstimate(pose, nothing, 1.0, pose, nothing, math.nan, is_lost=False, is_corrected=False)
-        return self.estimate
+    uses_first_scan = False
+    belief: Belief
 
     def reset(
         self,
-        occupancy: OccupancyGrid,
-        pose: Pose2D | None,
         rng: np.random.Generator,
-        *,
+        pose: Pose2D | None = ORIGIN,
+        map: Any = None,
         covariance: np.ndarray | None = None,
-    ) -> PoseEstimate:
-        """Start at a pose; see `Localizer`.
+    ) -> Belief:
+        """Start at a pose; see `Estimator`.
 
         Raises:
             ValueError: if there is none: motions alone cannot tell where the robot is.
         """
         if pose is None:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
-        return self._move_to(pose)
+        self.belief = Belief(pose, map)
+        return self.belief
 
-    def update(self, ranges: np.ndarray, motion: Pose2D) -> PoseEstimate:
-        """Follow a motion; see `Localizer`."""
-        return self._move_to(self.estimate.pose.compose(motion))
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Follow a motion; see `Estimator`."""
+        self.belief.pose = self.belief.pose.compose(motion)
+        return self.belief
 
 
-def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Localizer:
+def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
     """Build a localizer, one of `LOCALIZERS`, with a preset of AMCL.
 
     Raises:

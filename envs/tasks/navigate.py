@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from envs.arguments import check_positive, is_pose
+from envs.estimation import Estimator
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
-from envs.localization.localizer import KnownMapEstimator
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
@@ -145,9 +145,9 @@ class Navigate(WorldTask):
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
-    def make_estimator(self) -> KnownMapEstimator:
+    def make_estimator(self) -> Estimator:
         """Return the localizer on the known map; see `Task`."""
-        return KnownMapEstimator(make_localizer(self.localizer, self.robot.lidar, self.amcl))
+        return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "pose_uncertainty"; see `Task`."""

@@ -10,9 +10,8 @@ from benchmarks.ekf_rectangle import __main__ as experiment
 from benchmarks.ekf_rectangle.drive import PAPER, Drive, measure, nees_bounds, run_drive
 from benchmarks.ekf_rectangle.faults import FAULTS, FaultyChannel
 from envs.geometry import Pose2D
-from envs.localization.ekf import Ekf
+from envs.localization.ekf import Ekf, Measurement
 from envs.localization.fusion import FUSIONS, start_covariance
-from envs.localization.measurements import Measurement
 
 STEPS = 60
 

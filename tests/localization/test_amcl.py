@@ -12,6 +12,7 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset
 from envs.robots import LidarParams
+from envs.simulation import Reading
 from envs.worlds import World, rasterize
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
@@ -32,6 +33,10 @@ def _scan(pose, segments=SEGMENTS, circles=CIRCLES):
     return ranges
 
 
+def _reading(pose, **kwargs):
+    return Reading.of_scan(_scan(pose, **kwargs))
+
+
 START = Pose2D(1.5, 1.0, 0.2)
 
 
@@ -50,7 +55,7 @@ def _circle(steps=100, start=START):
 def _follow(amcl, steps=100, **kwargs):
     errors = []
     for pose, motion in _circle(steps):
-        estimate = amcl.update(_scan(pose, **kwargs), motion)
+        estimate = amcl.update(_reading(pose, **kwargs), motion)
         off = estimate.pose.between(pose)
         errors.append((math.hypot(off.x, off.y), abs(off.theta)))
     return np.array(errors), estimate
@@ -66,8 +71,8 @@ def test_a_posterior_known_by_hand():
     amcl = Amcl(lidar, AmclParams(min_particles=20_000, max_particles=20_000, **flags))
     prior_std = 0.4
     covariance = np.diag([prior_std**2, 1e-8, 1e-10])
-    amcl.reset(grid, Pose2D(2.85, 1.05, 0.0), np.random.default_rng(3), covariance=covariance)
-    estimate = amcl.update(np.full(3, 2.0, dtype=np.float32), Pose2D(0.0, 0.0, 0.0))
+    amcl.reset(np.random.default_rng(3), Pose2D(2.85, 1.05, 0.0), grid, covariance)
+    amcl.update(Reading.of_scan(np.full(3, 2.0, dtype=np.float32)), Pose2D(0.0, 0.0, 0.0))
     x = np.linspace(1.0, 4.8, 4001)
     ends = np.floor((x + 2.0) / 0.1)
     distance = np.minimum(0.1 * np.abs(ends - 50), 1.5)
@@ -75,20 +80,21 @@ def test_a_posterior_known_by_hand():
     posterior = np.exp(-0.5 * ((x - 2.85) / prior_std) ** 2) * pz**3
     posterior /= posterior.sum()
     mean = (posterior * x).sum()
-    assert estimate.mean.x == pytest.approx(mean, abs=0.01)
-    assert estimate.mean_covariance[0, 0] == pytest.approx((posterior * (x - mean) ** 2).sum(), rel=0.06)
+    x_drawn = amcl.particles[:, 0]
+    assert x_drawn.mean() == pytest.approx(mean, abs=0.01)
+    assert x_drawn.var() == pytest.approx((posterior * (x - mean) ** 2).sum(), rel=0.06)
     assert abs(mean - 2.85) > 0.1  # the scan has something to say
 
 
 @pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
 def test_tracking(sensor):
     amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=1000, max_beams=30))
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(0), covariance=SURE)
+    amcl.reset(np.random.default_rng(0), START, MAP, SURE)
     errors, estimate = _follow(amcl)
     rms = np.sqrt(np.mean(errors**2, axis=0))
     assert rms[0] < (0.15 if sensor == "likelihood_field" else 0.05)
     assert rms[1] < (0.1 if sensor == "likelihood_field" else 0.03)
-    assert estimate.fit > 0.9
+    assert amcl.fit > 0.9
     assert estimate.is_lost is False
     assert np.linalg.eigvalsh(estimate.covariance)[0] >= 0
     assert amcl.particles.shape == (amcl.num_particles, 3)
@@ -97,16 +103,16 @@ def test_tracking(sensor):
 
 def test_global_localization_and_the_cloud_shrinks():
     amcl = Amcl(LIDAR, PARAMS)
-    first = amcl.reset(MAP, None, np.random.default_rng(1))
+    first = amcl.reset(np.random.default_rng(1), None, MAP)
     assert first.is_lost
     assert amcl.num_particles == 20_000
-    assert math.isnan(first.fit)
+    assert math.isnan(amcl.fit)
     free = MAP.data[tuple(MAP.cells(amcl.particles[:, :2]).T)] == 0
     assert free.mean() > 0.999  # single precision may put one on the border of its cell
     errors, estimate = _follow(amcl)
     assert errors[-1, 0] < 0.1
     assert not estimate.is_lost
-    assert estimate.weight > 0.95
+    assert amcl.cluster_weight > 0.95
     assert amcl.num_particles < 1000
 
 
@@ -120,12 +126,12 @@ def test_global_localization_and_the_cloud_shrinks():
 )
 def test_a_kidnapped_robot_relocalizes(changes):
     amcl = Amcl(LIDAR, replace(PARAMS, **changes))
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(2), covariance=SURE)
+    amcl.reset(np.random.default_rng(2), START, MAP, SURE)
     _, estimate = _follow(amcl, 60)
     assert not estimate.is_lost
     was_lost = []
     for pose, motion in _circle(250, Pose2D(5.2, 0.8, 0.3)):
-        estimate = amcl.update(_scan(pose), motion)
+        estimate = amcl.update(_reading(pose), motion)
         was_lost.append(estimate.is_lost)
     off = estimate.pose.between(pose)
     assert any(was_lost[:60])
@@ -135,10 +141,10 @@ def test_a_kidnapped_robot_relocalizes(changes):
 
 def test_without_recovery_it_stays_lost_and_says_so():
     amcl = Amcl(LIDAR, replace(PARAMS, relocalize=False))
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(2), covariance=SURE)
+    amcl.reset(np.random.default_rng(2), START, MAP, SURE)
     _follow(amcl, 60)
     for pose, motion in _circle(60, Pose2D(5.2, 0.8, 2.3)):
-        estimate = amcl.update(_scan(pose), motion)
+        estimate = amcl.update(_reading(pose), motion)
     assert math.hypot(*estimate.pose.between(pose)[:2]) > 0.5
     assert estimate.is_lost
 
@@ -151,38 +157,37 @@ def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
     zigzag = np.ascontiguousarray(np.vstack([low, high, SEGMENTS]))
     for relocalize in (False, True):
         for segments, expected in ((zigzag, True), (SEGMENTS, False)):
-            for start in (Pose2D(1.5, 1.0, 0.2), None):
+            for start in (START, None):
                 amcl = Amcl(LIDAR, replace(PARAMS, relocalize=relocalize, lost_distance=0.1))
-                amcl.reset(MAP, start, np.random.default_rng(4), covariance=SURE)
+                amcl.reset(np.random.default_rng(4), start, MAP, SURE)
                 _, estimate = _follow(amcl, segments=segments)
-                assert estimate.is_lost is expected, (relocalize, start, estimate.fit)
+                assert estimate.is_lost is expected, (relocalize, start, amcl.fit)
 
 
 def test_a_robot_that_stands_still_only_follows_odometry():
     amcl = Amcl(LIDAR, replace(PARAMS, update_min_d=0.2, update_min_a=0.2))
-    start = Pose2D(1.5, 1.0, 0.2)
-    amcl.reset(MAP, start, np.random.default_rng(5), covariance=SURE)
-    first = amcl.update(_scan(start), Pose2D(0.0, 0.0, 0.0))
-    assert first.is_corrected
-    cloud = amcl.particles
-    second = amcl.update(_scan(start), Pose2D(0.1, 0.0, 0.1))
-    assert not second.is_corrected
-    np.testing.assert_allclose(second.pose, first.pose.compose(Pose2D(0.1, 0.0, 0.1)))
-    np.testing.assert_array_equal(amcl.particles, cloud)
-    third = amcl.update(_scan(start), Pose2D(0.15, 0.0, 0.0))
-    assert third.is_corrected
-    assert third is amcl.estimate
-    assert first.pose != third.pose  # what was returned before is not overwritten
+    amcl.reset(np.random.default_rng(5), START, MAP, SURE)
+    poses, clouds = [], []
+    for motion, is_corrected in (
+        (Pose2D(0.0, 0.0, 0.0), True),
+        (Pose2D(0.1, 0.0, 0.1), False),
+        (Pose2D(0.15, 0.0, 0.0), True),
+    ):
+        poses.append(amcl.update(_reading(START), motion).pose)
+        clouds.append(amcl.particles.tobytes())
+        assert amcl.is_corrected is is_corrected
+    np.testing.assert_allclose(poses[1], poses[0].compose(Pose2D(0.1, 0.0, 0.1)))
+    assert clouds[0] == clouds[1] != clouds[2]
 
 
 def test_resample_interval_keeps_weights_in_between():
     amcl = Amcl(LIDAR, replace(PARAMS, resample_interval=3))
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(5), covariance=SURE)
+    amcl.reset(np.random.default_rng(5), START, MAP, SURE)
     resampled = []
     for pose, motion in _circle(40):
-        if amcl.update(_scan(pose), motion).is_corrected:
-            weights = amcl.weights
-            resampled.append(bool(np.ptp(weights) < 1e-12))
+        amcl.update(_reading(pose), motion)
+        if amcl.is_corrected:
+            resampled.append(bool(np.ptp(amcl.weights) < 1e-12))
     assert resampled[:9] == [False, False, True] * 3
 
 
@@ -190,9 +195,9 @@ def test_same_seed_same_bytes():
     clouds = []
     for seed in (7, 7, 8):
         amcl = Amcl(LIDAR, PARAMS)
-        amcl.reset(MAP, None, np.random.default_rng(seed))
+        amcl.reset(np.random.default_rng(seed), None, MAP)
         _follow(amcl, 20)
-        clouds.append((amcl.particles.tobytes(), tuple(amcl.estimate.pose)))
+        clouds.append((amcl.particles.tobytes(), tuple(amcl.belief.pose)))
     assert clouds[0] == clouds[1]
     assert clouds[0] != clouds[2]
 
@@ -200,70 +205,76 @@ def test_same_seed_same_bytes():
 @pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
 def test_beams_that_say_nothing(sensor):
     amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=600))
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.2), np.random.default_rng(6), covariance=SURE)
+    amcl.reset(np.random.default_rng(6), START, MAP, SURE)
     nothing = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
-    estimate = amcl.update(nothing, Pose2D(0.0, 0.0, 0.0))
+    estimate = amcl.update(Reading.of_scan(nothing), Pose2D(0.0, 0.0, 0.0))
     spread = estimate.covariance[0, 0]
-    estimate = amcl.update(nothing, Pose2D(0.5, 0.0, 0.0))
+    estimate = amcl.update(Reading.of_scan(nothing), Pose2D(0.5, 0.0, 0.0))
     assert estimate.pose.x == pytest.approx(1.5 + 0.5 * math.cos(0.2), abs=0.03)
     assert estimate.covariance[0, 0] > spread  # nothing but noise has come in
-    assert math.isnan(estimate.fit)
-    scan = _scan(Pose2D(1.5, 1.0, 0.2).compose(Pose2D(0.7, 0.0, 0.0)))
+    assert math.isnan(amcl.fit)
+    scan = _scan(START.compose(Pose2D(0.7, 0.0, 0.0)))
     scan[::3] = np.nan
     scan[1::3] = np.inf if sensor != "beam" else np.nan
-    estimate = amcl.update(scan, Pose2D(0.2, 0.0, 0.0))
+    estimate = amcl.update(Reading.of_scan(scan), Pose2D(0.2, 0.0, 0.0))
     assert np.isfinite(estimate.covariance).all()
     assert estimate.covariance[0, 0] < 0.1
     assert np.isfinite(amcl.weights).all()
 
 
+@pytest.mark.parametrize(
+    ("pose", "covariance", "complaint"),
+    [
+        (Pose2D(50.0, 0.0, 0.0), None, r"outside the map, which covers \("),
+        (Pose2D(2.0, 3.5, 0.0), None, "100 % occupied, not free"),
+        (Pose2D(3.0, 1.0, 0.0), None, "unknown, not free"),
+        (Pose2D(math.nan, 0.0, 0.0), None, "must be finite"),
+        (START, np.eye(2), "covariance must be"),
+        (START, np.diag([1.0, -1.0, 1.0]), "covariance must be"),
+        (START, np.full((3, 3), math.nan), "covariance must be"),
+    ],
+)
+def test_starts_that_cannot_be_are_refused(pose, covariance, complaint):
+    grid = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
+    grid.data[20:22, 50:70] = -1
+    with pytest.raises(ValueError, match=complaint):
+        Amcl(LIDAR, PARAMS).reset(np.random.default_rng(0), pose, grid, covariance)
+
+
 def test_bad_input():
-    amcl = Amcl(LIDAR, PARAMS)
-    rng = np.random.default_rng(0)
-    scan, still = np.ones(LIDAR.num_beams, dtype=np.float32), Pose2D(0.0, 0.0, 0.0)
+    amcl, rng, still = Amcl(LIDAR, PARAMS), np.random.default_rng(0), Pose2D(0.0, 0.0, 0.0)
+    scan = np.ones(LIDAR.num_beams, dtype=np.float32)
     with pytest.raises(RuntimeError, match="call reset first"):
-        amcl.update(scan, still)
-    full = OccupancyGrid(np.full((10, 10), 100, dtype=np.int8), 0.05, (0.0, 0.0))
+        amcl.update(Reading.of_scan(scan), still)
+    with pytest.raises(ValueError, match="needs a map"):
+        amcl.reset(rng)
     with pytest.raises(ValueError, match="no free cell"):
-        amcl.reset(full, None, rng)
-    with pytest.raises(ValueError, match=r"outside the map, which covers \("):
-        amcl.reset(MAP, Pose2D(50.0, 0.0, 0.0), rng)
-    with pytest.raises(ValueError, match="100 % occupied, not free"):
-        amcl.reset(MAP, Pose2D(2.0, 3.5, 0.0), rng)
-    with pytest.raises(ValueError, match="must be finite"):
-        amcl.reset(MAP, Pose2D(math.nan, 0.0, 0.0), rng)
-    unknown = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
-    unknown.data[20:22] = -1
-    with pytest.raises(ValueError, match="unknown, not free"):
-        amcl.reset(unknown, Pose2D(3.0, 1.0, 0.0), rng)
-    for covariance in (np.eye(2), np.diag([1.0, -1.0, 1.0]), np.full((3, 3), math.nan)):
-        with pytest.raises(ValueError, match="covariance must be"):
-            amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), rng, covariance=covariance)
-    amcl.reset(MAP, None, rng)
+        amcl.reset(rng, None, OccupancyGrid(np.full((10, 10), 100, dtype=np.int8), 0.05, (0.0, 0.0)))
+    amcl.reset(rng, None, MAP)
     with pytest.raises(ValueError, match="180"):
-        amcl.update(scan[:-1], still)
+        amcl.update(Reading.of_scan(scan[:-1]), still)
     with pytest.raises(ValueError, match="finite"):
-        amcl.update(scan, Pose2D(math.inf, 0.0, 0.0))
+        amcl.update(Reading.of_scan(scan), Pose2D(math.inf, 0.0, 0.0))
 
 
 def test_a_covariance_turns_the_cloud():
     amcl = Amcl(LIDAR, replace(PARAMS, max_particles=50_000))
     covariance = np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.02]])
-    estimate = amcl.reset(MAP, Pose2D(1.5, 1.0, 3.1), np.random.default_rng(0), covariance=covariance)
+    estimate = amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 3.1), MAP, covariance)
     np.testing.assert_allclose(estimate.covariance, covariance, atol=2e-3)
     assert math.cos(estimate.pose.theta - 3.1) > 0.9999
-    default = amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
-    np.testing.assert_allclose(np.sqrt(np.diag(default.mean_covariance)), [0.5, 0.5, math.radians(15)], rtol=0.03)
+    amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), MAP)
+    np.testing.assert_allclose(np.sqrt(np.cov(amcl.particles.T).diagonal()), [0.5, 0.5, math.radians(15)], rtol=0.03)
 
 
 def test_a_changed_map_is_noticed():
     amcl = Amcl(LIDAR, PARAMS)
-    amcl.reset(MAP, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
+    amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), MAP)
     changed = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
     changed.data[10:40, 20:50] = 100
     with pytest.raises(ValueError, match="occupied"):
-        amcl.reset(changed, Pose2D(1.5, 1.0, 0.0), np.random.default_rng(0))
-    amcl.reset(changed, None, np.random.default_rng(0))
+        amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), changed)
+    amcl.reset(np.random.default_rng(0), None, changed)
     cells = changed.cells(amcl.particles[:, :2])
     assert (changed.data[tuple(cells.T)] == 0).mean() > 0.999
 
@@ -292,8 +303,6 @@ def test_params_refuse_nonsense(change, complaint):
 def test_presets():
     assert load_preset("nav2") == AmclParams()
     assert load_preset("turtlebot3").max_beams == 180
-    with pytest.warns(DeprecationWarning, match="turtlebot3"):
-        assert load_preset("seed2") is load_preset("turtlebot3")
     assert load_preset(PARAMS) is PARAMS
     with pytest.raises(ValueError, match=r"unknown AMCL preset 'ros'.*nav2"):
         load_preset("ros")
@@ -317,11 +326,11 @@ def test_localizers_share_what_they_compute_from_equal_maps():
     for cells in (data, data.copy(), np.roll(data, 8, axis=1)):
         localizers.append(Amcl(lidar, params))
         before = tracemalloc.get_traced_memory()[0]
-        localizers[-1].reset(OccupancyGrid(cells, 0.05 / 8, MAP.origin), START, np.random.default_rng(0))
+        localizers[-1].reset(np.random.default_rng(0), START, OccupancyGrid(cells, 0.05 / 8, MAP.origin))
         retained.append(tracemalloc.get_traced_memory()[0] - before)
         for pose, motion in _circle(8):
-            localizers[-1].update(_scan(pose), motion)
-        poses.append(localizers[-1].estimate.pose)
+            localizers[-1].update(_reading(pose), motion)
+        poses.append(localizers[-1].belief.pose)
     tracemalloc.stop()
     assert retained[1] < 0.1 * min(retained[0], retained[2])
     assert poses[0] == poses[1] != poses[2]

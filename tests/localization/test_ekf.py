@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import Ekf, EkfParams
-from envs.localization.ekf_kernels import predict
-from envs.localization.measurements import KINDS, MEASURED, Measurement
+from envs.localization.ekf import DRIFT, KINDS, MEASURED, Ekf, Measurement, predict
 
+SPREAD = np.array([*DRIFT, 0.3, 0.6])
+"""Square roots of the densities of the process noise."""
 NOISE = {
     "map": np.diag([0.02, 0.02, 0.01]) ** 2,
     "encoder": np.diag([0.02, 0.04]) ** 2,
@@ -26,12 +26,9 @@ def measure(time, kind, *values):
     return Measurement(time, kind, np.array(values, dtype=float), NOISE[kind])
 
 
-DEFAULTS = EkfParams()
-
-
-def started(params=DEFAULTS, pose=ORIGIN, **velocity):
-    ekf = Ekf(params)
-    ekf.reset(pose, START, **velocity)
+def started(pose=ORIGIN, v=0.0, w=0.0, **params):
+    ekf = Ekf(**params)
+    ekf.reset(pose, START, v=v, w=w)
     return ekf
 
 
@@ -86,11 +83,7 @@ def test_prediction_is_equations_2_and_3():
 
 def test_a_run_of_measurements_equals_the_textbook():
     rng = np.random.default_rng(1)
-    params = EkfParams(gate=1.0 - 1e-15)
-    ekf = started(params, v=0.5)
-    noise = np.square(
-        [params.position_drift] * 2 + [params.heading_drift, params.acceleration, params.angular_acceleration]
-    )
+    ekf, noise = started(v=0.5, gate=1.0 - 1e-15), np.square(SPREAD)
     state, covariance, time = np.array([0.0, 0.0, 0.0, 0.5, 0.0]), START.copy(), 0.0
     for _ in range(60):
         kind, dt = KINDS[rng.integers(3)], 0.002 * rng.integers(1, 40)
@@ -105,7 +98,7 @@ def test_a_run_of_measurements_equals_the_textbook():
 
 
 def test_dead_reckoning_follows_a_circle():
-    ekf = started(EkfParams(acceleration=1e-3, angular_acceleration=1e-3), v=0.8, w=0.8)
+    ekf = started(v=0.8, w=0.8, acceleration=1e-3, angular_acceleration=1e-3)
     quarter = ekf.estimate(math.pi / 2 / 0.8).pose
     assert quarter == pytest.approx((1.0, 1.0, math.pi / 2), abs=2e-3)
 
@@ -157,7 +150,7 @@ def test_late_measurements_change_nothing():
 
 
 def test_too_late_ones_are_refused_and_counted():
-    ekf = started(EkfParams(horizon=0.5))
+    ekf = started(horizon=0.5)
     ekf.add(measure(2.0, "encoder", 0.0, 0.0))
     before = ekf.estimate()
     assert ekf.add(measure(1.4, "map", 5.0, 5.0, 1.0)) == "too_old"
@@ -206,7 +199,7 @@ def test_an_outlier_is_stopped():
 
 
 def test_the_filter_recovers_from_a_kidnapped_robot():
-    ekf = started(EkfParams(patience=2.0))
+    ekf = started(patience=2.0)
     verdicts = []
     for k in range(1, 60):
         time = 0.1 * k
@@ -228,21 +221,17 @@ def test_single_outliers_far_apart_never_pass_for_a_recovery():
 def test_errors_are_as_large_as_the_filter_says():
     """NEES of 60 runs whose noise is the model's: its mean lies within the chi-square bounds."""
     runs, steps, dt = 50, 70, 1 / 17
-    params = EkfParams(gate=1.0 - 1e-12)
-    scale = np.array(
-        [params.position_drift] * 2 + [params.heading_drift, params.acceleration, params.angular_acceleration]
-    )
     nees = np.empty((runs, steps))
     for run in range(runs):
         rng = np.random.default_rng(run)
         truth = rng.multivariate_normal(np.array([0.0, 0.0, 0.0, 0.6, 0.2]), START)
-        ekf = started(params, v=0.6, w=0.2)
+        ekf = started(v=0.6, w=0.2, gate=1.0 - 1e-12)
         for k in range(steps):
             for _ in range(10):
                 x, y, theta, v, w = truth
                 h = dt / 10
                 truth = np.array([x + v * h * math.cos(theta), y + v * h * math.sin(theta), theta + w * h, v, w])
-                truth += math.sqrt(h) * scale * rng.normal(size=5)
+                truth += math.sqrt(h) * SPREAD * rng.normal(size=5)
             for kind, every in (("encoder", 1), ("compass", 2), ("map", 5)):
                 if k % every == 0:
                     error = rng.multivariate_normal(np.zeros(len(NOISE[kind])), NOISE[kind])
@@ -271,7 +260,7 @@ measurements = st.tuples(
 @given(st.lists(measurements, max_size=25), st.floats(0.5, 1.0 - 1e-9), st.floats(0.0, 2.0))
 @settings(deadline=None, max_examples=150)
 def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patience):
-    ekf = started(EkfParams(gate=gate, patience=patience))
+    ekf = started(gate=gate, patience=patience)
     for delay, kind, values, spreads, correlation in sequence:
         size = len(MEASURED[kind])
         noise = np.diag(np.square(spreads[:size]))
@@ -291,7 +280,7 @@ def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patien
 )
 def test_bad_params_are_named(params, culprit):
     with pytest.raises(ValueError, match=culprit):
-        EkfParams(**params)
+        Ekf(**params)
 
 
 def test_bad_measurements_are_named():

@@ -6,7 +6,7 @@ from numba import njit
 
 from envs.geometry import Pose2D
 from envs.localization import AmclParams
-from envs.localization.motion_model import cosine, differential_drive, normal, sine, wrap
+from envs.localization.motion_model import cosine, move_particles, normal, sine, wrap
 
 
 @njit
@@ -50,7 +50,7 @@ def test_without_noise_particles_move_as_odometry_does():
     for motion in (Pose2D(0.3, 0.1, 0.4), Pose2D(-0.3, 0.05, -0.2), Pose2D(0.001, 0.0, 2.0), Pose2D(0.0, 0.0, -3.0)):
         poses = rng.uniform(-3, 3, (3, 50))
         particles = poses.astype(np.float32)
-        differential_drive(params, motion)(particles, rng)
+        move_particles(particles, motion, params, rng)
         expected = np.array([Pose2D(*pose).compose(motion) for pose in poses.T.tolist()]).T
         np.testing.assert_allclose(particles[:2], expected[:2], atol=2e-3)  # a motion under 1 cm has no direction
         np.testing.assert_allclose(np.cos(particles[2]), np.cos(expected[2]), atol=1e-5)
@@ -64,7 +64,7 @@ def test_spread_follows_the_alphas(backwards):
     sign = -1.0 if backwards else 1.0
     motion = Pose2D(sign * distance * math.cos(turn), sign * distance * math.sin(turn), turn)
     particles = np.zeros((3, 200_000), dtype=np.float32)
-    differential_drive(params, motion)(particles, np.random.default_rng(3))
+    move_particles(particles, motion, params, np.random.default_rng(3))
     theta_variance = 0.04 * turn**2 + 0.01 * distance**2 + 0.01 * distance**2
     distance_variance = 0.09 * distance**2 + 0.02 * turn**2
     assert particles[2].std() == pytest.approx(math.sqrt(theta_variance), rel=0.02)
@@ -75,7 +75,7 @@ def test_same_seed_same_bytes():
     clouds = []
     for seed in (5, 5, 6):
         particles = np.zeros((3, 100), dtype=np.float32)
-        differential_drive(AmclParams(), Pose2D(0.5, 0.0, 0.1))(particles, np.random.default_rng(seed))
+        move_particles(particles, Pose2D(0.5, 0.0, 0.1), AmclParams(), np.random.default_rng(seed))
         clouds.append(particles)
     assert clouds[0].tobytes() == clouds[1].tobytes()
     assert clouds[0].tobytes() != clouds[2].tobytes()

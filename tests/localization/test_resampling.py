@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from envs.localization.resampling import Injection, KldParams, particles_needed, resample
+from envs.localization.resampling import particles_needed, resample
 
 
 def _draw(weights, bins, most, least, *, injected=None, share=0.0, start=0.3, error=0.05, quantile=0.99):
@@ -13,12 +13,11 @@ def _draw(weights, bins, most, least, *, injected=None, share=0.0, start=0.3, er
     particles = np.zeros((3, n), dtype=np.float32)
     particles[0] = np.arange(n)
     drawn = np.full((3, most), np.nan, dtype=np.float32)
-    injection = Injection(np.zeros((3, 1), dtype=np.float32) if injected is None else injected, share)
+    injected = np.empty((3, 0), dtype=np.float32) if injected is None else injected
     seen = np.zeros(max(bins) + 1, dtype=bool)
     bins = np.array(bins, dtype=np.int32)
-    count = resample(
-        particles, np.array(weights), bins, injection, start, KldParams(least, error, quantile), seen, drawn
-    )
+    kld = least, error, quantile
+    count = resample(particles, np.array(weights), bins, start, kld, injected, share, seen, drawn)
     assert not seen.any()
     assert np.isfinite(drawn[:, :count]).all()
     assert np.isnan(drawn[:, count:]).all()
