@@ -80,5 +80,5 @@ def test_an_id_goes_through_every_door(id, tmp_path, monkeypatch):
     recordings = sorted((out / "recordings").glob("*.npz"))
     assert len(recordings) == 3
     page = tmp_path / "page.html"
-    assert player.main([str(recordings[0]), "--out", str(page), "--no-open"]) == 0
+    player.main((recordings[0],), page, open=False)
     assert "<html" in page.read_text()

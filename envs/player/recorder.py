@@ -9,11 +9,12 @@ import gymnasium
 import numpy as np
 
 from envs.core import lidar_env_of
+from envs.geometry import OccupancyGrid
 from envs.navigation import NO_POINTS, Candidates, FrontierNavigator
+from envs.navigation.frontiers import FREE_BELOW
 from envs.simulation import Twist
 
-from .map_history import MapHistory, ends_of
-from .recording import CANDIDATE_COLUMNS, NO_RETURN, RANGE_STEPS, Recording
+from .recording import CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
 PERIOD = 0.5
 """Time between two samples [s]."""
@@ -149,33 +150,81 @@ class EpisodeRecorder:
         }
         samples = np.array(self._samples)
         times, chosen, rows = zip(*self._decisions) if self._decisions else ((), (), ())
-        world = env.world
-        return Recording(
-            about=facts | dict(about or {}),
-            time=samples[:, 0].astype(np.float32),
-            true_poses=samples[:, 1:4].astype(np.float32),
-            poses=samples[:, 4:7].astype(np.float32),
-            goals=np.array(self._goals, dtype=np.float32),
-            progress=samples[:, 7].astype(np.float32),
-            path_length=samples[:, 8].astype(np.float32),
-            contacts=samples[:, 9].astype(np.int32),
-            scans=np.stack(self._scans),
+        return Recording.of(
+            facts | dict(about or {}),
+            time=samples[:, 0],
+            true_poses=samples[:, 1:4],
+            poses=samples[:, 4:7],
+            goals=self._goals,
+            progress=samples[:, 7],
+            path_length=samples[:, 8],
+            contacts=samples[:, 9],
+            scans=self._scans,
             map_cells=cells,
             map_changes=changes,
             map_ends=map_ends,
-            plans=np.concatenate(self._plans).astype(np.float32),
+            plans=np.concatenate(self._plans),
             plan_ends=ends_of(self._plans),
-            decision_times=np.array(times, dtype=np.float32),
-            decision_chosen=np.array(chosen, dtype=np.int32),
-            candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]).astype(np.float32),
+            decision_times=times,
+            decision_chosen=chosen,
+            candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]),
             candidate_ends=ends_of(rows),
-            segments=world.segments.astype(np.float32).reshape(-1, 4),
-            circles=world.circles.astype(np.float32).reshape(-1, 3),
-            route=np.array(getattr(getattr(env.task, "route", None), "points", NO_POINTS), dtype=np.float32),
-            mover_radii=np.array(radii, dtype=np.float32),
-            movers=np.array(self._movers, dtype=np.float32).reshape(len(samples), -1),
-            floor=floor.astype(np.uint8),
+            segments=env.world.segments,
+            circles=env.world.circles,
+            route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
+            mover_radii=radii,
+            movers=self._movers,
+            floor=floor,
         )
+
+
+class MapHistory:
+    """Changes of a map that may grow to any side, or be redrawn."""
+
+    def __init__(self, grid: OccupancyGrid) -> None:
+        """Begin with an unknown map; `grid` has the resolution of all that follow, and the frame."""
+        self._resolution, self._first = grid.resolution, grid.origin
+        # Kinds of the cells of all maps so far, and the row and column of the corner, counted from that of the first.
+        self._kinds = np.zeros((0, 0), dtype=np.uint8)
+        self._corner = np.zeros(2, dtype=np.int64)
+        self._cells: list[np.ndarray] = []
+        self._changes: list[np.ndarray] = []
+
+    def append(self, grid: OccupancyGrid) -> None:
+        """Add the map as it is now."""
+        corner = np.rint(np.subtract(grid.origin, self._first)[::-1] / self._resolution).astype(np.int64)
+        self._grow(corner, corner + grid.data.shape)
+        now = np.zeros_like(self._kinds)
+        (top, left), (height, width) = corner - self._corner, grid.data.shape
+        kinds = np.where(grid.data >= FREE_BELOW, np.uint8(OCCUPIED), np.uint8(FREE))
+        now[top : top + height, left : left + width] = np.where(grid.data >= 0, kinds, 0)
+        changes = self._kinds ^ now
+        cells = np.argwhere(changes)
+        self._cells.append(cells + self._corner)
+        self._changes.append(changes[tuple(cells.T)])
+        self._kinds = now
+
+    def _grow(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Make room for a map between two corners."""
+        if not self._kinds.size:
+            self._corner = low
+        before = np.maximum(self._corner - low, 0)
+        after = np.maximum(high - self._corner - self._kinds.shape, 0)
+        if before.any() or after.any():
+            self._kinds = np.pad(self._kinds, list(zip(before, after)))
+            self._corner = self._corner - before
+
+    def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `Recording` holds of the map: its shape and origin, cells, changes, and ends of the samples.
+
+        It is cut to cells that were ever known.
+        """
+        cells = np.concatenate(self._cells)
+        low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
+        rows, columns = (high - low).tolist()
+        flat = (cells - low) @ (columns, 1)
+        origin = (np.array(self._first) + low[::-1] * self._resolution).tolist()
+        return [rows, columns], origin, flat, np.concatenate(self._changes), ends_of(self._cells)
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
@@ -22,44 +22,21 @@ NO_RETURN, NO_MEASUREMENT = 255, 0
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Of a candidate: its frontier in the map frame [m], cost of the path [m], unknown area in view [m2], attempts that
 failed, and the score by which the explorer chose, NaN where it has none."""
-
-_LAYOUT: Mapping[str, tuple[type, int]] = {
-    "time": (np.float32, 1),
-    "true_poses": (np.float32, 2),
-    "poses": (np.float32, 2),
-    "goals": (np.float32, 2),
-    "progress": (np.float32, 1),
-    "path_length": (np.float32, 1),
-    "contacts": (np.int32, 1),
-    "scans": (np.uint8, 2),
-    "map_cells": (np.int32, 1),
-    "map_changes": (np.uint8, 1),
-    "map_ends": (np.int32, 1),
-    "plans": (np.float32, 2),
-    "plan_ends": (np.int32, 1),
-    "decision_times": (np.float32, 1),
-    "decision_chosen": (np.int32, 1),
-    "candidates": (np.float32, 2),
-    "candidate_ends": (np.int32, 1),
-    "segments": (np.float32, 2),
-    "circles": (np.float32, 2),
-    "route": (np.float32, 2),
-    "mover_radii": (np.float32, 1),
-    "movers": (np.float32, 2),
-    "floor": (np.uint8, 2),
-}
-"""Type and dimensions of every array."""
-_WIDTHS = {"true_poses": 3, "poses": 3, "goals": 2, "plans": 2, "route": 2, "segments": 4, "circles": 3}
-_WIDTHS["candidates"] = len(CANDIDATE_COLUMNS)
-_RAGGED = {"map_ends": "map_cells", "plan_ends": "plans", "candidate_ends": "candidates"}
+_ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "candidate_ends": "candidates"}
 """Ends of what belongs to each sample, or decision, and the array that they count in."""
-_SAMPLED = ("true_poses", "poses", "goals", "progress", "path_length", "contacts", "scans", "map_ends", "plan_ends")
-_DECIDED = ("decision_chosen", "candidate_ends")
+
+
+def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Return where each part ends when all are joined, shape (n,)."""
+    return np.cumsum([0, *map(len, parts)])[1:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """The course of an episode, n samples of one robot and m decisions. Frames and units are in each field."""
+    """The course of an episode, n samples of one robot and m decisions.
+
+    Arrays are annotated by type and shape, in which a name stands for the same number everywhere.
+    """
 
     about: dict[str, Any]
     """What is said once, as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; what `progress` is called;
@@ -67,52 +44,61 @@ class Recording:
     `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, the pose of the map frame in the
     world frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` [m] in the map frame; `floor` with
     `resolution` and `origin` in the world frame; `figures`, final measures as texts by their names."""
-    time: np.ndarray
-    """Shape (n,), float32, since the reset [s]."""
-    true_poses: np.ndarray
-    """Shape (n, 3), float32: x, y, heading, world frame [m, m, rad]."""
-    poses: np.ndarray
-    """Shape (n, 3), float32: estimated poses, map frame [m, m, rad]."""
-    goals: np.ndarray
-    """Shape (n, 2), float32: where to go, map frame [m]; NaN in tasks without a goal."""
-    progress: np.ndarray
-    """Shape (n,), float32: how much of the task is done, from 0 to 1; of explorations the explored fraction."""
-    path_length: np.ndarray
-    """Shape (n,), float32: true distance driven [m]."""
-    contacts: np.ndarray
-    """Shape (n,), int32: contacts so far."""
-    scans: np.ndarray
-    """Shape (n, b), uint8: ranges of some beams, in `RANGE_STEPS` of the greatest one."""
-    map_cells: np.ndarray
-    """Shape (e,), int32: cells that changed, as indices into the flat map, rising within a sample."""
-    map_changes: np.ndarray
-    """Shape (e,), uint8: kinds of these cells before and after, joined by exclusive or; so it can be run backwards."""
-    map_ends: np.ndarray
-    """Shape (n,), int32: end of each sample's changes."""
-    plans: np.ndarray
-    """Shape (p, 2), float32: corners of the planned paths, map frame [m]."""
-    plan_ends: np.ndarray
-    """Shape (n,), int32: end of each sample's path."""
-    decision_times: np.ndarray
-    """Shape (m,), float32: when a frontier was chosen [s]."""
-    decision_chosen: np.ndarray
-    """Shape (m,), int32: index of it among the decision's candidates; -1 if the explorer went elsewhere."""
-    candidates: np.ndarray
-    """Shape (c, 6), float32, see `CANDIDATE_COLUMNS`."""
-    candidate_ends: np.ndarray
-    """Shape (m,), int32: end of each decision's candidates."""
-    segments: np.ndarray
-    """Shape (k, 4), float32: true walls as (x0, y0, x1, y1), world frame [m]."""
-    circles: np.ndarray
-    """Shape (j, 3), float32: true static cylinders as (x, y, radius), world frame [m]."""
-    route: np.ndarray
-    """Shape (r, 2), float32: points of the route to follow, map frame [m]; none in tasks without one."""
-    mover_radii: np.ndarray
-    """Shape (l,), float32: of the bodies that move, the other robots of a team among them [m]."""
-    movers: np.ndarray
-    """Shape (n, 2 l), float32: their positions x, y one after the other, world frame [m]."""
-    floor: np.ndarray
-    """Shape (rows, columns), uint8: 1 where a robot can get to or see; a single 0 where the task does not tell."""
+    time: Annotated[np.ndarray, np.float32, "n"]
+    """Since the reset [s]."""
+    true_poses: Annotated[np.ndarray, np.float32, "n", 3]
+    """x, y, heading, world frame [m, m, rad]."""
+    poses: Annotated[np.ndarray, np.float32, "n", 3]
+    """Estimated poses, map frame [m, m, rad]."""
+    goals: Annotated[np.ndarray, np.float32, "n", 2]
+    """Where to go, map frame [m]; NaN in tasks without a goal."""
+    progress: Annotated[np.ndarray, np.float32, "n"]
+    """How much of the task is done, from 0 to 1; of explorations the explored fraction."""
+    path_length: Annotated[np.ndarray, np.float32, "n"]
+    """True distance driven [m]."""
+    contacts: Annotated[np.ndarray, np.int32, "n"]
+    """Contacts so far."""
+    scans: Annotated[np.ndarray, np.uint8, "n", "beams"]
+    """Ranges of some beams, in `RANGE_STEPS` of the greatest one."""
+    map_cells: Annotated[np.ndarray, np.int32, "changes"]
+    """Cells that changed, as indices into the flat map, rising within a sample."""
+    map_changes: Annotated[np.ndarray, np.uint8, "changes"]
+    """Kinds of these cells before and after, joined by exclusive or; so it can be run backwards."""
+    map_ends: Annotated[np.ndarray, np.int32, "n"]
+    """End of each sample's changes."""
+    plans: Annotated[np.ndarray, np.float32, "corners", 2]
+    """Corners of the planned paths, map frame [m]."""
+    plan_ends: Annotated[np.ndarray, np.int32, "n"]
+    """End of each sample's path."""
+    decision_times: Annotated[np.ndarray, np.float32, "m"]
+    """When a frontier was chosen [s]."""
+    decision_chosen: Annotated[np.ndarray, np.int32, "m"]
+    """Index of it among the decision's candidates; -1 if the explorer went elsewhere."""
+    candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
+    """See `CANDIDATE_COLUMNS`."""
+    candidate_ends: Annotated[np.ndarray, np.int32, "m"]
+    """End of each decision's candidates."""
+    segments: Annotated[np.ndarray, np.float32, "segments", 4]
+    """True walls as (x0, y0, x1, y1), world frame [m]."""
+    circles: Annotated[np.ndarray, np.float32, "circles", 3]
+    """True static cylinders as (x, y, radius), world frame [m]."""
+    route: Annotated[np.ndarray, np.float32, "points", 2]
+    """Points of the route to follow, map frame [m]; none in tasks without one."""
+    mover_radii: Annotated[np.ndarray, np.float32, "movers"]
+    """Of the bodies that move, the other robots of a team among them [m]."""
+    movers: Annotated[np.ndarray, np.float32, "n", "coordinates"]
+    """Their positions x, y one after the other, world frame [m]."""
+    floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
+    """1 where a robot can get to or see; a single 0 where the task does not tell."""
+
+    @classmethod
+    def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":
+        """Return a recording of numbers of any kind; what is empty may lack its second dimension."""
+        numbers = {name: np.asarray(arrays[name]).astype(kind) for name, (kind, *_) in _LAYOUT.items()}
+        for name, (_, *shape) in _LAYOUT.items():
+            if isinstance(width := shape[-1], int):
+                numbers[name] = numbers[name].reshape(-1, width)
+        return cls(about, **numbers)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
@@ -152,25 +138,26 @@ class Recording:
     def _check(self) -> None:
         if self.about["format"] != FORMAT:
             raise ValueError(f"it has format {self.about['format']}, this version reads {FORMAT}")
-        for name, (dtype, dimensions) in _LAYOUT.items():
+        sizes: dict[str | int, int] = {}
+        for name, (kind, *shape) in _LAYOUT.items():
             array = getattr(self, name)
-            if array.dtype != dtype or array.ndim != dimensions:
+            if array.dtype != kind or array.ndim != len(shape):
                 raise ValueError(f"{name} is {array.dtype} in {array.ndim} dimensions")
-            if name in _WIDTHS and array.shape[1] != _WIDTHS[name]:
-                raise ValueError(f"{name} has {array.shape[1]} columns")
+            counts = [k if isinstance(k, int) else sizes.setdefault(k, n) for k, n in zip(shape, array.shape)]
+            if list(array.shape) != counts:
+                raise ValueError(f"{name} has shape {array.shape}, not {tuple(counts)}")
         if not len(self.time):
             raise ValueError("it has no samples")
-        lengths = {name: len(self.time) for name in (*_SAMPLED, "movers")} | {
-            name: len(self.decision_times) for name in _DECIDED
-        }
-        lengths |= {"map_changes": len(self.map_cells)}
-        for name, length in lengths.items():
-            if len(getattr(self, name)) != length:
-                raise ValueError(f"{name} has {len(getattr(self, name))} rows, not {length}")
-        for name, counted in _RAGGED.items():
+        for name, counted in _ENDS.items():
             ends = np.concatenate([[0], getattr(self, name)])
             if (np.diff(ends) < 0).any() or ends[-1] != len(getattr(self, counted)):
                 raise ValueError(f"{name} do not count {counted}")
         rows, columns = self.about["map"]["shape"]
         if len(self.map_cells) and not 0 <= self.map_cells.min() <= self.map_cells.max() < rows * columns:
             raise ValueError("map_cells lie beside the map")
+
+
+_LAYOUT: dict[str, tuple[Any, ...]] = {
+    name: hint.__metadata__ for name, hint in get_type_hints(Recording, include_extras=True).items() if name != "about"
+}
+"""Type and shape of every array."""

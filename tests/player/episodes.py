@@ -34,10 +34,9 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
     decisions = np.arange(0.0, duration, 4.0)
     candidates = rng.uniform(0.5, 7.0, (len(decisions) * num_candidates, len(CANDIDATE_COLUMNS)))
     candidates[:, 4] = 0.0
-    plan_lengths = np.full(n, 6)
     noise = rng.normal(0.0, 0.02, (n, 2))
     angles = np.linspace(-np.pi, np.pi, 90, endpoint=False)
-    return Recording(
+    return Recording.of(
         about={
             "explorer": explorer,
             "world": "hall",
@@ -52,29 +51,27 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
             "floor": {"resolution": resolution, "origin": [0.0, 0.0]},
             "figures": {"explored [%]": "100.0"},
         },
-        time=time.astype(np.float32),
-        true_poses=true_poses.astype(np.float32),
-        poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]).astype(np.float32),
-        goals=np.full((n, 2), (width - 1.0, height / 2) if has_goal else np.nan, dtype=np.float32),
-        progress=(0.15 + 0.85 * share).astype(np.float32),
-        path_length=(0.2 * time).astype(np.float32),
-        contacts=(time // 50).astype(np.int32),
-        scans=rng.normal(180.0, 8.0, (n, 90)).clip(1, 255).astype(np.uint8),
-        map_cells=np.concatenate(cells).astype(np.int32),
-        map_changes=np.concatenate(changes).astype(np.uint8),
-        map_ends=np.cumsum([len(one) for one in cells]).astype(np.int32),
-        plans=rng.uniform(0.0, 5.0, (plan_lengths.sum(), 2)).astype(np.float32),
-        plan_ends=np.cumsum(plan_lengths).astype(np.int32),
-        decision_times=decisions.astype(np.float32),
+        time=time,
+        true_poses=true_poses,
+        poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]),
+        goals=np.full((n, 2), (width - 1.0, height / 2) if has_goal else np.nan),
+        progress=(0.15 + 0.85 * share),
+        path_length=(0.2 * time),
+        contacts=(time // 50),
+        scans=rng.normal(180.0, 8.0, (n, 90)).clip(1, 255),
+        map_cells=np.concatenate(cells),
+        map_changes=np.concatenate(changes),
+        map_ends=np.cumsum([len(one) for one in cells]),
+        plans=rng.uniform(0.0, 5.0, (6 * n, 2)),
+        plan_ends=6 * np.arange(1, n + 1),
+        decision_times=decisions,
         decision_chosen=np.zeros(len(decisions), dtype=np.int32),
-        candidates=candidates.astype(np.float32),
-        candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)).astype(np.int32),
-        segments=np.array(
-            [(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)], np.float32
-        ),
-        circles=np.array([(width / 2, 1.0, 0.3)], np.float32),
-        route=np.array([(1.0, 1.0), (width - 1.0, 1.0)], np.float32)[: 2 * has_goal],
-        mover_radii=np.array([0.2], np.float32),
-        movers=np.column_stack([x, y + 1.0]).astype(np.float32),
-        floor=(truth == FREE).astype(np.uint8),
+        candidates=candidates,
+        candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)),
+        segments=[(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)],
+        circles=[(width / 2, 1.0, 0.3)],
+        route=[(1.0, 1.0), (width - 1.0, 1.0)][: 2 * has_goal],
+        mover_radii=[0.2],
+        movers=np.column_stack([x, y + 1.0]),
+        floor=truth == FREE,
     )

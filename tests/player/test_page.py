@@ -3,6 +3,7 @@ import webbrowser
 
 import pytest
 
+from envs.command_line import run_command
 from envs.player import build_page
 from envs.player.__main__ import main
 from tests.player.episodes import synthetic
@@ -31,10 +32,10 @@ def test_the_command_writes_the_page_and_opens_it(tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(webbrowser, "open", opened.append)
     (tmp_path / "a.npz").write_bytes(synthetic(5.0).to_bytes())
     out = tmp_path / "new" / "page.html"
-    assert main([str(tmp_path / "a.npz"), "--out", str(out)]) == 0
+    run_command(main, [str(tmp_path / "a.npz"), "--out", str(out)])
     assert out.read_text().startswith("<!doctype html>")
     assert opened == [out.as_uri()]
-    assert main([str(tmp_path / "a.npz"), str(tmp_path / "a.npz"), "--out", str(out), "--no-open"]) == 0
+    run_command(main, [str(tmp_path / "a.npz"), str(tmp_path / "a.npz"), "--out", str(out), "--no-open"])
     assert len(opened) == 1
     assert str(out) in capsys.readouterr().out
 
@@ -45,15 +46,16 @@ def test_the_command_writes_the_page_and_opens_it(tmp_path, monkeypatch, capsys)
         (["missing.npz"], "missing.npz"),
         (["notes.txt"], "notes.txt is no recorded episode"),
         (["a.npz", "notes.txt"], "notes.txt is no recorded episode"),
-        (["a.npz", "a.npz", "a.npz"], "one or two episodes can be shown, got 3"),
-        ([], "one or two"),
+        (["a.npz", "a.npz", "a.npz"], "shows 1 to 2 episodes, got 3"),
+        ([], "shows 1 to 2 episodes, got 0"),
     ],
 )
 def test_wrong_input_is_named_in_one_line(tmp_path, capsys, names, says):
     (tmp_path / "a.npz").write_bytes(synthetic(5.0).to_bytes())
     (tmp_path / "notes.txt").write_text("no episode")
     out = tmp_path / "page.html"
-    assert main([*(str(tmp_path / name) for name in names), "--out", str(out), "--no-open"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        run_command(main, [*(str(tmp_path / name) for name in names), "--out", str(out), "--no-open"])
     message = capsys.readouterr().err
     assert says in message
     assert message.count("\n") == 1

@@ -10,8 +10,7 @@ from baselines.frontier.nearest import NearestExplorer
 from envs.geometry import OccupancyGrid
 from envs.navigation import gain_over_cost
 from envs.player import EpisodeRecorder, Recording, build_page
-from envs.player.map_history import MapHistory
-from envs.player.recorder import PLAN_TOLERANCE, corners
+from envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
 
 BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
 
