@@ -106,9 +106,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         if arguments.get("return_home"):
             raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
         if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
-            raise ValueError(
-                f"randomize must name parameters of the lidar where robots slide on paths, got {others}"
-            )
+            raise ValueError(f"randomize must name parameters of the lidar where robots slide on paths, got {others}")
         check_positive(scan_distance=scan_distance)
         if np.shape(drift) != (2,) or not all(is_number(value) and value >= 0.0 for value in drift):
             raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")
