@@ -102,17 +102,17 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
 
 
 def test_a_file_that_is_run_by_its_path_ends_with_a_message_too(tmp_path):
-    program = ROOT / "benchmarks/navigation.py"
+    program = ROOT / "benchmarks/films.py"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, program, "--worlds", "atlantis"]
+    command = [sys.executable, program, "--policy"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
-    assert (done.returncode, "navigation.py: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
+    assert (done.returncode, "films.py: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
 
 
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (["benchmarks.navigation", "--worlds", "atlantis"], "benchmarks.navigation: unknown world 'atlantis'"),
+        (["benchmarks.drives", "planning", "--worlds", "atlantis"], "benchmarks.drives: unknown world 'atlantis'"),
         (["agents.ship", "/no/such/run", "/no/such/folder"], "agents.ship: /no/such/run is no folder"),
     ],
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.localization.intel import load_reference, measure_filter, reference_map
+from benchmarks.drives.localization import load_reference, measure_filter, reference_map
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.recorded_drives import make_setup, record_drive
-from benchmarks.slam import measure_drive
+from benchmarks.drives.recording import make_setup, record_drive
+from benchmarks.drives.slams import measure_drive
 from envs.robots import load_robot
 from envs.slam import make_slam
 from envs.worlds import load_world

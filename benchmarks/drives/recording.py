@@ -1,9 +1,14 @@
 """Drives through known worlds, recorded once and replayed through SLAMs and localizers as often as needed."""
 
 import math
+import multiprocessing
+import os
 import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +16,8 @@ from envs.estimation import Estimator
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap, plan_path
+from envs.processes import start_worker
+from envs.progress import Progress
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist, make_simulator
 from envs.worlds import ExplorableArea, World, explorable_area
@@ -19,6 +26,11 @@ RESOLUTION = 0.05
 """Side of a map cell [m]."""
 PERIOD = 0.1
 """Time between two commands and scans [s]."""
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
+"""Where the log of the Intel Research Lab and its relations lie."""
+LOG, RELATIONS = DATA / "scans_2725.npz", DATA / "intel.relations"
+Row = dict[str, Any]
+"""A line of a table, by the names of its columns; a value of None was never reached."""
 
 
 class Setup(NamedTuple):
@@ -38,7 +50,7 @@ def make_setup(world: World, robot: RobotParams, physics: str) -> Setup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What a robot recorded, and the ground truth."""
+    """What a robot recorded at n scans, and the ground truth."""
 
     ranges: np.ndarray
     """Shape (n, num_beams), float32 [m]."""
@@ -49,11 +61,8 @@ class Drive:
 
     def then(self, other: "Drive", scans: int) -> "Drive":
         """Return a drive whose robot is kidnapped after some scans: moved, unnoticed, to the start of another drive."""
-        return Drive(
-            np.concatenate([self.ranges[:scans], other.ranges]),
-            np.concatenate([self.motions[:scans], other.motions]),
-            np.concatenate([self.truth[:scans], other.truth]),
-        )
+        pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
+        return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
 
 class RandomGoalDriver:
@@ -118,22 +127,47 @@ def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
     return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 
 
-class Track(NamedTuple):
-    """What a SLAM estimated along a drive with n scans."""
+def track(estimator: Estimator, drive: Drive, *noted: str) -> list[np.ndarray]:
+    """Run an estimator, which was reset, along a drive with n scans.
 
-    poses: np.ndarray
-    """Shape (n, 3), float64: the pose after each scan, map frame [m, rad]."""
-    is_lost: np.ndarray
-    """Shape (n,), bool."""
-    seconds: np.ndarray
-    """Shape (n,), float64: time of each update [s]."""
-
-
-def track(slam: Estimator, drive: Drive) -> Track:
-    """Run a SLAM, which was reset, along a drive."""
+    Returns:
+        Estimated poses, shape (n, 3), float64 [m, rad]; `is_lost`, shape (n,), bool; the time of each update, shape
+        (n,), float64 [s]; and attributes of the estimator after each, by their names.
+    """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
         began = time.perf_counter()
-        belief = slam.update(Reading.of_scan(ranges), Pose2D(*motion))
-        rows.append((belief.pose, belief.is_lost, time.perf_counter() - began))
-    return Track(*map(np.array, zip(*rows)))
+        belief = estimator.update(Reading.of_scan(ranges), Pose2D(*motion))
+        seconds = time.perf_counter() - began
+        rows.append((belief.pose, belief.is_lost, seconds, *(getattr(estimator, name) for name in noted)))
+    return list(map(np.array, zip(*rows)))
+
+
+def right_since(is_right: np.ndarray, hold: float) -> float:
+    """Return the time from which on a pose is right, shape (n,), bool, to the end [s].
+
+    Infinite if it is so for less than `hold` [s] at the end.
+    """
+    if not is_right[-round(hold / PERIOD) :].all():
+        return math.inf
+    wrong = np.flatnonzero(~is_right)
+    return float(wrong[-1] + 1) * PERIOD if len(wrong) else 0.0
+
+
+def first_time(flags: np.ndarray) -> float:
+    """Return when the first of some flags is set, shape (n,), bool [s]; infinite if none is."""
+    return float(np.argmax(flags)) * PERIOD if flags.any() else math.inf
+
+
+def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: int, desc: str) -> list[Any]:
+    """Call a function with each tuple of arguments, by so many processes, behind a progress bar; return the results."""
+    if jobs == 1:
+        return [work(*task) for task in Progress(tasks, desc)]
+    # A fresh interpreter each: forked copies of a process that has threads may hang.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker) as pool:
+        return list(Progress(pool.map(work, *zip(*tasks)), desc, len(tasks)))
+
+
+def medians(rows: Sequence[Row]) -> Row:
+    """Return the median of each column."""
+    return {key: float(np.median([row[key] for row in rows])) for key in rows[0]}

@@ -1,0 +1,83 @@
+"""What SLAMs, localizers, filters and planners make of drives: a command for each stage.
+
+`python -m benchmarks.drives slam`, `... kidnapping --help`. The log of a real robot is the Intel Research Lab's, in
+`$LIDARNAUT_DATA/intel`. Run it on a machine that does nothing else where times count.
+"""
+
+import functools
+import json
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.table import Table
+
+from benchmarks.drives.ekf import compare_faults, compare_fusions
+from benchmarks.drives.localization import compare_amcl, compare_on_log, time_amcl
+from benchmarks.drives.maps import draw_maps
+from benchmarks.drives.planning import time_planning
+from benchmarks.drives.recording import Row
+from benchmarks.drives.slams import compare_kidnapped, compare_slams
+from benchmarks.drives.teams import compare_teams
+from envs.command_line import make_console, run_command
+
+STAGES: dict[str, Callable[..., list[Row]]] = {
+    "slam": compare_slams,
+    "maps": draw_maps,
+    "kidnapping": compare_kidnapped,
+    "localization": compare_amcl,
+    "localization-log": compare_on_log,
+    "localization-times": time_amcl,
+    "ekf": compare_fusions,
+    "faults": compare_faults,
+    "planning": time_planning,
+    "teams": compare_teams,
+}
+
+
+def _later(function: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
+    return functools.wraps(function)(lambda **options: functools.partial(function, **options))
+
+
+PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))] for name, stage in STAGES.items()]
+
+
+@dataclass(frozen=True)
+class Command:
+    """What is measured."""
+
+    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]  # type: ignore[valid-type]
+    """What to measure."""
+    json: Path | None = None
+    """Also write the rows of the table to this file; what was never reached is null."""
+
+
+def main(command: Command) -> None:
+    """Run a stage, and print its table."""
+    rows = command.stage()
+    make_console().print(table(rows))
+    if command.json is not None:
+        command.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Return a table with a line for each row, or with a column for each where they hold many numbers."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
+    if len(names) > 9:
+        lines = [list(line) for line in zip(*lines)]
+    made = Table(*lines[0])
+    for line in lines[1:]:
+        made.add_row(*line)
+    return made
+
+
+def _cell(value: Any) -> str:
+    return "never" if value is None else f"{value:,.4g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    run_command(main, options=Annotated[Command, tyro.conf.CascadeSubcommandArgs, tyro.conf.OmitSubcommandPrefixes])

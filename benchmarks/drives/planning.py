@@ -1,0 +1,73 @@
+"""What planning costs on the whole map of a world."""
+
+import timeit
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.drives.recording import RESOLUTION, Row
+from envs.arguments import choose_robot
+from envs.geometry.polyline import lengths_along
+from envs.navigation import (
+    CostmapParams,
+    LayeredCostmap,
+    is_path_valid,
+    make_costmap,
+    plan_path,
+    smooth_path,
+    travel_field,
+)
+from envs.tasks.goals import known_map
+from envs.worlds import explorable_area, load_world
+
+
+def _least(work: Callable[[], object], repeats: int = 15) -> float:
+    """Return the least wall-clock time of some work [us], after a run that compiles it: other work only adds to it."""
+    work()
+    return 1e6 * min(timeit.repeat(work, number=1, repeat=repeats))
+
+
+def time_planning(worlds: tuple[str, ...] = ("turtlebot3_house", "tugbot_warehouse")) -> list[Row]:
+    """What planning costs on the whole map of a world [us], on one core.
+
+    How surely and how fast policies get to goals is measured by `evaluate.py --id lidarnaut/Navigate-v0`.
+
+    Args:
+        worlds: library worlds.
+    """
+    return [planning_costs(world) for world in worlds]
+
+
+def planning_costs(name: str) -> Row:
+    """Measure the costs in one world."""
+    world, robot = load_world(name), choose_robot(None, name)
+    area = explorable_area(world, robot, RESOLUTION)
+    grid = known_map(area)
+    params = CostmapParams(robot.radius + 0.03, robot.radius + 0.48, 4.0)
+    costmap, layers = make_costmap(grid, params), LayeredCostmap(grid, params)
+    rng = np.random.default_rng(0)
+    # The two cells of this map that are farthest from each other: farthest from anywhere, then farthest from there.
+    ends = [world.spawns[0][:2]]
+    for _ in range(2):
+        field = travel_field(costmap, ends[-1])
+        assert field is not None
+        travel = np.where(field.travel == field.travel.max(), -1, field.travel)[1:-1, 1:-1]
+        ends.append(tuple(grid.centers(np.array(np.unravel_index(travel.argmax(), travel.shape)))))
+    across = plan_path(costmap, ends[1], ends[2])
+    assert across is not None
+    pose = area.draw_pose(rng)
+    ranges = rng.uniform(0.5, robot.lidar.range_max, robot.lidar.num_beams).astype(np.float32)
+    pairs = [(area.draw_pose(rng)[:2], area.draw_pose(rng)[:2]) for _ in range(100)]
+    random = [_least(lambda a=a, b=b: plan_path(costmap, a, b, tolerance=0.15), 3) for a, b in pairs]
+    return {
+        "world": name,
+        "cells": grid.data.size,
+        "across_m": float(lengths_along(across)[-1]),
+        "astar_across_us": _least(lambda: plan_path(costmap, ends[1], ends[2])),
+        "astar_random_median_us": float(np.median(random)),
+        "astar_random_p95_us": float(np.percentile(random, 95)),
+        "smooth_across_us": _least(lambda: smooth_path(costmap, across)),
+        "is_path_valid_us": _least(lambda: is_path_valid(costmap, across)),
+        "inflate_whole_map_us": _least(lambda: make_costmap(grid, params)),
+        "take_a_scan_us": _least(lambda: (layers.update(pose, ranges, robot.lidar), layers.costmap)),
+    }

@@ -1,0 +1,198 @@
+"""SLAMs on the log of a real robot, on simulated drives, and with kidnapped robots.
+
+Robots are driven by ground truth to random goals, so that the route, the same for every SLAM, does not depend on
+estimates. Errors are against ground truth in the frame of the start: what the map itself is off is part of them.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.drives.recording import (
+    PERIOD,
+    RESOLUTION,
+    Drive,
+    Row,
+    Setup,
+    first_time,
+    make_setup,
+    medians,
+    record,
+    record_drive,
+    right_since,
+    run_each,
+    track,
+)
+from envs.command_line import Count
+from envs.estimation import Estimator
+from envs.logs import Log, compose_poses, load_log, load_relations, pose_errors, rms
+from envs.logs.relations import load_mask
+from envs.logs.runs import Replayed, Run, measure, replay
+from envs.progress import Progress
+from envs.robots import RobotParams, load_robot
+from envs.slam import SLAM_NAMES, SLAMS, make_slam
+from envs.tasks.coverage import map_iou
+from envs.worlds import load_world
+
+DRIVES = (
+    "explorebench_loop:turtlebot3_burger",
+    "rmf_office_L1:turtlebot3_burger",
+    "rmf_hotel_L1:turtlebot3_burger",
+    "turtlebot3_house:turtlebot3_burger",
+    "rmf_hotel_L1:tugbot",
+    "tugbot_warehouse:tugbot",
+)
+"""Worlds and robots: lidars of 3.5 m, and of 10 m."""
+FOUND = 0.5
+"""Position error up to which a kidnapped robot has found its pose again [m]."""
+
+
+def compare_slams(
+    slams: tuple[str, ...] = tuple(name for name in SLAM_NAMES if name != "truth"),
+    drives: tuple[str, ...] = DRIVES,
+    log: Path | None = None,
+    relations: Path | None = None,
+    seeds: Count = 5,
+    minutes: float = 10.0,
+    physics: Literal["bullet", "kinematic"] = "kinematic",
+    preset: str = "default",
+    tilt: float = 0.0,
+) -> list[Row]:
+    """All SLAMs on a log, by its relation error, and on simulated drives, by root mean squares over all scans.
+
+    `--slams hector odometry` compares with the robot's own odometry. Figures are medians over seeds.
+
+    Args:
+        slams: names of SLAMs.
+        drives: `WORLD:ROBOT`, each from the library or paths of files.
+        log: log of a real robot, as the Intel Research Lab's; SLAMs take their preset `intel`.
+        relations: its hand-verified relations (Kuemmerle et al., On measuring the accuracy of SLAM algorithms, 2009).
+        seeds: drives in each world, and runs on the log.
+        minutes: length of each drive [min].
+        physics: simulator of the drives.
+        preset: of the parameters of the SLAMs on the drives.
+        tilt: pitch of the lidar, positive looking down [deg]; the SLAM takes it to be level.
+    """
+    if (log is None) != (relations is None):
+        raise ValueError("--log and --relations go together")
+    rows = [] if log is None or relations is None else list(log_rows(log, relations, slams, seeds))
+    for name in drives:
+        world, _, robot = name.partition(":")
+        setup = make_setup(load_world(world), tilted(load_robot(robot), tilt), physics)
+        recorded = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
+        for slam_name in Progress(slams, name, leave=False):
+            slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
+            found = medians([measure_drive(setup, drive, slam, seed) for seed, drive in enumerate(recorded)])
+            rows.append({"slam": slam_name, "data": name, **found})
+    return rows
+
+
+def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int) -> Iterator[Row]:
+    """Yield the medians over seeds of each SLAM on a log."""
+    log, relations = load_log(log_path), {"error": load_relations(relations_path)}
+    mask = relations_path.parent / "unambiguous_relations.npy"
+    if mask.exists():
+        relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
+    for name in Progress(slams, log_path.stem, leave=False):
+        found = []
+        for seed in range(seeds):
+            run = run_on_log(log, relations, name, seed)[2]
+            assert run.error is not None
+            assert run.final_error is not None
+            row = {"translation_m": run.final_error.translation, "rotation_deg": run.final_error.rotation}
+            if run.final_error_unambiguous:
+                row["unambiguous_m"] = run.final_error_unambiguous.translation
+            row |= {"online_m": run.error.translation, "ms_per_scan": run.milliseconds, "p99_ms": run.milliseconds_p99}
+            found.append(row)
+        yield {"slam": name, "data": log_path.stem, **medians(found)}
+
+
+def run_on_log(log: Log, relations: dict[str, np.ndarray], name: str, seed: int) -> tuple[Estimator, Replayed, Run]:
+    """Run a SLAM with its preset `intel` on a log, and measure its relation errors."""
+    params = SLAMS[name].load("intel")
+    slam = make_slam(name, log.lidar, params.resolution, params)
+    replayed = replay(log, slam, seed)
+    return slam, replayed, measure(log, slam, name, seed, replayed, relations)
+
+
+def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> Row:
+    """Run a SLAM along a drive that began at the first spawn, and measure it."""
+    slam.reset(np.random.default_rng(seed).spawn(2)[1])
+    (poses, _, seconds), start = track(slam, drive), setup.world.spawns[0]
+    distance, angle = pose_errors(compose_poses(np.array([start]), poses[1:]), drive.truth[1:])
+    return {
+        "translation_m": rms(distance),
+        "rotation_deg": math.degrees(rms(angle)),
+        "map_iou": map_iou(slam.belief.grid, setup.area, start),
+        "ms_per_scan": 1e3 * float(seconds.mean()),
+        "p99_ms": 1e3 * float(np.percentile(seconds, 99)),
+    }
+
+
+def tilted(robot: RobotParams, tilt: float) -> RobotParams:
+    """Return a robot whose lidar looks down by an angle [deg]."""
+    mount = replace(robot.lidar.mount, pitch=math.radians(tilt))
+    return replace(robot, lidar=replace(robot.lidar, mount=mount))
+
+
+def compare_kidnapped(
+    slams: tuple[str, ...] = ("hector", "tinyslam", "graph", "gmapping"),
+    worlds: tuple[str, ...] = ("turtlebot3_house", "rmf_office_L1", "aws_bookstore", "explorebench_loop"),
+    robot: str = "turtlebot3_burger",
+    seeds: Count = 5,
+    minutes: float = 10.0,
+    seconds: float = 90.0,
+    jobs: Count = 1,
+) -> list[Row]:
+    """Kidnapped robots: each maps a world for some minutes, and is then put down elsewhere in it, unnoticed.
+
+    Counted is whether the SLAM says that it is lost, whether it finds its pose again, and whether it ends at a wrong
+    one that it does not report; times are medians [s].
+
+    Args:
+        slams: names of SLAMs.
+        worlds: library worlds.
+        robot: library robot.
+        seeds: robots that are kidnapped in each world.
+        minutes: mapping before [min].
+        seconds: driving afterwards [s].
+        jobs: processes.
+    """
+    tasks = [(slam, world, robot, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
+    outcomes = np.array(run_each(kidnap, tasks, jobs, "kidnapped robots"))
+    rows = []
+    for slam, world in itertools.product(slams, (*worlds, "all")):
+        some = outcomes[[task[0] == slam and world in (task[1], "all") for task in tasks]]
+        row: Row = {"slam": slam, "world": world, "robots": len(some)}
+        for name, times in (("report_is_lost", some[:, 0]), ("relocalized", some[:, 1])):
+            finite = times[np.isfinite(times)]
+            row |= {name: len(finite), f"{name}_after_s": float(np.median(finite)) if len(finite) else None}
+        rows.append(row | {"wrong_not_reported": int(some[:, 2].sum())})
+    return rows
+
+
+def kidnap(
+    slam_name: str, world: str, robot: str, seed: int, minutes: float, seconds: float
+) -> tuple[float, float, bool]:
+    """Map a world for some minutes, move the robot, and go on for some seconds.
+
+    Returns:
+        Time until the SLAM said that it was lost [s], infinite if it never did; time until its position was right, and
+        stayed so, without `is_lost` [s]; whether it ends without `is_lost` at a wrong position.
+    """
+    setup = make_setup(load_world(world), load_robot(robot), "kinematic")
+    rngs = np.random.default_rng(seed).spawn(6)
+    start, elsewhere = setup.world.spawns[0], setup.area.draw_pose(rngs[4])
+    first = record(setup, start, rngs[0], rngs[1], 60.0 * minutes)
+    drive = first.then(record(setup, elsewhere, rngs[2], rngs[3], seconds), len(first.ranges))
+    slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
+    slam.reset(rngs[5])
+    poses, is_lost, _ = (values[len(first.ranges) :] for values in track(slam, drive))
+    errors = pose_errors(compose_poses(np.array([start]), poses), drive.truth[len(first.ranges) :])[0]
+    found_after = right_since(~is_lost & (errors <= FOUND), PERIOD)
+    return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > FOUND)

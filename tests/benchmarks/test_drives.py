@@ -1,0 +1,186 @@
+"""Recorded drives, and what the stages of `python -m benchmarks.drives` make of them."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks.drives import maps, teams
+from benchmarks.drives.__main__ import Command, main, table
+from benchmarks.drives.localization import (
+    compare_amcl,
+    load_known_world,
+    record_from_anywhere,
+    symmetries,
+    time_quantile,
+)
+from benchmarks.drives.planning import time_planning
+from benchmarks.drives.recording import LOG, RELATIONS, Drive, first_time, right_since, run_each
+from benchmarks.drives.slams import compare_kidnapped, compare_slams
+from envs.geometry import OccupancyGrid
+from envs.rendering import style
+
+no_log = pytest.mark.skipif(not LOG.is_file(), reason=f"the Intel log is not at {LOG}; set LIDARNAUT_DATA")
+
+
+def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
+    setup = load_known_world("turtlebot3_world")
+    one, same = (record_from_anywhere(setup, np.random.SeedSequence(4), 2.0) for _ in range(2))
+    assert one.ranges.tobytes() == same.ranges.tobytes()
+    assert one.truth.shape == one.motions.shape == (21, 3)
+    np.testing.assert_array_equal(one.motions[0], 0.0)
+    length = np.hypot(*np.diff(one.truth[:, :2], axis=0).T).sum()
+    assert np.hypot(*one.motions[:, :2].T).sum() == pytest.approx(length, rel=0.1)
+
+
+def test_kidnapping_joins_two_drives():
+    one = Drive(np.zeros((5, 2)), np.ones((5, 3)), np.zeros((5, 3)))
+    two = Drive(np.ones((4, 2)), np.zeros((4, 3)), np.ones((4, 3)))
+    joined = one.then(two, 3)
+    np.testing.assert_array_equal(joined.truth[:, 0], [0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(joined.motions[:, 0], [1, 1, 1, 0, 0, 0, 0])
+    assert len(joined.ranges) == 7
+
+
+def test_times_that_were_never_reached_are_infinite_or_none():
+    never = np.zeros(600, dtype=bool)
+    late = never.copy()
+    late[100:] = True
+    assert right_since(never, 5.0) == first_time(never) == math.inf
+    assert right_since(late, 5.0) == first_time(late) == pytest.approx(10.0)
+    assert right_since(late, 51.0) == math.inf
+    assert time_quantile([1.0, 3.0, math.inf], 0.5) == 3.0
+    assert time_quantile([1.0, 2.0, 3.0, math.inf], 0.5) == 2.5
+    assert time_quantile([1.0, math.inf, math.inf], 0.5) is None
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_in_the_order_of_the_tasks_and_an_error_ends_the_others(jobs):
+    assert run_each(math.hypot, [(3.0, 4.0), (6.0, 8.0)], jobs, "") == [5.0, 10.0]
+    with pytest.raises(ValueError, match="math domain"):
+        run_each(math.sqrt, [(-1.0,), (1.0,)], jobs, "")
+
+
+def test_the_command_prints_a_table_and_writes_its_rows(tmp_path, capsys):
+    path = tmp_path / "rows.json"
+    main(Command(lambda: [{"slam": "hector", "after_s": None, "ms": 0.12345}, {"slam": "graph"}], path))
+    words = capsys.readouterr().out.split()
+    assert {"slam", "hector", "never", "0.1235", "graph"} <= set(words)
+    assert json.loads(path.read_text()) == [{"slam": "hector", "after_s": None, "ms": 0.12345}, {"slam": "graph"}]
+    wide = table([{f"measure {k}": k for k in range(12)}])
+    assert (len(wide.columns), wide.row_count) == (2, 11)
+
+
+def test_slams_on_a_drive():
+    rows = compare_slams(("hector", "odometry"), ("turtlebot3_world:turtlebot3_burger",), seeds=2, minutes=0.2)
+    assert [row["slam"] for row in rows] == ["hector", "odometry"]
+    assert all(row["translation_m"] < 0.05 and row["map_iou"] > 0.2 for row in rows)
+    with pytest.raises(ValueError, match="--log and --relations go together"):
+        compare_slams(log=LOG)
+
+
+@no_log
+def test_a_slam_on_a_log():
+    (row,) = compare_slams(("hector",), (), LOG, RELATIONS, seeds=1)
+    assert row["translation_m"] < 0.045
+    assert row["unambiguous_m"] < 0.03
+
+
+def test_kidnapped_robots_are_counted_by_world_and_together():
+    rows = compare_kidnapped(("hector",), ("turtlebot3_world",), seeds=1, minutes=0.1, seconds=1.0)
+    assert [(row["world"], row["robots"]) for row in rows] == [("turtlebot3_world", 1), ("all", 1)]
+    assert rows[0]["relocalized_after_s"] is None
+
+
+def test_the_maps_of_a_drive_are_drawn(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(maps, "NAMES", {"odometry": "Raw odometry", "hector": "Hector"})
+    monkeypatch.setattr(maps, "LOG", tmp_path / "none")
+    rows = maps.draw_maps(tmp_path, "turtlebot3_world", "turtlebot3_burger", seed=0, minutes=0.2)
+    assert [row["slam"] for row in rows] == ["odometry", "hector"]
+    assert "the Intel log is not at" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["slam_maps.png"]
+    with Image.open(tmp_path / "slam_maps.png") as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    assert pixels.shape[1] == 1050
+    for colour in (style.FREE, style.UNKNOWN):
+        assert (np.abs(pixels - colour).max(axis=2) < 12).sum() > 2000
+    assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20  # the path
+
+
+@no_log
+def test_the_maps_of_a_log_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(maps, "NAMES", {"hector": "Hector"})
+    (row,) = maps.draw_log(tmp_path / "log.png", seed=0)
+    assert row["translation_m"] < 0.045
+    assert (tmp_path / "log.png").stat().st_size > 10_000
+
+
+def test_walls_out_of_place_are_found():
+    walls = OccupancyGrid(np.zeros((10, 10), dtype=np.int8), 1.0, (0.0, 0.0))
+    walls.data[2, 3:6] = 100
+    data = np.full((6, 30), -1, dtype=np.int8)
+    data[4, 6], data[4, 14], data[4, 20], data[5, 14] = 100, 100, 100, 0
+    grid = OccupancyGrid(data, 0.5, (0.0, 0.0))  # half as wide cells: (3.25, 2.25), (7.25, 2.25), (10.25, 2.25) m
+    assert np.argwhere(maps.wrong_cells(grid, walls)).tolist() == [[4, 14], [4, 20]]
+
+
+def test_a_robot_is_tracked_localized_and_kidnapped():
+    (row,) = compare_amcl(runs=1, jobs=1, worlds=("turtlebot3_world",), first_seed=900)
+    assert row["tracking_rmse_m"] < 0.03
+    assert row["tracking_rmse_deg"] < 0.7
+    assert row["global_success_up_to_symmetry"] >= row["global_success"]
+    assert 0 <= row["confident_and_wrong_share"] < 0.5
+
+
+def test_symmetries_of_a_rectangle_and_of_an_l():
+    data = np.full((60, 90), -1, dtype=np.int8)
+    data[10:50, 10:80] = 100
+    data[12:48, 12:78] = 0
+    (half_turn,) = symmetries(OccupancyGrid(data, 0.05, (1.0, 2.0)))
+    assert abs(half_turn.theta) == pytest.approx(math.pi)
+    np.testing.assert_allclose(half_turn.transform(np.array([[1.6, 2.6]])), [[4.9, 4.4]], atol=0.06)
+    data[30:, 50:] = -1
+    data[30, 50:80] = data[30:50, 50] = 100
+    assert symmetries(OccupancyGrid(data, 0.05, (1.0, 2.0))) == []
+
+
+def test_planning_is_timed():
+    (row,) = time_planning(("turtlebot3_dqn_stage1",))
+    for cost in ("astar_across_us", "smooth_across_us", "is_path_valid_us", "take_a_scan_us"):
+        assert row[cost] > 0.0
+
+
+def rows_of(times):
+    """Rows of one robot and of two, from two starts."""
+    names = {"world": "rooms", "robot": "tugbot", "physics": "kinematic", "slam": "tinyslam", "time_limit": 600.0}
+    starts = [(num, seed) for num in ("1", "2") for seed in (1, 0)]
+    return [
+        {**names, "policy": num, "seed": seed, "time_to_95": time, "path_length": 10.0, "collisions": 0.0}
+        for (num, seed), time in zip(starts, times, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("times", "shown", "ratio"),
+    [
+        # 300 / 100 and 100 / 80, not the ratio of the means.
+        ([100.0, 300.0, 80.0, 100.0], ["200 [100 to 300]", "90 [80 to 100]"], "2.12 [1.25 to 3.00]"),
+        ([math.inf, math.inf, 100.0, 100.0], ["never [> 600 s]", "100 [100 to 100]"], "> 6.00 [never]"),
+        ([100.0, 300.0, math.inf, math.inf], ["200 [100 to 300]", "never [> 600 s]"], "0.33 [0.17 to 0.50]"),
+    ],
+)
+def test_speed_ups_are_taken_pair_by_pair_and_marks_that_were_never_reached_are_shown(times, shown, ratio):
+    lines = teams.summarise(rows_of(times), (1, 2))
+    assert [line["time to 95 %, s"] for line in lines] == shown
+    assert lines[1]["T(1) / T(n)"] == ratio
+    assert [line["reached"] for line in lines] == [f"{sum(map(math.isfinite, times[k : k + 2]))} of 2" for k in (0, 2)]
+
+
+def test_teams_of_all_sizes_are_evaluated_from_the_same_starts_and_only_once(tmp_path, monkeypatch):
+    arguments = {"worlds": ("pimouse_arena",), "robots": (1, 2), "episodes": 1, "jobs": 1, "slam": "truth"}
+    first = teams.compare_teams(**arguments, out=tmp_path)
+    monkeypatch.setattr("benchmarks.arena.workers.run_episode", lambda *_: pytest.fail("was run again"))
+    assert teams.compare_teams(**arguments, out=tmp_path) == first
+    assert [line["reached"] for line in first] == ["1 of 1"] * 2
