@@ -1,11 +1,25 @@
 import json
 import sys
 
+import numpy as np
 import pytest
 
 from agents.config import TrainingConfig
-from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
+from benchmarks.arena.trace import Curve, Trace
+from benchmarks.demo import (
+    CLASSIC,
+    LEARNED,
+    REFERENCE,
+    TWIST,
+    WORLD,
+    check_learning,
+    demo,
+    draw_side_by_side,
+    find_return,
+    median_pair,
+)
 from envs.files import Lock, LockedError, parse_record
+from envs.geometry import OccupancyGrid, Pose2D
 
 TINY = {
     "experiment": "tiny",
@@ -85,3 +99,37 @@ def test_the_median_start_is_that_of_the_ratio_of_times():
     assert ratio == 0.9
     assert (own["policy"], own["seed"], other["policy"], other["seed"]) == (TWIST, 1, REFERENCE, 1)
     assert median_pair(rows[:1] + rows[2:])[0] == 4.0  # of the two that are left, the slower one
+
+
+def make_trace(seen_at):
+    """A corridor of 100 cells of 0.1 m, each seen at a time; 1 s between two samples."""
+    data = np.zeros((3, 102), dtype=np.int8)
+    data[[0, 2]] = data[:, [0, -1]] = 100
+    since = np.zeros(data.shape, dtype=np.float32)
+    since[1, 1:-1] = seen_at
+    time = np.arange(0.0, max(seen_at) + 1.0)
+    fraction = np.array([np.mean(seen_at <= moment) for moment in time])
+    trail = np.column_stack([1.0 + 0.1 * time, np.zeros(len(time))]).astype(np.float32)
+    walls = np.array([[0.0, 0.0, 10.2, 0.0], [0.0, 0.3, 10.2, 0.3]], dtype=np.float32)
+    grid = OccupancyGrid(data, 0.1, (0.0, 0.0))
+    return Trace(Curve(time, 0.1 * time, fraction), trail, grid, since, Pose2D(0, 0, 0), walls, np.empty((0, 3)))
+
+
+def test_the_longest_drive_through_what_is_known_and_its_pocket_are_found():
+    # The first 20 cells are left behind at 3 s, when those beside them are seen; at 50 s the robot comes back to them.
+    seen_at = np.concatenate([np.full(20, 50.0), 3.0 + np.arange(80.0) // 8])
+    found = find_return(make_trace(seen_at))
+    assert (found.begin, found.end, found.left_at) == (12.0, 49.0, 3.0)
+    np.testing.assert_array_equal(np.argwhere(found.pocket), [(1, col) for col in range(1, 21)])
+
+
+def test_drives_after_the_mark_do_not_count():
+    seen_at = np.concatenate([np.arange(96.0), np.full(4, 500.0)])
+    assert find_return(make_trace(seen_at)).end <= 95.0
+
+
+def test_both_are_drawn_as_they_were():
+    traces = {"quick": make_trace(np.arange(100.0) // 4), "slow": make_trace(np.arange(100.0))}
+    early, late = (draw_side_by_side(traces, moment) for moment in (20.0, 99.0))
+    assert early.shape == late.shape
+    assert (early != late).any()
