@@ -21,10 +21,9 @@ import tyro
 import yaml
 from rich.console import Console
 
-from benchmarks.arena.publish import print_results, publish, run_with_progress
+from benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.summary import to_json
 from envs.command_line import fail, read_options
 from envs.files import naming, read_record
 from lidarnaut import find_configuration
@@ -83,7 +82,9 @@ def main(arguments: list[str] | None = None) -> int:
             with naming(pictures), tempfile.TemporaryFile(dir=pictures):
                 pass
         if not command.report:
-            failures = run_with_progress(evaluation, command.jobs, command.ray, messages, command.bags, command.record)
+            failures = run_with_progress(
+                evaluation, command.jobs, messages, ray=command.ray, bags=command.bags, record=command.record
+            )
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
             return 1 if failures else 0

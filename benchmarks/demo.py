@@ -5,7 +5,6 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,13 +23,22 @@ from agents.config import TrainingConfig
 from agents.curves import LEARNED as LEARNS
 from agents.curves import Row as CurveRow
 from agents.curves import draw_learning_curve, read_evaluations
-from benchmarks.arena.pairs import by_start, start_of
-from benchmarks.arena.plots import extent_of, show_map, show_only
+from benchmarks.arena.plots import (
+    ERROR,
+    INK,
+    MUTED,
+    NUM_COLORS,
+    PAPER,
+    UNKNOWN,
+    extent_of,
+    line_styles,
+    show_map,
+    show_only,
+)
 from benchmarks.arena.publish import print_case, publish, run_with_progress
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.theme import LIGHT, NUM_COLORS
 from benchmarks.arena.trace import Trace, trace_path
 from benchmarks.films import save_film
 from envs.command_line import run_command
@@ -104,7 +112,7 @@ def demo(
             policies=policies, worlds=(WORLD,), episodes=episodes, physics=(physics,), time_limit=time_limit
         )
         evaluation = Evaluation(settings, work)
-        run_with_progress(evaluation, jobs, None, console)
+        run_with_progress(evaluation, jobs, console)
         rows = evaluation.rows()
 
         say("3/3 Draw the median episode, and write the report")
@@ -157,8 +165,8 @@ def check_learning(evaluations: Sequence[CurveRow], target: str) -> str:
 
 def median_pair(rows: Sequence[Row], policy: str = TWIST) -> tuple[float, tuple[Row, Row]]:
     """Return the median ratio of the times of a policy and the reference, and their episodes from that start."""
-    reference = by_start(rows, REFERENCE)
-    pairs = [(row, reference[start_of(row)]) for row in by_start(rows, policy).values()]
+    reference = {row["seed"]: row for row in rows if row["policy"] == REFERENCE}
+    pairs = [(row, reference[row["seed"]]) for row in rows if row["policy"] == policy]
     ratios = sorted(((time_to_mark(a) / time_to_mark(b), k) for k, (a, b) in enumerate(pairs)))
     ratio, k = ratios[len(ratios) // 2]
     return ratio, pairs[k]
@@ -198,29 +206,29 @@ def draw_side_by_side(traces: Mapping[str, Trace], moment: float) -> np.ndarray:
     """
     extent, end = extent_of(list(traces.values())), max(float(trace.curve.time[-1]) for trace in traces.values())
     height = 5.0 * (extent[3] - extent[2]) / (extent[1] - extent[0])
-    figure = Figure(figsize=(10.0, height + 3.0), dpi=100, facecolor=LIGHT.paper, layout="constrained")
+    figure = Figure(figsize=(10.0, height + 3.0), dpi=100, facecolor=PAPER, layout="constrained")
     maps, below = figure.subfigures(2, height_ratios=(height + 0.9, 2.1))
     what = "red: the longest drive that added less than 1 %, and the pocket that it led to"
-    maps.supxlabel(f"paths: coloured by time; {what}", color=LIGHT.muted, fontsize=9)
-    curves, colors = below.subplots(), LIGHT.colors(list(traces))
-    curves.axhline(100 * MARK, color=LIGHT.muted, linewidth=0.8, linestyle=(0, (2, 3)))
+    maps.supxlabel(f"paths: coloured by time; {what}", color=MUTED, fontsize=9)
+    curves, looks = below.subplots(), line_styles(list(traces))
+    curves.axhline(100 * MARK, color=MUTED, linewidth=0.8, linestyle=(0, (2, 3)))
     for axes, (name, trace) in zip(maps.subplots(1, 2), traces.items(), strict=True):
         time, percent, found = trace.curve.time, 100 * trace.curve.progress, find_return(trace)
         _draw_path(axes, trace, found, moment, end)
-        show_only(axes, extent, LIGHT.unknown)
+        show_only(axes, extent, UNKNOWN)
         reached, back, past = first_at(time, trace.curve.progress, MARK), "", time <= moment
-        curves.plot(time[past], percent[past], color=colors[name], linewidth=2.0, label=name)
+        curves.plot(time[past], percent[past], linewidth=2.0, label=name, **looks[name])
         if found.begin < found.end <= moment:
             area = found.pocket.sum() * trace.grid.resolution**2
             back = f"{found.end - found.begin:.0f} s back to {area:.1f} m² left at {found.left_at:.0f} s"
             level = float(np.interp(found.end, time, percent))
-            curves.plot([found.begin, found.end], [level, level], color=LIGHT.error, linewidth=5.0, alpha=0.55)
+            curves.plot([found.begin, found.end], [level, level], color=ERROR, linewidth=5.0, alpha=0.55)
         now = f"{np.interp(moment, time, percent):.0f} %"
         first = now if moment < reached else f"{100 * MARK:.0f} % after {reached:.0f} s"
-        axes.set_title(f"{name}: {first}\n{back}", color=LIGHT.ink, fontsize=11)
+        axes.set_title(f"{name}: {first}\n{back}", color=INK, fontsize=11)
     curves.set(xlim=(0, end), ylim=(0, 102), xlabel="time [s]", ylabel="explored [%]")
     curves.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", extent=(0, end, 0, 3), aspect="auto")
-    curves.grid(color=LIGHT.muted, alpha=0.25)
+    curves.grid(color=MUTED, alpha=0.25)
     curves.legend(loc="lower right", frameon=False)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -230,22 +238,21 @@ def draw_side_by_side(traces: Mapping[str, Trace], moment: float) -> np.ndarray:
 def _draw_path(axes: Axes, trace: Trace, found: Return, moment: float, end: float) -> None:
     """Draw what was known, and the path until a moment [s], in colours that begin at 0 and end at `end` [s]."""
     known = trace.known_since <= moment
-    picture = np.full((*known.shape, 4), to_rgba(LIGHT.unknown), dtype=np.float32)
-    picture[known] = to_rgba(LIGHT.paper)
+    picture = np.full((*known.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
+    picture[known] = to_rgba(PAPER)
     if moment >= found.left_at:
-        picture[found.pocket] = to_rgba(LIGHT.error, 0.25 if moment >= found.end else 0.55)
-    picture[known & (trace.grid.data >= 50)] = to_rgba(LIGHT.ink)
-    walls = replace(LIGHT, error=LIGHT.muted)  # grey: red is for returns
-    show_map(axes, picture, trace.grid, trace.start, trace.segments, walls)
+        picture[found.pocket] = to_rgba(ERROR, 0.25 if moment >= found.end else 0.55)
+    picture[known & (trace.grid.data >= 50)] = to_rgba(INK)
+    show_map(axes, picture, trace.grid, trace.start, trace.segments, MUTED)  # red is for returns
     count = max(int(np.searchsorted(trace.curve.time, moment, side="right")), 2)
     trail, time = trace.start.transform(trace.trail[:count]), trace.curve.time[:count]
     back = trail[(time >= found.begin) & (time <= found.end)]
-    axes.plot(*back.T, color=LIGHT.error, linewidth=5.0, alpha=0.55, solid_capstyle="round")
+    axes.plot(*back.T, color=ERROR, linewidth=5.0, alpha=0.55, solid_capstyle="round")
     if found.begin < found.end:
-        axes.plot(*back[:1].T, marker="X", markersize=10, color=LIGHT.error, markeredgecolor=LIGHT.paper)
+        axes.plot(*back[:1].T, marker="X", markersize=10, color=ERROR, markeredgecolor=PAPER)
     look = {"cmap": "viridis", "norm": Normalize(0, end), "linewidths": 1.8}
     axes.add_collection(LineCollection(list(np.stack([trail[:-1], trail[1:]], axis=1)), array=time[1:], **look))
-    axes.plot(*trail[0], marker="o", markersize=6, color=LIGHT.paper, markeredgecolor=LIGHT.ink)
+    axes.plot(*trail[0], marker="o", markersize=6, color=PAPER, markeredgecolor=INK)
     now = matplotlib.colormaps["viridis"](time[-1] / end)
     axes.plot(*trail[-1], marker="o", markersize=7, color=now, markeredgecolor="k")
 

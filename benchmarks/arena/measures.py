@@ -8,8 +8,6 @@ from envs.measures import COMMON, SUCCESS, Measure, headline_of
 from envs.task import Task
 
 DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
-MARK = "time to "
-"""How labels begin of times that marks are reached after."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +41,19 @@ class Measures:
 
     @property
     def relative(self) -> tuple[Measure, ...]:
-        """These shares (`benchmarks.arena.pairs.relate`): seconds in a maze and in a warehouse are not of a kind."""
+        """These shares (`Episodes.related`): seconds in a maze and in a warehouse are not of a kind."""
         return tuple(map(share_of, self.marks))
+
+    @property
+    def mark(self) -> str:
+        """What the first of the marks stands for, such as "95 %"; empty without marks."""
+        return next((mark.label.removeprefix("time to ") for mark in self.marks), "")
 
     @property
     def reached(self) -> tuple[Measure, ...]:
         """Whether the first of the marks was reached; none without marks."""
-        label = next((f"{mark.label.removeprefix(MARK)} reached" for mark in self.marks), "")
-        return (Measure("reached", label, "%", True, digits=0, scale=100.0, is_share=True),) if label else ()
+        measure = Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True)
+        return (measure,) if self.marks else ()
 
     @property
     def decisive(self) -> Measure:
@@ -75,9 +78,11 @@ class Measures:
     @property
     def shown(self) -> tuple[Measure, ...]:
         """Columns of the leaderboard."""
-        main = [measure for measure in self.own if measure.name == self.progress] if self.marks else self._others
-        last = self._named("collisions", "decision_ms")
-        return self.headline, *main, *self.relative, *self.reached, SUCCESS, *last
+        main = self._named(self.progress) if self.marks else self._others
+        return (
+            *(self.headline, *main, *self.relative, *self.reached),
+            *(SUCCESS, *self._named("collisions", "decision_ms")),
+        )
 
     @property
     def on_axes(self) -> tuple[Measure, ...]:
@@ -87,7 +92,7 @@ class Measures:
     @property
     def label(self) -> str:
         """What the course of `progress` is called."""
-        return next((measure.label for measure in self.own if measure.name == self.progress), "progress")
+        return next((measure.label for measure in self._named(self.progress)), "progress")
 
     @property
     def _others(self) -> list[Measure]:
@@ -99,10 +104,8 @@ class Measures:
 
 def share_of(mark: Measure) -> Measure:
     """Return the measure of a mark as a share of what the reference needed."""
-    limit = f"relative_{mark.name}_limit"
-    return replace(
-        mark, name=f"relative_{mark.name}", label=f"{mark.label}, relative", unit="", digits=2, scale=1.0, limit=limit
-    )
+    name, label = f"relative_{mark.name}", f"{mark.label}, relative"
+    return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 
 
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:

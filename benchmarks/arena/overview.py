@@ -1,177 +1,230 @@
-"""Pictures over all worlds: curves, performance profiles, typical and worst episodes."""
+"""Pictures over all worlds, or of one: curves, profiles, typical and worst episodes, pages that play them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.arena.leaderboard import story
-from benchmarks.arena.measures import MARK, Measures
+from benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
+from benchmarks.arena.leaderboard import endings_table, measures_table, pairs_section
+from benchmarks.arena.measures import Measures
 from benchmarks.arena.page import Cell, Figure, Fold, Section, Table
-from benchmarks.arena.pairs import (
-    Case,
-    by_start,
-    case_of,
-    label_cases,
-    policies_of,
-    reference_of,
-    start_of,
-    value_of,
-    values_of,
+from benchmarks.arena.plots import (
+    NUM_POINTS,
+    draw_curves,
+    draw_growth,
+    draw_map,
+    draw_profiles,
+    render,
+    sample_curves,
 )
-from benchmarks.arena.plots import NUM_POINTS, Bands, draw_curves, draw_growth, draw_profiles, sample_curves
+from benchmarks.arena.policies import short
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import performance_profile
-from benchmarks.arena.summary import competitors, typical_and_worst
-from benchmarks.arena.theme import Picture, short
-from benchmarks.arena.trace import Curve, Trace, load_curve, slug, trace_path
+from benchmarks.arena.statistics import Band, Estimate, performance_profile
+from benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
+from envs.files import write_file
 from envs.measures import Measure
+from envs.player import Recording, build_page
 
 SHARES = 3.0
 """Times and distances are shown up to this multiple of what the reference needed."""
-
 NUM_WORST, NUM_WORST_MAPS = 5, 3
 """Worst episodes of the fastest explorer that are listed, and shown."""
+COLORS = "Colours: when a cell became known. Red: the true walls."
 
 
-def curves_section(folder: Path, rows: Sequence[Row], measures: Measures) -> Section:
+def curves_section(folder: Path, episodes: Episodes) -> Section:
     """Return progress over time and distance, and the performance profiles of tasks whose times are compared as shares.
 
     Args:
         folder: of the evaluation; holds the traces.
-        rows: related episodes (`benchmarks.arena.pairs.relate`) from starts that all competitors share.
-        measures: of the task.
+        episodes: related ones from starts that all competitors share.
     """
-    reference, label = short(reference_of(policies_of(rows))), measures.label
-    curves = _relative_curves(folder, rows, measures)
-    unit, end = "of the limit", 1.0
-    if measures.marks:
-        unit, end = f"of {reference}'s to {measures.marks[0].label.removeprefix(MARK)}", SHARES
-    drawn = {}
-    for name, over, words in (("time", "time", "time"), ("distance", "path_length", "the distance driven")):
-        bands = sample_curves(curves, over, end)  # type: ignore[arg-type]
-        draw = partial(draw_curves, bands, f"{name}, as a share {unit}", label)
-        drawn[f"curves_{name}"] = draw, f"{label.capitalize()} over {words}."
-    if measures.marks:
-        drawn |= _profiles(rows, list(curves), reference, measures)
+    measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
+    curves = _relative_curves(folder, episodes)
+    unit, end = (f"{reference}'s to {measures.mark}", SHARES) if measures.marks else ("the limit", 1.0)
     text = "Every start has its own unit: "
     text += f"what {reference} needed to explore 95 % from it" if measures.marks else "its limits of time and distance"
     text += ". Bands are 95 % intervals; dotted is the bound."
-    figures = [Figure(name, Picture.of(draw), caption) for name, (draw, caption) in drawn.items()]
-    return Section("Curves and performance profiles" if measures.marks else "Curves", (text, *figures))
+    figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
+    if not measures.marks:
+        return Section("Curves", (text, *figures))
 
+    def profiles(measure: Measure, thresholds: np.ndarray, sign: float = 1.0) -> dict[str, Band]:
+        scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
+        return {policy: performance_profile(values, sign * thresholds) for policy, values in scores.items()}
 
-def _profiles(
-    rows: Sequence[Row], policies: Sequence[str], reference: str, measures: Measures
-) -> dict[str, tuple[partial, str]]:
-    """Return what draws the performance profiles of the headline and of the first share, with captions."""
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
-    headline, mark = measures.headline.label, measures.marks[0].label.removeprefix(MARK)
-    # Infinite where it was never reached.
-    unlimited = replace(measures.relative[0], limit="")
-    profiles, races = {}, {}
-    for policy in policies:
-        profiles[policy] = performance_profile(values_of(rows, policy, measures.headline), areas)
-        races[policy] = performance_profile([-values for values in values_of(rows, policy, unlimited)], -shares)
-    return {
-        "profile_area": (
-            partial(draw_profiles, Bands(areas, profiles), f"{headline} above"),
+    headline, never = measures.headline.label, replace(measures.relative[0], limit="")  # infinite if never reached
+    above, within = profiles(measures.headline, areas), profiles(never, shares, -1.0)
+    race = f"{measures.mark} within this share of {reference}'s time"
+    figures += [
+        Figure(
+            "profile_area",
+            render(draw_profiles, areas, above, f"{headline} above"),
             f"Performance profile: share of episodes whose {headline} is above a threshold.",
         ),
-        "profile_time": (
-            partial(draw_profiles, Bands(shares, races), f"{mark} within this share of {reference}'s time"),
-            f"Performance profile: share of episodes that reached {mark} within a share of {reference}'s time.",
+        Figure(
+            "profile_time",
+            render(draw_profiles, shares, within, race),
+            f"Performance profile: share of episodes that reached {race.replace('this', 'a')}.",
         ),
-    }
+    ]
+    return Section("Curves and performance profiles", (text, *figures))
 
 
-def worst_section(folder: Path, rows: Sequence[Row], measures: Measures) -> Section | None:
+def curve_figures(
+    name: str, curves: Mapping[str, Sequence[Sequence[Curve]]], label: str, unit: str = "", end: float | None = None
+) -> list[Figure]:
+    """Draw progress over time and over distance, of curves by policy and stratum; see `sample_curves`."""
+    over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
+    figures = []
+    for quantity, (field, words, si) in over.items():
+        picture = render(draw_curves, *sample_curves(curves, field, end), quantity + (unit or si), label)
+        figures.append(Figure(name.format(quantity), picture, f"{label.capitalize()} over {words}."))
+    return figures
+
+
+def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Curve]]]:
+    """Return each policy's curves by case, in shares of the limits, or of what the reference needed to the marks.
+
+    What it saw at once is left out.
+    """
+    references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
+    curves: dict[str, dict[Case, list[Curve]]] = {}
+    for row in episodes:
+        units = {"time_limit": row["time_limit"], "distance_limit": row["distance_limit"]}
+        if marks:
+            same_start = references.get(start_of(row))
+            if same_start is None or any(same_start[mark.name] <= 0.0 for mark in marks):
+                continue
+            units |= {mark.limit: value_of(same_start, mark) for mark in marks}
+        curve = load_curve(folder, row)
+        scaled = Curve(curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress)
+        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
+    return {policy: list(strata.values()) for policy, strata in curves.items()}
+
+
+def worst_section(folder: Path, episodes: Episodes) -> Section | None:
     """Return the episodes in which the fastest policy does worst against the reference, and the first of their maps.
 
     Args:
         folder: of the evaluation; holds the traces.
-        rows: related episodes (`benchmarks.arena.pairs.relate`) from starts that all competitors share.
-        measures: of the task.
+        episodes: related ones from starts that all competitors share.
 
     Returns:
         The section; None if the reference has no competitor, or nothing is compared as shares.
     """
-    reference = reference_of(policies_of(rows))
-    policy = next((name for name in competitors(rows, measures.decisive) if name != reference), None)
+    measures, reference = episodes.measures, episodes.reference
+    policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:
         return None
-    mark, relative, labels = measures.marks[0], measures.decisive, label_cases(rows)
-    references = by_start(rows, reference)
-    mine = [row for row in rows if row["policy"] == policy and start_of(row) in references]
+    mark, relative, references = measures.marks[0], measures.decisive, episodes.by_start(reference)
+    mine = [row for row in episodes.of(policy) if start_of(row) in references]
     mine.sort(key=lambda row: -value_of(row, relative))
-    lines, figures = [], []
+    names, lines, figures = (short(policy), short(reference)), [], []
     for k, row in enumerate(mine[:NUM_WORST], start=1):
-        other = references[start_of(row)]
-        where = f"{labels[case_of(row)]}, seed {row['seed']}"
-        times = [_time_cell(row, mark), _time_cell(other, mark), Cell(relative.text(value_of(row, relative)))]
-        endings = [
-            f"{100 * one['explored_fraction']:.1f} %, {one['end_reason'].replace('_', ' ')}" for one in (row, other)
-        ]
-        lines.append([Cell(where), *times, *map(Cell, endings)])
+        both, where = (row, references[start_of(row)]), episodes.place(row)
+        times = [Cell(mark.text(one[mark.name])) for one in both]
+        ends = [f"{100 * one['explored_fraction']:.1f} %, {one['end_reason'].replace('_', ' ')}" for one in both]
+        lines.append([Cell(where), *times, Cell(relative.text(value_of(row, relative))), *map(Cell, ends)])
         if k <= NUM_WORST_MAPS:
-            traces = {one["policy"]: Trace.load(trace_path(folder, one)) for one in (row, other)}
-            caption = f"{where}: {short(policy)} above, {short(reference)} below."
-            figures.append(
-                Figure(f"worst_against_{k}", Picture.of(partial(draw_growth, traces)), caption, is_wide=True)
-            )
-    names = (short(policy), short(reference))
+            picture = render(draw_growth, {one["policy"]: Trace.load(trace_path(folder, one)) for one in both})
+            caption = f"{where}: {names[0]} above, {names[1]} below."
+            figures.append(Figure(f"worst_against_{k}", picture, caption, is_wide=True))
     text = (
         f"The {len(lines)} starts from which {names[0]} needs most, measured by what {names[1]} needs from there, and "
-        f"the maps of both from the first {len(figures)}. Colours: when a cell became known. Red: the true walls."
+        f"the maps of both from the first {len(figures)}. {COLORS}"
     )
     head = ("", *(f"{name}, {mark.title}" for name in names), "relative", *(f"{name} ends at" for name in names))
     return Section(f"Where {names[0]} does worst", (text, Table(head, lines, words=(4, 5)), *figures))
 
 
-def _time_cell(row: Row, mark: Measure) -> Cell:
-    """Show when an episode reached the mark."""
-    if row[mark.name] <= row[mark.limit]:
-        return Cell(mark.text(row[mark.name]))
-    return Cell("never", f"> {mark.text(row[mark.limit])} {mark.unit}")
+def story(row: Row, measures: Measures) -> str:
+    """Say in a line how an episode went."""
+    end, headline = row["end_reason"].replace("_", " "), measures.headline
+    where = f"in {row['duration']:.0f} s and {row['path_length']:.0f} m"
+    if "explored_fraction" not in row:
+        return f"{headline.label} {headline.text(row[headline.name])} {headline.unit} {where} ({end})"
+    left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
+    explored = f"{100 * row['explored_fraction']:.1f} %"
+    return f"{explored} {where} ({end}{left}), map IoU {100 * row['map_iou']:.0f} %"
 
 
-def gallery_section(folder: Path, rows: Sequence[Row], measures: Measures) -> Section:
+def gallery_section(folder: Path, episodes: Episodes) -> Section:
     """Return film strips of a typical and of the worst of all episodes of every policy; `folder` holds the traces."""
-    labels, headline = label_cases(rows), measures.headline
     strips = []
-    for policy in policies_of(rows):
+    for policy in episodes.policies:
         figures = []
-        for kind, row in zip(("typical", "worst"), typical_and_worst(rows, policy, headline), strict=True):
-            trace = Trace.load(trace_path(folder, row))
-            caption = f"{short(policy)}, {kind}: {labels[case_of(row)]}, seed {row['seed']}: {story(row, measures)}"
-            picture = Picture.of(partial(draw_growth, {policy: trace}))
+        for kind, row in zip(("typical", "worst"), episodes.typical_and_worst(policy)):
+            caption = f"{short(policy)}, {kind}: {episodes.place(row)}: {story(row, episodes.measures)}"
+            picture = render(draw_growth, {policy: Trace.load(trace_path(folder, row))})
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
         strips.append(Fold(short(policy), tuple(figures)))
     text = (
-        f"Of each policy the episode with the median {headline.label} over all worlds, and the one with the worst. "
-        "The last picture of a strip is the final map. Colours: when a cell became known. Red: the true walls."
+        f"Of each policy the episode with the median {episodes.measures.headline.label} over all worlds, and the one "
+        f"with the worst. The last picture of a strip is the final map. {COLORS}"
     )
     return Section("Typical and worst episodes", (text, *strips))
 
 
-def _relative_curves(folder: Path, rows: Sequence[Row], measures: Measures) -> dict[str, list[list[Curve]]]:
-    """Return each policy's curves by case, in shares of the limits, or of what the reference needed to the marks.
+def players_section(folder: Path, episodes: Episodes) -> Section | None:
+    """Write the pages that play each policy's typical and worst recorded episode; return links to them.
 
-    What it saw at once is left out.
+    Each page shows the episode beside the reference's from the same start, where that one is recorded. The folder of
+    the evaluation holds the recordings, and gets the pages. None if nothing was recorded.
     """
-    references = by_start(rows, reference_of(policies_of(rows)))
-    curves: dict[str, dict[Case, list[Curve]]] = {}
-    for row in rows:
-        units = row["time_limit"], row["distance_limit"]
-        if measures.marks:
-            same_start = references.get(start_of(row))
-            if same_start is None or any(same_start[mark.name] <= 0.0 for mark in measures.marks):
-                continue
-            marks = {mark.limit: value_of(same_start, mark) for mark in measures.marks}
-            units = marks["time_limit"], marks.get("distance_limit", units[1])
-        curve = load_curve(folder, row)
-        scaled = Curve(curve.time / units[0], curve.path_length / units[1], curve.progress)
-        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
-    return {policy: list(strata.values()) for policy, strata in curves.items()}
+    recorded = episodes.where(lambda row: recording_path(folder, row).exists())
+    if not recorded:
+        return None
+    (folder / "players").mkdir(exist_ok=True)
+    headline, reference = episodes.measures.headline, recorded.reference
+    references, lines = recorded.by_start(reference), []
+    for policy in recorded.policies:
+        cells = [Cell(short(policy))]
+        for row in recorded.typical_and_worst(policy):
+            shown = [row] if policy == reference else [row, references.get(start_of(row))]
+            page = f"players/{episode_name(row)}.html"
+            write_file(folder / page, build_page([Recording.load(recording_path(folder, one)) for one in shown if one]))
+            value = f"{headline.label} {headline.text(row[headline.name])} {headline.unit}"
+            cells.append(Cell(episodes.place(row), value, link=page))
+        lines.append(cells)
+    text = (
+        f"Of each policy the episode with the median {headline.label}, and the one with the worst, "
+        f"to play and to drag through, beside {short(reference)} from the same start."
+    )
+    return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines)))
+
+
+def case_sections(
+    folder: Path, case: str, episodes: Episodes, estimates: Mapping[str, Mapping[str, Estimate]]
+) -> list[Section]:
+    """Return the curves, measures, comparisons, endings and maps of the episodes of one case; `folder` holds traces."""
+    measures, seed, place = episodes.measures, episodes.rows[0]["seed"], slug(case)
+    traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
+    curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
+    firsts, growth, maps = {policy: some[0] for policy, some in traces.items()}, [], []
+    if any(trace.has_grown for trace in firsts.values()):
+        caption = f"All from the same start. {COLORS}"
+        figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
+        growth = [Section(f"How the maps grew (seed {seed})", (figure,), 3)]
+    for policy, trace in firsts.items():
+        row = episodes.of(policy)[0]
+        start = "" if row["seed"] == seed else f"seed {row['seed']}: "
+        caption = f"{policy}: {start}{story(row, measures)}"
+        maps.append(Figure(f"map_{place}_{slug(policy)}", render(draw_map, trace), caption))
+    label = measures.label
+    pairs = pairs_section(episodes, measures.compared)
+    parts = pairs.parts if pairs else ("There is no other policy to compare with.",)
+    return [
+        Section(case, ()),
+        Section(
+            f"{label.capitalize()} over time and distance", (*curve_figures(f"curves_{place}_{{}}", curves, label),), 3
+        ),
+        Section("All measures", (measures_table(estimates, measures),), 3),
+        Section("Pair by pair", parts, 3),
+        Section("How the episodes ended", (endings_table(episodes),), 3),
+        *growth,
+        Section(f"Final maps (seed {seed})", tuple(maps), 3),
+    ]

@@ -3,26 +3,29 @@
 import base64
 import html
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import jinja2
 import rich.table
 from rich import box
 from rich.text import Text
 
 from benchmarks.arena.measures import texts
+from benchmarks.arena.records import write_table
 from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.theme import Picture
+from benchmarks.arena.trace import slug
 from envs.files import write_file
 from envs.measures import Measure
 
 MAX_OPEN_LINES = 10
-"""Tables with more lines are folded away."""
+"""Longer tables are folded away in HTML, and files of their own beside Markdown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(NamedTuple):
     """A cell of a table."""
 
     text: str
@@ -38,7 +41,7 @@ class Cell:
         return cls(*texts(measure, value, sign), is_best)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Table:
     """A table; its first column names the rows."""
 
@@ -46,30 +49,32 @@ class Table:
     lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
     """Columns of words, beside the first."""
-    title: str = ""
-    """A line above; a table with a title is folded away."""
     is_open: bool = False
     """Whether it is shown however long it is."""
 
     @property
-    def summary(self) -> str:
-        """What stands for the table where it is folded away; empty where it is not."""
-        is_long = len(self.lines) > MAX_OPEN_LINES and not self.is_open
-        return self.title or (f"Table of {len(self.lines)} rows" if is_long else "")
+    def is_folded(self) -> bool:
+        """Whether it is too long to be shown."""
+        return len(self.lines) > MAX_OPEN_LINES and not self.is_open
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Figure:
-    """A picture with a name and a caption."""
+    """A PNG or GIF picture, with the name of its file without ending, and a caption."""
 
     name: str
-    """Of its file, without ending."""
-    picture: Picture
+    content: bytes
     caption: str
     is_wide: bool = False
 
+    @cached_property
+    def url(self) -> str:
+        """A URL that holds the picture."""
+        kind = "gif" if self.content.startswith(b"GIF") else "png"
+        return f"data:image/{kind};base64,{base64.b64encode(self.content).decode()}"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class Fold:
     """Parts that are folded away behind a line."""
 
@@ -80,133 +85,62 @@ class Fold:
 Part = str | Table | Figure | Fold
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Section:
     """A heading, and paragraphs, tables and pictures under it."""
 
     title: str
     parts: tuple[Part, ...]
+    level: int = 2
 
 
-def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, pictures: Path) -> None:
-    """Write a page, and its pictures as PNG files for light paper into the folder `pictures`, which is emptied.
+def to_html(sections: Sequence[Section], **more: Any) -> str:
+    """Return a page as one HTML file that carries its pictures; `more` goes to the template `report.html`."""
+    folder = jinja2.FileSystemLoader(Path(__file__).parent)
+    template = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return template.get_template("report.html").render(sections=sections, **more)
 
-    Only `text` is Markdown: names of worlds and policies may hold anything.
+
+def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, folder: Path) -> None:
+    """Write a page, and into `folder` its pictures as PNG files, and its long tables as CSV.
+
+    Pictures and tables that are there are removed. Only `text` is Markdown: names of worlds and policies may hold
+    anything.
     """
-    pictures.mkdir(parents=True, exist_ok=True)
-    for old in pictures.glob("*.png"):
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
         old.unlink()
-    relative = pictures.relative_to(page.parent)
-    blocks = [f"# {title}", text]
+    blocks = [f"# {title}", text.strip()]
     for section in sections:
         blocks.append(f"## {_escape(section.title)}")
-        blocks.extend(_markdown(part, pictures, str(relative)) for part in section.parts)
+        blocks += [_markdown(part, section.title, folder) for part in section.parts]
     write_file(page, "\n\n".join(blocks) + "\n")
 
 
-def _markdown(part: Part, pictures: Path, relative: str) -> str:
-    """Return a part as Markdown, and write its pictures."""
-    if isinstance(part, Fold):
-        return _fold(part.title, "\n\n".join(_markdown(one, pictures, relative) for one in part.parts))
+def _markdown(part: Part, title: str, folder: Path) -> str:
+    """Return a part as Markdown, and write its files."""
+    if isinstance(part, str):
+        return _escape(part)
     if isinstance(part, Figure):
-        write_file(pictures / f"{part.name}.png", part.picture.light)
-        caption = _escape(part.caption)
-        return f"![{caption}]({relative}/{part.name}.png)\n\n*{caption}*"
-    return _markdown_table(part) if isinstance(part, Table) else _escape(part)
-
-
-def _fold(title: str, content: str) -> str:
-    """Fold Markdown away; without the blank lines it would be taken for HTML."""
-    return f"<details><summary>{_plain(title)}</summary>\n\n{content}\n\n</details>"
-
-
-def to_html(sections: Sequence[Section], heading: str = "h2") -> str:
-    """Return a page as a piece of HTML that carries its pictures."""
-    pieces = []
-    for section in sections:
-        pieces.append(f"<{heading}>{html.escape(section.title)}</{heading}>")
-        pieces.extend(_html(section.parts))
-    return "\n".join(pieces)
-
-
-def _html(parts: Sequence[Part]) -> Iterator[str]:
-    """Yield parts as HTML; the small pictures among them stand side by side."""
-    small = [part for part in parts if isinstance(part, Figure) and not part.is_wide]
-    for part in parts:
-        if isinstance(part, str):
-            yield f"<p>{html.escape(part)}</p>"
-        elif isinstance(part, Table):
-            yield _html_table(part)
-        elif isinstance(part, Fold):
-            content = "".join(_html(part.parts))
-            yield f"<details><summary>{html.escape(part.title)}</summary>{content}</details>"
-        elif part.is_wide:
-            yield _themed(part, "wide")
-        elif part is small[0]:
-            yield f'<div class="pair">{"".join(map(_themed, small))}</div>'
-
-
-def _themed(figure: Figure, kind: str = "") -> str:
-    """Return a figure element whose picture follows the reader's light or dark mode."""
-    dark = f'<source media="(prefers-color-scheme: dark)" srcset="{data_url(figure.picture.dark)}">'
-    return figure_element(data_url(figure.picture.light), figure.caption, dark, kind)
-
-
-def figure_element(url: str, caption: str, sources: str = "", kind: str = "") -> str:
-    """Return a figure element."""
-    text = html.escape(caption)
-    image = f'<picture>{sources}<img src="{url}" alt="{text}"></picture>'
-    return f'<figure class="{kind}">{image}<figcaption>{text}</figcaption></figure>'
-
-
-def data_url(content: bytes) -> str:
-    """Return a URL that holds a PNG or GIF file."""
-    kind = "gif" if content.startswith(b"GIF") else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _html_table(table: Table) -> str:
-    lines = []
-    for first, *others in table.lines:
-        cells = "".join(
-            f'<td class="{"best" if cell.is_best else "words" if k in table.words else ""}">{_linked(cell)}'
-            f"<small>{html.escape(cell.note)}</small></td>"
-            for k, cell in enumerate(others, start=1)
-        )
-        lines.append(f"<tr><th>{html.escape(first.text)}</th>{cells}</tr>")
-    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in table.head)
-    content = f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-    if not table.summary:
-        return content
-    return f"<details><summary>{html.escape(table.summary)}</summary>{content}</details>"
-
-
-def _linked(cell: Cell) -> str:
-    text = html.escape(cell.text)
-    return f'<a href="{html.escape(cell.link)}">{text}</a>' if cell.link else text
-
-
-def _markdown_table(table: Table) -> str:
-    align = ["---" if k in (0, *table.words) else "---:" for k in range(len(table.head))]
-    lines = [[_markdown_cell(cell) for cell in line] for line in table.lines]
-    content = "\n".join(f"| {' | '.join(cells)} |" for cells in ([_escape(h) for h in table.head], align, *lines))
-    return _fold(table.summary, content) if table.summary else content
+        write_file(folder / f"{part.name}.png", part.content)
+        return f"![{part.name}]({folder.name}/{part.name}.png)\n\n*{_escape(part.caption)}*"
+    if isinstance(part, Fold):
+        content = "\n\n".join(_markdown(one, title, folder) for one in part.parts)
+        # Without the blank lines it would be taken for HTML.
+        return f"<details><summary>{_plain(part.title)}</summary>\n\n{content}\n\n</details>"
+    if part.is_folded:
+        name = f"{slug(title.lower().replace(' ', '_'))}.csv"
+        lines = [[f"{cell.text} ({cell.note})" if cell.note else cell.text for cell in line] for line in part.lines]
+        write_table(folder / name, part.head, lines)
+        return f"[Table of {len(lines)} rows]({folder.name}/{name})"
+    align = ["---" if k in (0, *part.words) else "---:" for k in range(len(part.head))]
+    lines = [list(map(_escape, part.head)), align, *([_markdown_cell(cell) for cell in line] for line in part.lines)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _markdown_cell(cell: Cell) -> str:
     text = f"**{_escape(cell.text)}**" if cell.is_best else _escape(cell.text)
     return f"{text} <sub>{_escape(cell.note)}</sub>" if cell.note else text
-
-
-def to_terminal(table: Table, title: str) -> rich.table.Table:
-    """Return a table for the terminal; intervals stand in brackets."""
-    shown = rich.table.Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for k, heading in enumerate(table.head):
-        shown.add_column(Text(heading), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
-    for line in table.lines:
-        texts = [Text(cell.text, style="bold" if cell.is_best else "") for cell in line]
-        shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(texts, line)))
-    return shown
 
 
 def _escape(text: str) -> str:
@@ -217,3 +151,14 @@ def _escape(text: str) -> str:
 def _plain(text: str) -> str:
     """Return plain text as HTML in one line."""
     return html.escape(" ".join(text.split()), quote=False)
+
+
+def to_terminal(table: Table, title: str) -> rich.table.Table:
+    """Return a table for the terminal; intervals stand in brackets."""
+    shown = rich.table.Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, heading in enumerate(table.head):
+        shown.add_column(Text(heading), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
+    for line in table.lines:
+        shown_texts = [Text(cell.text, style="bold" if cell.is_best else "") for cell in line]
+        shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(shown_texts, line)))
+    return shown

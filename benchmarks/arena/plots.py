@@ -1,144 +1,205 @@
-"""Curves and performance profiles with intervals, and maps as they grew and ended."""
+"""Pictures: curves and performance profiles with intervals, policies compared, and maps as they grew and ended."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+import io
+from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle, product
+from typing import Any, Literal
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.colors import LinearSegmentedColormap, to_rgba
+from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.transforms import Affine2D
+from PIL import Image
 
-from benchmarks.arena.statistics import Band, curve_band
-from benchmarks.arena.theme import LIGHT, Theme, short
+from benchmarks.arena.policies import is_bound, short
+from benchmarks.arena.statistics import Band, Estimate, curve_band
 from benchmarks.arena.trace import Curve, Trace
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.rendering import style
+
+
+def _hex(color: style.Colour) -> str:
+    return to_hex(np.divide(color, 255))
+
+
+PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
+UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
+"""Map cells that were never seen, and true walls over the map."""
+LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
+"""Colours of policies, in order; where they repeat, the line style differs."""
+DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
+TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
+"""From the first cells seen to the last."""
+STYLE = {
+    "axes.edgecolor": MUTED,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 160,
+    "grid.alpha": 0.25,
+    "grid.color": MUTED,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.color": MUTED,
+    "ytick.labelcolor": INK,
+}
+NUM_COLORS = 128
+"""Of a picture's palette: it takes a third of the memory of true colours, and looks the same."""
+NUM_POINTS = 200
+"""Points at which curves are drawn."""
+MAX_SHARE = 1.6
+"""Policies that need more than this share of the reference's time are shown at the edge of the picture."""
 
 Extent = tuple[float, float, float, float]
 """(x_min, x_max, y_min, y_max), world frame [m]."""
-NUM_POINTS = 200
-"""Points at which curves are drawn."""
+Bands = Mapping[str, Band]
+"""A curve of each policy."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bands:
-    """Curves of several policies over a common grid, shape (points,)."""
+def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
+    """Return a picture as a PNG file with a palette."""
+    buffer, small = io.BytesIO(), io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        draw(*arguments).savefig(buffer, format="png")
+    image = Image.open(buffer).convert("RGB").quantize(NUM_COLORS, dither=Image.Dither.NONE)
+    image.save(small, format="png", optimize=True)
+    return small.getvalue()
 
-    grid: np.ndarray
-    by_policy: Mapping[str, Band]
+
+def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Give every policy its colour and line style: dotted for the bound, muted for `random`, which is no competitor."""
+    looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
+    others = {"random": {"color": MUTED}}
+    return {
+        policy: {"color": INK, "linestyle": (0, (1.0, 1.2))} if is_bound(policy) else others.get(policy) or next(looks)
+        for policy in policies
+    }
 
 
 def sample_curves(
-    curves: Mapping[str, Sequence[Sequence[Curve]]],
-    over: Literal["time", "path_length"],
-    end: float | None = None,
-) -> Bands:
+    curves: Mapping[str, Sequence[Sequence[Curve]]], over: Literal["time", "path_length"], end: float | None = None
+) -> tuple[np.ndarray, Bands]:
     """Average the progress over each policy's episodes; one that has ended keeps its last value.
 
-    Curves are given by policy and stratum, and sampled up to `end`; None takes the longest episode's end.
+    Curves are given by policy and stratum, and sampled up to `end`; None takes the longest episode's end. Returns the
+    points, shape (points,), and the bands over them.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
     grid = max(end, 1e-3) * np.linspace(0.0, 1.0, NUM_POINTS) ** 2
-    bands = {}
-    for policy, strata in curves.items():
-        sampled = [
-            np.array([np.interp(grid, getattr(curve, over), curve.progress) for curve in stratum]) for stratum in strata
-        ]
-        bands[policy] = curve_band(sampled)
-    return Bands(grid, bands)
+    return grid, {
+        policy: curve_band([np.array([np.interp(grid, getattr(c, over), c.progress) for c in one]) for one in strata])
+        for policy, strata in curves.items()
+    }
 
 
-def draw_curves(bands: Bands, quantity: str, label: str, theme: Theme = LIGHT) -> Figure:
+def draw_curves(grid: np.ndarray, bands: Bands, quantity: str, label: str) -> Figure:
     """Draw the progress of each policy, called `label`, over a quantity, with its 95 % interval as a band."""
-    figure, axes = _figure(theme)
+    figure, axes = _draw_bands(grid, bands)
     for mark in (90, 95, 99):
-        axes.axhline(mark, color=theme.muted, linewidth=0.6, linestyle=(0, (2, 3)))
-    _draw_bands(axes, bands, theme)
-    end = float(bands.grid[-1])
-    # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
-    axes.set_xscale("function", functions=(np.sqrt, np.square))
-    axes.set(xticks=_root_ticks(end), xlim=(0.0, end), ylim=(0.0, 102.0), yticks=[0, 25, 50, 75, 90, 100])
-    axes.set_xlabel(f"{quantity}, square-root scale", color=theme.ink)
-    axes.set_ylabel(f"{label} [%]", color=theme.ink)
-    _legend(figure, axes, theme)
-    return figure
-
-
-def draw_profiles(bands: Bands, score: str, theme: Theme = LIGHT) -> Figure:
-    """Draw each policy's performance profile over thresholds of a score, with its 95 % interval as a band."""
-    figure, axes = _figure(theme)
-    _draw_bands(axes, bands, theme)
-    axes.set(xlim=(float(bands.grid[0]), float(bands.grid[-1])), ylim=(0.0, 102.0))
-    axes.set_xlabel(score, color=theme.ink)
-    axes.set_ylabel("share of episodes [%]", color=theme.ink)
-    _legend(figure, axes, theme)
-    return figure
-
-
-def _figure(theme: Theme) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(6.6, 3.6), dpi=160, layout="constrained", facecolor=theme.paper)
-    axes = figure.subplots()
-    axes.set_facecolor(theme.paper)
-    axes.tick_params(colors=theme.muted, labelcolor=theme.ink)
-    axes.grid(color=theme.muted, alpha=0.25, linewidth=0.6)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(theme.muted)
-    return figure, axes
-
-
-def _draw_bands(axes: Axes, bands: Bands, theme: Theme) -> None:
-    """Draw curves as percentages."""
-    colors, dashes = theme.colors(list(bands.by_policy)), theme.dashes(list(bands.by_policy))
-    # So many bands over each other would hide each other.
-    alpha = 0.18 if len(bands.by_policy) <= 4 else 0.09
-    for policy, band in bands.by_policy.items():
-        middle, low, high = (100.0 * line for line in band)
-        axes.fill_between(bands.grid, low, high, color=colors[policy], alpha=alpha, linewidth=0)
-        (line,) = axes.plot(bands.grid, middle, color=colors[policy], linewidth=1.8, label=short(policy))
-        line.set_linestyle(dashes[policy])
-
-
-def _legend(figure: Figure, axes: Axes, theme: Theme) -> None:
-    """Put the legend beside the axes, where it covers nothing, in the order of the means of the curves."""
-    lines, names = axes.get_legend_handles_labels()
-    means = [np.asarray(line.get_ydata(), np.float64).mean() for line in lines if isinstance(line, Line2D)]
-    order = sorted(range(len(lines)), key=lambda k: -means[k])
-    figure.legend(
-        [lines[k] for k in order],
-        [names[k] for k in order],
-        loc="outside right center",
-        frameon=False,
-        labelcolor=theme.ink,
-        fontsize=8.5,
-        handlelength=2.4,
-    )
-
-
-def _root_ticks(end: float) -> list[float]:
-    """Return round numbers from 0 to `end` whose roots are spaced about evenly."""
+        axes.axhline(mark, color=MUTED, linewidth=0.6, linestyle=(0, (2, 3)))
+    end = float(grid[-1])
     ticks = [0.0]
     for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
         if number <= end and np.sqrt(number) - np.sqrt(ticks[-1]) >= 0.11 * np.sqrt(end):
             ticks.append(number)
-    return ticks
-
-
-def draw_map(trace: Trace, theme: Theme = LIGHT) -> Figure:
-    """Draw the final map of an episode over the true walls; free cells are coloured by when they became known."""
-    extent = extent_of([trace])
-    figure = _map_figure(1, 1, extent, 5.0, theme)
-    axes = figure.subplots()
-    _draw_map(axes, trace, float(trace.curve.time[-1]), float(trace.curve.time[-1]), extent, theme)
+    # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
+    axes.set_xscale("function", functions=(np.sqrt, np.square))
+    axes.set(xticks=ticks, xlim=(0.0, end), yticks=[0, 25, 50, 75, 90, 100])
+    axes.set(xlabel=f"{quantity}, square-root scale", ylabel=f"{label} [%]")
     return figure
 
 
-def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: int = 4) -> Figure:
+def draw_profiles(grid: np.ndarray, bands: Bands, score: str) -> Figure:
+    """Draw each policy's performance profile over thresholds of a score, with its 95 % interval as a band."""
+    figure, axes = _draw_bands(grid, bands)
+    axes.set(xlim=(float(grid[0]), float(grid[-1])), xlabel=score, ylabel="share of episodes [%]")
+    return figure
+
+
+def _draw_bands(grid: np.ndarray, bands: Bands) -> tuple[Figure, Axes]:
+    """Draw curves as percentages; the legend stands beside the axes, in the order of the means of the curves."""
+    figure = Figure(figsize=(6.6, 3.6))
+    axes, looks, lines = figure.subplots(), line_styles(list(bands)), list[Line2D]()
+    axes.set_ylim(0.0, 102.0)
+    # So many bands over each other would hide each other.
+    alpha = 0.18 if len(bands) <= 4 else 0.09
+    for policy, band in bands.items():
+        middle, low, high = (100.0 * line for line in band)
+        axes.fill_between(grid, low, high, color=looks[policy]["color"], alpha=alpha, linewidth=0)
+        lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **looks[policy])
+    lines.sort(key=lambda line: -np.mean(np.asarray(line.get_ydata(), np.float64)))
+    figure.legend(handles=lines, loc="outside right center", handlelength=2.4)
+    return figure, axes
+
+
+def draw_values(
+    values: Mapping[str, tuple[Estimate, str]],
+    marked: Sequence[str],
+    levels: Mapping[str, float],
+    title: str,
+    are_shares: bool,
+) -> Figure:
+    """Draw a dot with its interval for every policy, the first at the top.
+
+    Args:
+        values: estimates as they are drawn, and what to write beside them.
+        marked: policies in colour.
+        levels: vertical lines, by what they are.
+        title: of the horizontal axis.
+        are_shares: whether the axis ends at `MAX_SHARE`; what is beyond is an arrow at its edge.
+    """
+    figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
+    axes = figure.subplots()
+    shown = [one for one, _ in values.values() if not are_shares or one.iqm <= MAX_SHARE]
+    low, high = min([one.low for one in shown] + [*levels.values()]), max(one.high for one in shown)
+    high = min(high, MAX_SHARE) if are_shares else high
+    margin = 0.05 * max(high - low, 1e-3)
+    for level, (label, where) in enumerate(levels.items()):
+        axes.axvline(where, color=INK, linewidth=1.1, linestyle=DASHES[level], label=label)
+    for k, (policy, (value, _)) in enumerate(values.items()):
+        color = LINES[0] if policy in marked else MUTED
+        if value in shown:
+            axes.plot((value.low, min(value.high, high + margin)), (k, k), color=color, linewidth=2.2)
+            axes.plot(value.iqm, k, marker="o", color=color, markersize=6.5)
+        else:
+            axes.plot(high, k, marker=">", color=color, markersize=6)
+    axes.set(xlim=(low - margin, high + margin), ylim=(len(values) - 0.5, -0.6), xlabel=title)
+    axes.grid(axis="y", visible=False)
+    axes.spines["left"].set_visible(False)
+    beside = axes.secondary_yaxis("right")
+    beside.spines["right"].set_visible(False)
+    texts = [text for _, text in values.values()]
+    for side, labels in ((axes, [short(policy) for policy in values]), (beside, texts)):
+        side.set_yticks(range(len(values)), labels)
+        side.tick_params(axis="y", length=0)
+        for policy, label in zip(values, side.get_yticklabels()):
+            label.set_fontweight("bold" if policy in marked else "normal")
+    if levels:
+        figure.legend(loc="outside upper center", ncols=len(levels))
+    return figure
+
+
+def draw_map(trace: Trace) -> Figure:
+    """Draw the final map of an episode over the true walls; free cells are coloured by when they became known."""
+    extent, end = extent_of([trace]), float(trace.curve.time[-1])
+    figure = _map_figure(1, 1, extent, 5.0)
+    _draw_map(figure.subplots(), trace, end, end, extent)
+    return figure
+
+
+def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
     """Draw how the maps of several policies, an episode each, grow from the same start: a row each.
 
     Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest.
@@ -146,68 +207,62 @@ def draw_growth(traces: Mapping[str, Trace], theme: Theme = LIGHT, num_moments: 
     extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
     moments = np.geomspace(max(min(min(ends) / 2, max(ends) / 8), 0.1), max(ends), num_moments)
-    figure = _map_figure(len(traces), num_moments, extent, 2.4, theme)
+    figure = _map_figure(len(traces), num_moments, extent, 2.4)
     for row, (policy, trace) in zip(figure.subplots(len(traces), num_moments, squeeze=False), traces.items()):
-        shown_end = False
-        for axes, moment in zip(row, moments):
-            ended = moment >= trace.curve.time[-1]
-            if shown_end:
-                show_only(axes, extent, theme.paper)
-                continue
-            shown_end = ended
-            moment = min(moment, trace.curve.time[-1])
-            _draw_map(axes, trace, moment, max(ends), extent, theme)
+        end = trace.curve.time[-1]
+        last = int(np.argmax(moments >= end))
+        for axes, moment in zip(row[: last + 1], (*moments[:last], end)):
+            _draw_map(axes, trace, moment, max(ends), extent)
             fraction = float(np.interp(moment, trace.curve.time, trace.curve.progress))
-            title = f"{'end, ' if ended else ''}{moment:.0f} s: {100 * fraction:.0f} %"
-            axes.set_title(title, color=theme.ink, fontsize=9, pad=3)
-        row[0].set_ylabel(short(policy), color=theme.ink, fontsize=10)
+            axes.set_title(
+                f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * fraction:.0f} %", fontsize=9, pad=3
+            )
+        for axes in row[last + 1 :]:
+            show_only(axes, extent, PAPER)
+        row[0].set_ylabel(short(policy), fontsize=10)
     return figure
 
 
 def extent_of(traces: Sequence[Trace]) -> Extent:
     """Return the extent of the true walls with a margin."""
-    points = [trace.segments.reshape(-1, 2) for trace in traces] + [trace.circles[:, :2] for trace in traces]
-    together = np.concatenate(points)
-    (x_min, y_min), (x_max, y_max) = together.min(axis=0) - 0.3, together.max(axis=0) + 0.3
+    points = np.concatenate([part for one in traces for part in (one.segments.reshape(-1, 2), one.circles[:, :2])])
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
     return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
-def _map_figure(rows: int, cols: int, extent: Extent, width: float, theme: Theme) -> Figure:
+def _map_figure(rows: int, cols: int, extent: Extent, width: float) -> Figure:
     """Make a figure for maps that are `width` inches wide, and as high as the world asks for."""
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
-    size = (cols * width + 0.3, rows * (min(max(aspect, 0.4), 2.0) * width + 0.3))
-    return Figure(figsize=size, dpi=110, layout="constrained", facecolor=theme.paper)
+    return Figure(figsize=(cols * width + 0.3, rows * (min(max(aspect, 0.4), 2.0) * width + 0.3)), dpi=110)
 
 
-def _draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent, theme: Theme) -> None:
+def _draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
     """Draw what was known at a moment [s]; `end` is the time for the last colour [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
-    ramp = LinearSegmentedColormap.from_list("times", theme.times)
-    picture = np.full((*data.shape, 4), to_rgba(theme.unknown), dtype=np.float32)
-    picture[known] = ramp(np.sqrt(since[known] / max(end, 1e-9)))
-    picture[known & (data >= 50)] = to_rgba(theme.ink)
-    show_map(axes, picture, trace.grid, trace.start, trace.segments, theme)
+    picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
+    picture[known] = TIMES(np.sqrt(since[known] / max(end, 1e-9)))
+    picture[known & (data >= 50)] = to_rgba(INK)
+    show_map(axes, picture, trace.grid, trace.start, trace.segments)
     rings = [Circle((x, y), radius) for x, y, radius in trace.circles]
-    axes.add_collection(PatchCollection(rings, facecolor="none", edgecolor=theme.error, linewidth=0.6, alpha=0.7))
+    axes.add_collection(PatchCollection(rings, facecolor="none", edgecolor=ERROR, linewidth=0.6, alpha=0.7))
     samples = int(np.searchsorted(trace.curve.time, moment, side="right"))
     trail = trace.start.transform(trace.trail[: max(samples, 1)])
-    axes.plot(*trail.T, color=theme.paper, linewidth=2.4, alpha=0.8)
-    axes.plot(*trail.T, color=theme.ink, linewidth=1.0)
-    axes.plot(*trail[0], marker="o", markersize=4, color=theme.paper, markeredgecolor=theme.ink)
-    axes.plot(*trail[-1], marker="o", markersize=4.5, color=theme.error, markeredgecolor=theme.paper)
-    show_only(axes, extent, theme.unknown)
+    axes.plot(*trail.T, color=PAPER, linewidth=2.4, alpha=0.8)
+    axes.plot(*trail.T, color=INK, linewidth=1.0)
+    axes.plot(*trail[0], marker="o", markersize=4, color=PAPER, markeredgecolor=INK)
+    axes.plot(*trail[-1], marker="o", markersize=4.5, color=ERROR, markeredgecolor=PAPER)
+    show_only(axes, extent, UNKNOWN)
 
 
 def show_map(
-    axes: Axes, picture: np.ndarray, grid: OccupancyGrid, start: Pose2D, segments: np.ndarray, theme: Theme
+    axes: Axes, picture: np.ndarray, grid: OccupancyGrid, start: Pose2D, segments: np.ndarray, walls: str = ERROR
 ) -> None:
     """Show the picture of a map, shape (height, width, 4), where it lies in the world, and the true walls over it."""
     x_min, y_min, x_max, y_max = grid.bounds
     image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
     image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
-    walls = LineCollection(list(segments.reshape(-1, 2, 2)), colors=theme.error, linewidths=0.6, alpha=0.7)
-    axes.add_collection(walls)
+    axes.add_collection(LineCollection(list(segments.reshape(-1, 2, 2)), colors=walls, linewidths=0.6, alpha=0.7))
 
 
 def show_only(axes: Axes, extent: Extent, background: str) -> None:

@@ -30,6 +30,13 @@ def is_bound(policy: str) -> bool:
     return policy.endswith(GROUND_TRUTH)
 
 
+def short(policy: str) -> str:
+    """Return a policy's name for a legend: of `ppo:a/long/path` the kind and the last part."""
+    kind, _, path = policy.partition(":")
+    parts = [part for part in path.split("/") if part not in ("", "checkpoints")]
+    return f"{kind} {parts[-1]}" if parts and len(path) > 24 else policy
+
+
 @dataclass(frozen=True, slots=True)
 class Policy:
     """A policy that can be made in any process."""
@@ -43,8 +50,8 @@ class Policy:
     """Checkpoint folder of a learned policy, fixed when the name was read: a training may write newer ones."""
     is_pursuit: bool = False
     """Whether a learned score of frontiers drives by pursuit."""
-    fingerprint: str = ""
-    """SHA-256 of its weights."""
+    model: str = ""
+    """First 12 digits of the SHA-256 of its weights."""
     level: Level | None = None
     """What it decides; None where it does not say."""
     observations: Observations | None = None
@@ -96,7 +103,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
         folder = find_policy(max(glob.glob(rest), default=rest)).resolve()
         policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit")
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
-        return replace(_checked(policy, made), fingerprint=fingerprint(folder))
+        return replace(_checked(policy, made), model=fingerprint(folder)[:12])
     if what in classic:
         return _checked(Policy(label, classic[what]), classic[what])
     if what in CLASSIC:
@@ -116,9 +123,8 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
     Raises:
         ValueError: if there is no such parameter; lists those there are.
     """
-    given = {
-        name: yaml.safe_load(text) for name, _, text in (c.partition("=") for c in re.split(r",(?=\w+=)", changes))
-    }
+    words = (change.partition("=") for change in re.split(r",(?=\w+=)", changes))
+    given = {name: yaml.safe_load(text) for name, _, text in words}
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:

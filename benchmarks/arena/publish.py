@@ -1,7 +1,7 @@
 """Write the results of an evaluation."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,38 +9,37 @@ import yaml
 from rich.console import Console
 
 from benchmarks.arena import leaderboard
+from benchmarks.arena.episodes import Episodes, Summary
 from benchmarks.arena.measures import Measures
-from benchmarks.arena.overview import curves_section, gallery_section, worst_section
-from benchmarks.arena.page import Section, to_terminal, write_markdown
-from benchmarks.arena.pairs import common_starts, held_out, relate, split
-from benchmarks.arena.players import players_section
-from benchmarks.arena.records import SETTINGS_FILE, Row, key_of, write_rows
-from benchmarks.arena.report import build_report, draw_case
+from benchmarks.arena.overview import case_sections, curves_section, gallery_section, players_section, worst_section
+from benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
+from benchmarks.arena.policies import short
+from benchmarks.arena.records import SETTINGS_FILE, key_of, write_table
 from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.summary import Summary, summarise, to_json
-from benchmarks.arena.theme import short
-from benchmarks.arena.trace import slug
-from benchmarks.arena.unfinished import group_failures, missing_section, unfinished_section
+from benchmarks.arena.settings import estimator_of
 from benchmarks.arena.verdict import verdict_section
-from benchmarks.arena.workers import Result
+from benchmarks.arena.workers import NOT_RUN, Result
 from envs.command_line import make_console
 from envs.files import write_file
 from envs.measures import SUCCESS
 from envs.progress import Progress
+from envs.slam import SLAM_NAMES
 
-TITLE = "The arena"
 TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees. "
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
+PAIRED_AXES = ("physics", "slam")
+"""Columns along which starts stay the same. Robots differ in which cells they can traverse."""
 
 
-def run_with_progress(
-    evaluation: Evaluation, jobs: int, ray: str | None, console: Console, bags: Path | None = None, record: bool = False
-) -> list[Result]:
-    """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run."""
+def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
+    """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run.
+
+    `how` goes to `Evaluation.run`.
+    """
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
@@ -49,76 +48,127 @@ def run_with_progress(
             bar.set_postfix_str(f"{short(result.key.policy)} in {result.key.world}: {came}", refresh=False)
             bar.update()
 
-        failures = evaluation.run(jobs, ray, on_result, bags, record)
+        failures = evaluation.run(jobs, on_result=on_result, **how)
     for (where, reason), (number, who) in group_failures(failures).items():
         line = f"{number} episodes of {who} in {where} could not be run: {reason}"
         console.print(line, style="red", markup=False, highlight=False)
     return failures
 
 
-def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None, **report: Any) -> Summary:
+def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
+    """Return by world (with its robot, and an own SLAM) and reason how many episodes could not be run, and of whom."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for failure in failures:
+        where = f"{failure.key.world} with {failure.key.robot}"
+        where += "" if failure.key.slam in SLAM_NAMES else f" and {failure.key.slam}"
+        groups.setdefault((where, failure.reason), []).append(short(failure.key.policy))
+    return {group: (len(names), ", ".join(dict.fromkeys(names))) for group, names in groups.items()}
+
+
+def publish(
+    evaluation: Evaluation,
+    command: str = "",
+    docs: Path | None = None,
+    title: str = "",
+    intro: str = "",
+    lead: Mapping[str, bytes] = {},
+) -> Summary:
     """Write `summary.json`, pictures, leaderboard and `report.html` into the folder of an evaluation.
 
     Args:
         evaluation: what the folder holds of it is published.
         command: that made it, to say so.
-        docs: folder that gets the leaderboard as `arena.md`, and its pictures and the raw rows as `arena/`.
-        report: further arguments of `build_report`.
+        docs: folder that gets the leaderboard as `arena.md`, and its pictures, long tables and the raw rows as
+            `arena/`.
+        title: heading of the report; empty for one by the task.
+        intro: paragraph under the heading.
+        lead: further pictures to show above the results: contents of PNG or GIF files by caption.
 
     Raises:
         ValueError: if the folder holds nothing yet.
     """
-    rows, folder, settings, measures = evaluation.rows(), evaluation.folder, evaluation.settings, evaluation.measures
-    if not rows:
+    folder, settings, measures = evaluation.folder, evaluation.settings, evaluation.measures
+    episodes = Episodes(evaluation.rows(), measures)
+    if not episodes:
         raise ValueError(f"{folder} holds no episode yet")
-    summary, cases = summarise(rows, measures), split(rows)
+    axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    shown_cases = cases if settings.world_sections else {}
-    pictures = {case: draw_case(folder, here, measures.label) for case, here in shown_cases.items()}
-    for case, drawn in pictures.items():
-        for name, picture in drawn.items():
-            write_file(folder / f"{name.format(slug(case))}.png", picture.light)
     # The rows of the evaluation and of its SLAM axis, each once.
-    all_rows = list({key_of(row): row for row in (*rows, *evaluation.slam_axis_rows())}.values())
-    has_more = len(cases) > 1 or evaluation.slam_axis_rows() or evaluation.missing() or docs
-    sections = _leaderboard(evaluation, rows, all_rows, command) if has_more else []
-    players = players_section(folder, rows, measures.headline)  # in the report alone: other pages lie elsewhere
-    shown = [*sections[:1], players, *sections[1:]] if players else sections
-    write_file(folder / "report.html", build_report(rows, summary, settings, measures, pictures, shown, **report))
+    everything = Episodes({key_of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
+    has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
+    sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
+    # In the report alone, because other pages lie elsewhere.
+    players = list(filter(None, [players_section(folder, episodes)]))
+    report = [Section("", tuple(Figure(caption, content, caption) for caption, content in lead.items()))]
+    report += [*sections[:1], *players, *sections[1:]]
+    for case, here in cases.items() if settings.world_sections else ():
+        estimates = {policy: summary[policy][case] for policy in here.policies}
+        for section in case_sections(folder, case, here, estimates):
+            report.append(section)
+            for figure in section.parts:
+                if isinstance(figure, Figure):
+                    write_file(folder / f"{figure.name}.png", figure.content)
+    title = title or f"How well do they do? {settings.id}"
+    write_file(folder / "report.html", to_html(report, title=title, intro=intro, facts=_facts(evaluation, episodes)))
     if sections:
-        write_markdown(TITLE, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
+        write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
-        write_markdown(TITLE, TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
-        write_rows(docs / "arena" / "episodes.csv", evaluation.columns, all_rows)
+        write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
+        columns = list(evaluation.columns)
+        write_table(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
     return summary
 
 
-def _leaderboard(evaluation: Evaluation, rows: Sequence[Row], all_rows: Sequence[Row], command: str) -> list[Section]:
+def to_json(summary: Summary) -> dict[str, Any]:
+    """Return the summary as `summary.json` holds it."""
+    names = ("iqm", "low", "high", "n", "never")
+    return {
+        policy: {
+            label: {measure: dict(zip(names, value, strict=False)) for measure, value in estimates.items()}
+            for label, estimates in cases.items()
+        }
+        for policy, cases in summary.items()
+    }
+
+
+def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
     folder, measures = evaluation.folder, evaluation.measures
-    fair = relate(common_starts(rows), measures)
-    about_fair = (
-        [
-            verdict_section(fair, measures),
-            leaderboard.ranking_section(fair, measures),
-            worst_section(folder, fair, measures),
-            curves_section(folder, fair, measures),
-            leaderboard.gap_section(fair, measures),
-            leaderboard.pairs_section(fair, measures.gaps, measures.marks),
-            leaderboard.measures_section(fair, measures),
+    sections: list[Section | None] = []
+    if fair := episodes.shared().related():
+        sections = [
+            verdict_section(fair),
+            *leaderboard.ranking_sections(fair),
+            worst_section(folder, fair),
+            curves_section(folder, fair),
+            leaderboard.gap_section(fair),
+            leaderboard.pairs_section(fair, measures.gaps),
+            leaderboard.measures_section(fair),
         ]
-        if fair
-        else []
-    )
-    sections = [
-        *about_fair,
-        *leaderboard.axis_sections(all_rows, measures),
-        leaderboard.worlds_section(rows, measures.timed),
-        unfinished_section(rows, measures),
-        missing_section(evaluation.missing(), len(rows), len(fair)),
-        gallery_section(folder, rows, measures),
+    sections += [
+        *(leaderboard.axis_section(everything, axis) for axis in PAIRED_AXES),
+        leaderboard.worlds_section(episodes),
+        leaderboard.unfinished_section(episodes),
+        _missing_section(evaluation.missing(), len(episodes), len(fair)),
+        gallery_section(folder, episodes),
         _origin_section(evaluation, command),
     ]
-    return [section for section in sections if section]
+    return list(filter(None, sections))
+
+
+def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> Section | None:
+    """Return the episodes that could not be run, and why; None if none is missing.
+
+    `num_fair` of the `num_rows` episodes that there are begin at starts that all competitors share.
+    """
+    if not missing:
+        return None
+    groups = group_failures([one for one in missing if one.reason != NOT_RUN])
+    lines = [list(map(Cell, (where, str(number), who, why))) for (where, why), (number, who) in groups.items()]
+    untried = sum(one.reason == NOT_RUN for one in missing)
+    text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
+    text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
+    table = Table(("world and robot", "episodes", "policies", "why"), lines, words=(2, 3))
+    return Section("Not run", (text, table) if lines else (text,))
 
 
 def _origin_section(evaluation: Evaluation, command: str) -> Section:
@@ -133,30 +183,41 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
     return Section("How it was made", parts)
 
 
+def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
+    """Return what all episodes have in common."""
+    settings = evaluation.settings
+    columns = {name: name for name in ("robot", "physics")} | {estimator_of(settings.id) or "slam": "slam"}
+    seeds = [row["seed"] for row in episodes]
+    return {
+        "environment": settings.id,
+        **settings.arguments,
+        **{name: ", ".join(dict.fromkeys(row[column] for row in episodes)) for name, column in columns.items()},
+        "episodes": len(episodes),
+        "seeds": f"{min(seeds)} to {max(seeds)}",
+    }
+
+
 def print_case(console: Console, summary: Summary, case: str, measures: Measures) -> None:
     """Print a case's estimates: a row per measure, a column per policy."""
     estimates = {policy: cases[case] for policy, cases in summary.items() if case in cases}
-    episodes = max(values["success"].n for values in estimates.values())
-    console.print(to_terminal(leaderboard.measures_table(estimates, measures), f"{case}, {episodes} episodes"))
+    number = max(values["success"].n for values in estimates.values())
+    console.print(to_terminal(leaderboard.measures_table(estimates, measures), f"{case}, {number} episodes"))
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
     """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
-    console, folder, measures = make_console(), evaluation.folder, evaluation.measures
-    cases = list(split(evaluation.rows()))
+    console, report, measures = make_console(), evaluation.folder / "report.html", evaluation.measures
+    episodes = Episodes(evaluation.rows(), measures)
+    cases = episodes.by_case()
     for case in cases if evaluation.settings.world_sections else ():
         print_case(console, summary, case, measures)
     if len(cases) > 1 or not evaluation.settings.world_sections:
-        rows = relate(common_starts(evaluation.rows()), measures)
+        fair = episodes.shared().related()
         printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
-        for title, part in {
-            "Worlds or robots that no training of the package saw": held_out(rows),
-            "All worlds": rows,
-        }.items():
+        unseen = "Worlds or robots that no training of the package saw"
+        for title, part in {unseen: fair.unseen(), "All worlds": fair}.items():
             if part:
-                console.print(to_terminal(leaderboard.ranking_table(part, measures.headline, printed), title))
+                console.print(to_terminal(leaderboard.ranking_table(part, printed), title))
     if missing := evaluation.missing():
-        messages.print(f"{len(missing)} of the episodes are missing; {folder / 'report.html'} says why.", markup=False)
-    messages.print(
-        f"Interquartile means [95 % intervals]. Report: {folder / 'report.html'}", highlight=False, markup=False
-    )
+        messages.print(f"{len(missing)} of the episodes are missing; {report} says why.", markup=False)
+    messages.print(f"Interquartile means [95 % intervals]. Report: {report}", highlight=False, markup=False)

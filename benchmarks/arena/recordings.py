@@ -1,27 +1,17 @@
 """Recordings of episodes in the folder of an evaluation."""
 
-from pathlib import Path
 from typing import Any
 
 from benchmarks.arena.measures import Measures
+from benchmarks.arena.policies import short
 from benchmarks.arena.records import Row
-from benchmarks.arena.trace import episode_name
 
-RECORDINGS = "recordings"
-"""Folder of the recordings."""
 LEFT_OUT = ("decision_ms", "success")
 """Measures that a recording does not hold: the first one differs from run to run, the second is told by the end."""
 
 
-def recording_path(folder: Path, row: Row) -> Path:
-    """Return where the recording of a row's episode lies."""
-    return folder / RECORDINGS / f"{episode_name(row)}.npz"
-
-
 def describe(row: Row, measures: Measures) -> dict[str, Any]:
     """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
-    from benchmarks.arena.theme import short  # brings matplotlib, which processes that record nothing need not load
-
     figures = {}
     for measure in measures.all:
         if measure.name not in LEFT_OUT:

@@ -63,7 +63,7 @@ def columns_of(measures: Measures) -> Readers:
 
 def make_row(policy: Policy, key: Key, episode: Episode, columns: Readers) -> Row:
     """Lay out an episode as a row."""
-    known = key._asdict() | {"model": policy.fingerprint[:12]}
+    known = key._asdict() | {"model": policy.model}
     known |= {name: getattr(episode, name) for name in columns if name not in known}
     return {name: read(known[name]) for name, read in columns.items()}
 
@@ -159,7 +159,7 @@ class Records:
             ValueError: if it was run with other weights.
         """
         row = self._rows.get(key)
-        if row and row["model"] != policy.fingerprint[:12]:
+        if row and row["model"] != policy.model:
             raise ValueError(
                 f"{self.folder} holds episodes of {policy.name} with other weights (a training has gone on?); "
                 "choose another --out, or remove the folder"
@@ -204,9 +204,9 @@ class Records:
                 )
 
 
-def write_rows(path: Path, columns: Iterable[str], rows: Iterable[Row]) -> None:
-    """Write rows as one table."""
-    write_file(path, "".join(map(_line, (columns, *([row[name] for name in columns] for row in rows)))))
+def write_table(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
+    """Write a table as a CSV file."""
+    write_file(path, "".join(map(_line, (head, *lines))))
 
 
 def append_row(path: Path, columns: Readers, row: Row) -> None:

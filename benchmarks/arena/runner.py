@@ -14,18 +14,14 @@ from agents.run_folder import CheckpointError
 from baselines import policies_for
 from benchmarks.arena.measures import Measures
 from benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
-from benchmarks.arena.recordings import recording_path
 from benchmarks.arena.records import Key, Records, Row, columns_of
 from benchmarks.arena.settings import USUAL, Case, Settings
-from benchmarks.arena.trace import episode_name, trace_path
-from benchmarks.arena.workers import FAULTS, Result, Task, explain_fault, prepare, run_all, run_on_ray
+from benchmarks.arena.trace import episode_name, recording_path, trace_path
+from benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all, run_on_ray
 from envs.core import lidar_env_of
 from envs.files import Lock, write_file
 from envs.ids import CHOOSE
 from envs.worlds import FAMILIES, WORLD_NAMES
-
-NOT_RUN = "not tried yet"
-"""Why an episode is missing that was not tried."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,6 +137,11 @@ def trace_path(folder: Path, row: Row) -> Path:
     return folder / "episodes" / f"{episode_name(row)}.npz"
 
 
+def recording_path(folder: Path, row: Row) -> Path:
+    """Return where the recording of a row's episode lies, for the player."""
+    return folder / "recordings" / f"{episode_name(row)}.npz"
+
+
 def episode_name(row: Row) -> str:
     """Return the name of the files of a row's episode, without a suffix."""
     return "__".join(slug(str(row[name])) for name in ("policy", "world", "robot", "physics", "slam", "seed"))

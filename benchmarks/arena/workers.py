@@ -34,6 +34,8 @@ WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
 
 
+NOT_RUN = "not tried yet"
+"""Why an episode is missing that was not tried."""
 FAULTS = (Exception, SystemExit)
 """What users' code may raise without ending the evaluation."""
 

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 import envs  # noqa: F401  (registers the environments)
 from baselines.episode import begin_episode, decide_with
 from baselines.route_follower import RouteFollower
-from benchmarks.arena.theme import LIGHT
+from benchmarks.arena.plots import ERROR, INK, LINES, MUTED
 from benchmarks.drives.recording import Row, run_each
 from envs.command_line import Count
 from envs.core import LidarEnv, lidar_env_of
@@ -45,7 +45,7 @@ LABELS = {
     DRIVER: "full fusion",
 }
 """Fusions, in the order of the table."""
-COLOURS = dict(zip(LABELS, (LIGHT.lines[1], LIGHT.lines[2], LIGHT.lines[3], LIGHT.lines[0])))
+COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
 """Delay [s], infinite for a measurement that is lost, and the measurement."""
@@ -275,7 +275,7 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
     shades, extent = np.where(grid.data < 0, 0.82, 1.0 - grid.data / 100.0), (x_min, x_max, y_min, y_max)
     path.imshow(shades, cmap="gray", origin="lower", extent=extent, vmin=0, vmax=1, interpolation="antialiased")
     lines = [(drive.estimated[fusion], label, COLOURS[fusion], {}) for fusion, label in LABELS.items()]
-    for poses, label, color, dashes in [*lines, (drive.truth, "truth", LIGHT.ink, {"lw": 0.8, "ls": "--"})]:
+    for poses, label, color, dashes in [*lines, (drive.truth, "truth", INK, {"lw": 0.8, "ls": "--"})]:
         path.plot(*poses[:, :2].T, color=color, label=label, **{"lw": 1.6, **dashes})
         turns.plot(drive.time, np.degrees(np.unwrap(poses[:, 2])), color=color, label=label, **dashes)
     path.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -302,9 +302,9 @@ def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
             for drive in some:
                 axes.plot(drive.time, drive.error(fusion)[:, k], color=COLOURS[fusion], lw=0.7, alpha=0.3)
             axes.plot([], [], color=COLOURS[fusion], label=LABELS[fusion])
-        axes.axhline(bounds[k][0], color=LIGHT.error, lw=1.0, ls=":", label=bounds[k][1])
-        axes.axhline(-bounds[k][0], color=LIGHT.error, lw=1.0, ls=":")
-        axes.axhline(0.0, color=LIGHT.muted, lw=0.6)
+        axes.axhline(bounds[k][0], color=ERROR, lw=1.0, ls=":", label=bounds[k][1])
+        axes.axhline(-bounds[k][0], color=ERROR, lw=1.0, ls=":")
+        axes.axhline(0.0, color=MUTED, lw=0.6)
         grid[k, 0].set_ylabel(label)
         grid[0, physics.index(name)].set_title(f"{name} physics, drives: {len(some)}")
         grid[-1, physics.index(name)].set_xlabel("time [s]")

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.arena.measures import texts
-from benchmarks.arena.pairs import paired_values, pool
+from benchmarks.arena.episodes import Episodes
+from benchmarks.arena.measures import Measures, texts
 from benchmarks.arena.publish import run_with_progress
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
@@ -21,6 +21,7 @@ from envs.worlds import FAMILIES
 
 MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""
+MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
 
@@ -66,7 +67,7 @@ def compare_teams(
                 arguments={"num_robots": num, "target_coverage": MARK, **more},
             )
             evaluation = Evaluation(settings, out / f"{num}_{part}")
-            run_with_progress(evaluation, jobs, None, make_console())
+            run_with_progress(evaluation, jobs, make_console())
             found += [row | {"policy": str(num)} for row in evaluation.rows()]
     return summarise(found, robots)
 
@@ -78,7 +79,7 @@ def summarise(rows: list[Row], robots: tuple[int, ...]) -> list[Row]:
     for world, here in (by_world | {"all": rows} if len(by_world) > 1 else by_world).items():
         for num in robots:
             own = [row for row in here if row["policy"] == str(num)]
-            time = pool(own, str(num), TIME)
+            time = Episodes(own, MEASURES).estimate(str(num), TIME)
             line = {"world": world, "robots": num, "time to 95 %, s": "{} [{}]".format(*texts(TIME, time))}
             if 1 in robots:
                 line["T(1) / T(n)"] = "{} [{}]".format(*texts(SPEED_UP, speed_up(here, num)))
@@ -96,7 +97,8 @@ def speed_up(rows: list[Row], num_robots: int) -> Estimate:
 
     Where one robot alone never reached 95 %, the ratio is a lower bound.
     """
-    alone, together = paired_values(rows, "1", str(num_robots), TIME)
-    unlimited = paired_values(rows, "1", str(num_robots), replace(TIME, limit=""))[0]
+    episodes = Episodes(rows, MEASURES)
+    alone, together = episodes.pairs("1", str(num_robots), TIME)
+    unlimited = episodes.pairs("1", str(num_robots), replace(TIME, limit=""))[0]
     ratios = [one / many for one, many in zip(alone, together, strict=True)]
     return estimate(ratios, [np.isfinite(times) for times in unlimited] if num_robots > 1 else None)

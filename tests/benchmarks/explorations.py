@@ -1,5 +1,6 @@
-"""What is measured of explorations, and the columns of their rows."""
+"""What is measured of explorations, the columns of their rows, and rows that are made up."""
 
+from benchmarks.arena.episodes import Episodes
 from benchmarks.arena.measures import Measures
 from benchmarks.arena.records import columns_of
 from envs.tasks.explore import Explore
@@ -7,3 +8,16 @@ from envs.tasks.explore import Explore
 MEASURES = Measures(Explore.measures, Explore.progress)
 COLUMNS = columns_of(MEASURES)
 BY_NAME = {measure.name: measure for measure in (*MEASURES.all, *MEASURES.relative, *MEASURES.reached)}
+DEFAULTS = {str: "", int: 0, float: 0.0}
+
+
+def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explored=1.0, **more):
+    values = {name: DEFAULTS[read] for name, read in COLUMNS.items()}
+    values |= {"robot": "tugbot", "physics": "bullet", "slam": "tinyslam", "end_reason": "covered"}
+    values |= {"time_limit": 4000.0, "distance_limit": 9000.0}
+    values |= {"policy": policy, "seed": seed, "world": world, "area_under_curve": area, "time_to_95": time}
+    return values | {"distance_to_95": distance, "explored_fraction": explored, "success": int(explored >= 0.99)} | more
+
+
+def related(rows):
+    return Episodes(rows, MEASURES).related()

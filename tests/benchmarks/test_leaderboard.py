@@ -6,25 +6,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.arena.leaderboard import axis_section, gap_section, pairs_section, ranking_section, worlds_section
+from benchmarks.arena.episodes import Episodes, best_of
+from benchmarks.arena.leaderboard import (
+    axis_section,
+    gap_section,
+    pairs_section,
+    ranking_sections,
+    unfinished_section,
+    worlds_section,
+)
 from benchmarks.arena.measures import texts
-from benchmarks.arena.pairs import common_starts, label_cases, pool, relate
 from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.summary import best_of, gaps, standing, typical_and_worst
-from benchmarks.arena.unfinished import unfinished_section
 from evaluate import main
-from tests.benchmarks.explorations import BY_NAME, COLUMNS, MEASURES
+from tests.benchmarks.explorations import BY_NAME, MEASURES, related, row
 
 RELATIVE = BY_NAME["relative_time_to_95"]
-DEFAULTS = {str: "x", int: 0, float: 0.0}
-
-
-def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explored=1.0, **more):
-    values = {name: DEFAULTS[read] for name, read in COLUMNS.items()}
-    values |= {"robot": "tugbot", "physics": "bullet", "slam": "tinyslam", "end_reason": "covered"}
-    values |= {"time_limit": 4000.0, "distance_limit": 9000.0}
-    values |= {"policy": policy, "seed": seed, "world": world, "area_under_curve": area, "time_to_95": time}
-    return values | {"distance_to_95": distance, "explored_fraction": explored, "success": int(explored >= 0.99)} | more
 
 
 def everywhere(policy, area, time, **more):
@@ -45,27 +41,28 @@ ROWS = [
 
 
 def test_relative_measures_are_shares_of_the_same_starts_reference():
-    related = relate([*ROWS, row("quick", 9)], MEASURES)
-    shares = {r["policy"]: (r["relative_time_to_95"], r["relative_distance_to_95"]) for r in related[:-1]}
+    found = related([*ROWS, row("quick", 9)]).rows
+    shares = {r["policy"]: (r["relative_time_to_95"], r["relative_distance_to_95"]) for r in found[:-1]}
     assert shares == {
         "oracle (ground truth)": (0.5, 0.5),
         "nearest": (1.0, 1.0),
         "quick": (0.8, 0.8),
         "slow": (1.5, 1.5),
     }
-    assert "relative_time_to_95" not in related[-1]  # nearest has no such start
-    assert [r["reached"] for r in relate([row("a"), row("b", time=math.inf)], MEASURES)] == [1, 0]
-    assert relate([row("nearest", time=0.0)], MEASURES)[0]["relative_time_to_95"] == 1.0  # all was seen at once
+    assert "relative_time_to_95" not in found[-1]  # nearest has no such start
+    assert [r["reached"] for r in related([row("a"), row("b", time=math.inf)])] == [1, 0]
+    assert related([row("nearest", time=0.0)]).rows[0]["relative_time_to_95"] == 1.0  # all was seen at once
 
 
 def test_the_ranking_is_by_area_and_leaves_the_bound_out():
-    related = relate(ROWS, MEASURES)
-    assert list(standing(related, MEASURES.headline)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
-    head, lines = ranking_section(related, MEASURES).parts[1].head, ranking_section(related, MEASURES).parts[1].lines
+    episodes = related(ROWS)
+    assert list(episodes.standing(MEASURES.headline)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
+    (section,) = ranking_sections(episodes)
+    head, lines = section.parts[1].head, section.parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
-    assert pool(related, "quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
-    assert pool(related, "quick", BY_NAME["relative_time_to_95"])[:3] == pytest.approx((0.8, 0.8, 0.8))
+    assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
+    assert episodes.estimate("quick", RELATIVE)[:3] == pytest.approx((0.8, 0.8, 0.8))
     assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
     best = [cell.is_best for line in lines for cell in line]
     columns = len(best) // 4
@@ -74,34 +71,34 @@ def test_the_ranking_is_by_area_and_leaves_the_bound_out():
 
 
 def test_the_gap_to_the_bound_is_closed_by_known_shares():
-    related = relate(ROWS, MEASURES)
-    found = {name: value.iqm for name, value in gaps(related, "quick", MEASURES).items()}
+    episodes = related(ROWS)
+    found = {name: value.iqm for name, value in episodes.gaps_closed("quick").items()}
     assert found == pytest.approx({"area_under_curve": 0.5, "relative_time_to_95": 0.4, "relative_distance_to_95": 0.4})
-    assert gaps(related, "slow", MEASURES)["relative_time_to_95"].iqm == pytest.approx(-1.0)
-    assert gaps(related, "nearest", MEASURES) == gaps(related, "oracle (ground truth)", MEASURES) == {}
-    assert gap_section(relate([r for r in ROWS if r["policy"] != "oracle (ground truth)"], MEASURES), MEASURES) is None
-    shown = gap_section(related, MEASURES).parts[1].lines
+    assert episodes.gaps_closed("slow")["relative_time_to_95"].iqm == pytest.approx(-1.0)
+    assert episodes.gaps_closed("nearest") == episodes.gaps_closed("oracle (ground truth)") == {}
+    assert gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
+    shown = gap_section(episodes).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
     # Where the bound gains nothing there is no gap.
     level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
-    assert gap_section(relate(level, MEASURES), MEASURES).parts[1].lines[0][1].text == "-"
+    assert gap_section(related(level)).parts[1].lines[0][1].text == "-"
 
 
 def test_only_starts_that_all_competitors_share_count():
     rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle (ground truth)", 3)]
-    assert [(r["policy"], r["seed"]) for r in common_starts(rows)] == [("a", 1), ("b", 1)]
-    assert common_starts([row("a", 0), row("b", 1)]) == []
+    assert [(r["policy"], r["seed"]) for r in Episodes(rows, MEASURES).shared()] == [("a", 1), ("b", 1)]
+    assert not Episodes([row("a", 0), row("b", 1)], MEASURES).shared()
 
 
 def test_cases_are_named_by_what_differs():
     rows = [row("a"), row("a", slam="truth"), row("a", world="caves", robot="create3")]
-    assert list(label_cases(rows).values()) == ["maze, tinyslam", "maze, truth", "caves"]
+    assert list(Episodes(rows, MEASURES).labels.values()) == ["maze, tinyslam", "maze, truth", "caves"]
 
 
 def test_ratios_of_times_are_geometric_means():
     times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # of the last, less than a second counts
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
-    table = pairs_section(relate(rows, MEASURES), MEASURES.gaps, MEASURES.marks).parts[1]
+    table = pairs_section(related(rows), MEASURES.gaps).parts[1]
     assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
 
 
@@ -113,7 +110,7 @@ def test_an_axis_is_compared_pair_by_pair():
     ]
     # These have no partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
-    section = axis_section(rows, "slam", MEASURES)
+    section = axis_section(Episodes(rows, MEASURES), "slam")
     text, table = section.parts
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
@@ -129,7 +126,7 @@ def test_an_axis_is_compared_pair_by_pair():
     assert shown["a, truth"][4:] == ["-", "-", "-"]
     assert shown["a, tinyslam"][4:6] == ["-10.0", "+0.20"]
     assert shown["a, odometry"][5] == "+2.00"
-    assert axis_section(rows, "physics", MEASURES) is None
+    assert axis_section(Episodes(rows, MEASURES), "physics") is None
 
 
 def test_what_was_not_finished_is_listed_with_why():
@@ -139,16 +136,13 @@ def test_what_was_not_finished_is_listed_with_why():
         row("a", 2, explored=0.5, end_reason="time_limit", area_left=8.0, position_rmse=0.9),
         row("b", 0, explored=0.98, end_reason="stuck", area_left=1.0),
     ]
-    tables = unfinished_section(rows, MEASURES).parts[1:]
-    (first,), (second,) = ([[cell.text for cell in line] for line in table.lines] for table in tables)
-    assert first[:4] == ["maze", "3", "1", "2"]
-    assert first[4:6] == ["50.0", "5.0"]
-    assert first[6] == "no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"
-    assert second[6] == "could not move any more (1)"
-    assert [table.title for table in tables] == [
-        "a: of 3 episodes 1 below 95 %, 2 below 99 %",
-        "b: of 1 episodes 0 below 95 %, 1 below 99 %",
+    table = unfinished_section(Episodes(rows, MEASURES)).parts[1]
+    assert [[cell.text for cell in line] for line in table.lines] == [
+        ["a", "maze", "3", "1", "2", "50.0", "5.0"]
+        + ["no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"],
+        ["b", "maze", "1", "0", "1", "98.0", "1.0", "could not move any more (1)"],
     ]
+    assert unfinished_section(Episodes(rows[:1], MEASURES)).parts == ("No episode explored less than 99 %.",)
 
 
 def reached_in(policy, *times):
@@ -159,23 +153,23 @@ def reached_in(policy, *times):
 def test_worlds_tell_how_many_reached_the_mark():
     rows = [*reached_in("a", 60.0, 80.0, math.inf), *reached_in("b", math.inf, math.inf, math.inf)]
     rows += reached_in("c", 400.0, 400.0, 400.0)
-    ((name, *cells),) = worlds_section(rows, BY_NAME["time_to_95"]).parts[1].lines
+    ((name, *cells),) = worlds_section(Episodes(rows, MEASURES)).parts[1].lines
     assert name.text == "maze"
     assert [(cell.text, cell.note) for cell in cells] == [("> 180 s", "2 of 3"), ("never", "> 400 s"), ("400", "")]
 
 
 def test_what_was_never_reached_does_not_look_reached():
     rows = [*reached_in("nearest", 100.0, 200.0), *reached_in("a", math.inf, 400.0), *reached_in("b", *[math.inf] * 2)]
-    related = relate(rows, MEASURES)
-    assert [r["relative_time_to_95"] for r in related] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
-    shown = {policy: texts(RELATIVE, pool(related, policy, RELATIVE)) for policy in "ab"}
+    episodes = related(rows)
+    assert [r["relative_time_to_95"] for r in episodes] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
+    shown = {policy: texts(RELATIVE, episodes.estimate(policy, RELATIVE)) for policy in "ab"}
     assert shown == {"a": ("> 3.00", "2.00 to > 4.00"), "b": ("never", "> 3.00")}
     rows = [*reached_in("a", 100.0, *[math.inf] * 7)]
     time = BY_NAME["time_to_95"]
-    assert texts(time, pool(rows, "a", time)) == ("> 400 s", "1 of 8")
+    assert texts(time, Episodes(rows, MEASURES).estimate("a", time)) == ("> 400 s", "1 of 8")
     # Where the reference never got there, its limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
-    assert [r["relative_time_to_95"] for r in relate(rows, MEASURES)] == [math.inf, 0.25]
+    assert [r["relative_time_to_95"] for r in related(rows)] == [math.inf, 0.25]
 
 
 def test_a_lower_bound_is_not_the_best():
@@ -185,7 +179,7 @@ def test_a_lower_bound_is_not_the_best():
 
 def test_typical_is_the_median_and_worst_the_lowest():
     rows = [row("a", k, area=area) for k, area in enumerate([0.9, 0.1, 0.5])]
-    assert [r["area_under_curve"] for r in typical_and_worst(rows, "a", BY_NAME["area_under_curve"])] == [0.5, 0.1]
+    assert [r["area_under_curve"] for r in Episodes(rows, MEASURES).typical_and_worst("a")] == [0.5, 0.1]
 
 
 def test_the_published_numbers_are_those_of_the_table(tmp_path):

@@ -20,52 +20,44 @@ from benchmarks.arena.page import (
     write_markdown,
 )
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.theme import Picture
 from evaluate import Command, shown_command
 
-LONG = [[Cell("a"), Cell("1")]] * (MAX_OPEN_LINES + 1)
-PICTURE = Picture(b"light", b"dark")
+LONG = [[Cell("a"), Cell("1", "0 to 2")]] * (MAX_OPEN_LINES + 1)
 
 
-def test_long_tables_are_folded_unless_they_stay_open(tmp_path):
+def pages_of(folder, *sections):
+    write_markdown("T", "See [Evaluation](evaluation.md).", sections, folder / "page.md", folder / "page")
+    return (folder / "page.md").read_text(), to_html(sections, title="T", facts={})
+
+
+def test_long_tables_are_folded_or_files_unless_they_stay_open(tmp_path):
     tables = Table(("", "x"), LONG), Table(("", "x"), LONG, is_open=True), Table(("", "x"), LONG[:3])
-    titled = Table(("", "x"), LONG[:3], title="why")
-    sections = [Section("Tables", (*tables, titled))]
-    write_markdown("T", "", sections, tmp_path / "page.md", tmp_path / "page")
-    page, report = (tmp_path / "page.md").read_text(), to_html(sections)
-    for text in (page, report):
-        assert text.count("<details><summary>") == text.count("</details>") == 2
-        assert "<summary>Table of 11 rows</summary>" in text
-        assert "<summary>why</summary>" in text
-    # Markdown inside of HTML needs blank lines around it.
-    assert "</summary>\n\n|  | x |\n" in page
-    assert "|\n\n</details>" in page
+    page, report = pages_of(tmp_path, Section("Many rows", tables))
+    assert report.count("<details><summary>Table of 11 rows</summary>") == report.count("</details>") == 1
+    assert page.count("\n|  | x |\n") == 2
+    assert "[Table of 11 rows](page/many_rows.csv)" in page
+    assert (tmp_path / "page" / "many_rows.csv").read_text().splitlines()[:2] == [",x", "a,1 (0 to 2)"]
 
 
 def test_folded_pictures_are_written_and_shown(tmp_path):
-    figures = tuple(Figure(f"map_{k}", PICTURE, f"map {k}", is_wide=k == 0) for k in range(3))
-    sections = [Section("Maps", (Fold("all <maps>", ("text", *figures)),))]
-    write_markdown("T", "", sections, tmp_path / "page.md", tmp_path / "page")
-    page, report = (tmp_path / "page.md").read_text(), to_html(sections)
+    figures = tuple(Figure(f"map_{k}", b"", f"map {k}", is_wide=k == 0) for k in range(3))
+    page, report = pages_of(tmp_path, Section("Maps", (Fold("all <maps>", ("text", *figures)),)))
     assert {path.name for path in (tmp_path / "page").iterdir()} == {"map_0.png", "map_1.png", "map_2.png"}
-    assert "![map 1](page/map_1.png)" in page
+    assert "![map_1](page/map_1.png)\n\n*map 1*" in page
     for text in (page, report):
         assert "<details><summary>all &lt;maps&gt;</summary>" in text
-    assert report.count("<picture>") == 3
-    assert report.count('<div class="pair">') == 1
+    assert (report.count("<figure"), report.count('<div class="pair">')) == (3, 1)
 
 
 HOSTILE = "maps/<img src=x onerror=alert(1)>&amp;[x](javascript:y)`\n# a|b_c.yaml"
 
 
 def test_names_that_users_give_are_text_on_every_page(tmp_path):
-    table = Table(("", HOSTILE), [[Cell(HOSTILE, HOSTILE), Cell(HOSTILE, is_best=True, link=HOSTILE)]], title=HOSTILE)
-    figure = Figure("map", PICTURE, HOSTILE)
-    sections = [Section(HOSTILE, (HOSTILE, table, figure, Fold(HOSTILE, (HOSTILE, table))))]
-    write_markdown("T", "See [Evaluation](evaluation.md).", sections, tmp_path / "page.md", tmp_path / "page")
-    page = (tmp_path / "page.md").read_text()
+    table = Table(("", HOSTILE), [[Cell(HOSTILE, HOSTILE), Cell(HOSTILE, is_best=True, link=HOSTILE)]])
+    figure = Figure("map", b"", HOSTILE)
+    page, report = pages_of(tmp_path, Section(HOSTILE, (HOSTILE, table, figure, Fold(HOSTILE, (HOSTILE, table)))))
     rendered = MarkdownIt().enable("table").render(page)
-    for text in (rendered, to_html(sections)):
+    for text in (rendered, report):
         assert "<img src=x" not in text
         assert 'href="javascript' not in text
         assert text.count("maps/&lt;img src=x onerror=alert(1)&gt;&amp;amp;[x](javascript:y)`") >= 8

@@ -8,7 +8,7 @@ from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}
 RANDOM = Policy("random")
-LEARNED = Policy('ppo:a,"odd" path', checkpoint="/checkpoint", fingerprint="f" * 64)
+LEARNED = Policy('ppo:a,"odd" path', checkpoint="/checkpoint", model="f" * 12)
 
 
 def key(policy, seed):
@@ -18,7 +18,7 @@ def key(policy, seed):
 def row(policy, seed):
     samples = {str: "x", int: 7, float: 1.0 / 3.0}
     values = {name: samples[read] for name, read in COLUMNS.items()}
-    return values | key(policy, seed)._asdict() | {"model": policy.fingerprint[:12]}
+    return values | key(policy, seed)._asdict() | {"model": policy.model}
 
 
 def test_rows_survive_exactly(tmp_path):
@@ -79,7 +79,7 @@ def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, COLUMNS, {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, COLUMNS, SETTINGS).find(Policy(LEARNED.name, "ppo", "/checkpoint", "0" * 64), key(LEARNED, 3))
+        Records(tmp_path, COLUMNS, SETTINGS).find(Policy(LEARNED.name, model="0" * 12), key(LEARNED, 3))
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 

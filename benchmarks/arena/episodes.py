@@ -1,0 +1,223 @@
+"""The episodes of an evaluation as one table, and what they say: estimates, pairs from the same starts, rankings."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from agents.frontiers.tasks import is_held_out
+from benchmarks.arena.measures import Measures, share_of
+from benchmarks.arena.policies import is_bound
+from benchmarks.arena.records import Row
+from benchmarks.arena.statistics import Estimate, estimate, gap_closed, success_rate
+from envs.measures import Measure
+
+REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
+"""Policies that the others are compared with: the first of these that takes part, or else the first policy."""
+
+Case = tuple[str, ...]
+"""World, robot, physics and SLAM (or localizer): a stratum of the statistics."""
+Summary = dict[str, dict[str, dict[str, Estimate]]]
+"""Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
+
+
+def case_of(row: Row) -> Case:
+    """Return where, and under which conditions."""
+    return row["world"], row["robot"], row["physics"], row["slam"]
+
+
+def start_of(row: Row) -> tuple[Case, int]:
+    """Return what an episode shares with those of other policies: case and seed."""
+    return case_of(row), row["seed"]
+
+
+def value_of(row: Row, measure: Measure) -> float:
+    """Return what an episode counts as: its limit where it never reached the mark."""
+    return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
+
+
+class Episodes:
+    """Episodes of a task, in the order in which they were laid out."""
+
+    def __init__(self, rows: Iterable[Row], measures: Measures) -> None:
+        self.rows = list(rows)
+        self.measures = measures
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def where(self, keep: Callable[[Row], Any]) -> "Episodes":
+        """Return those of the episodes that fulfil a condition."""
+        return Episodes(filter(keep, self), self.measures)
+
+    def of(self, policy: str) -> list[Row]:
+        """Return the episodes of a policy."""
+        return [row for row in self if row["policy"] == policy]
+
+    @cached_property
+    def policies(self) -> list[str]:
+        """The policies, in the order in which they come."""
+        return list(dict.fromkeys(row["policy"] for row in self))
+
+    @property
+    def reference(self) -> str:
+        """The policy that the others are compared with."""
+        return next((name for name in REFERENCES if name in self.policies), self.policies[0])
+
+    @property
+    def bound(self) -> str | None:
+        """The policy that bounds what can be reached: the first that was given ground truth; None without one."""
+        return next(filter(is_bound, self.policies), None)
+
+    @cached_property
+    def labels(self) -> dict[Case, str]:
+        """What every case is called: its world, and those conditions that are not the same in all of that world."""
+        cases = list(dict.fromkeys(map(case_of, self)))
+        labels = {}
+        for case in cases:
+            alike = zip(*(other for other in cases if other[0] == case[0]))
+            varied = [value for value, values in zip(case, alike) if len(set(values)) > 1]
+            labels[case] = ", ".join((case[0], *varied))
+        return labels
+
+    def place(self, row: Row) -> str:
+        """Return where an episode began, in words."""
+        return f"{self.labels[case_of(row)]}, seed {row['seed']}"
+
+    def by_case(self) -> dict[str, "Episodes"]:
+        """Return the episodes of each case, by its label."""
+        parts: dict[str, list[Row]] = {label: [] for label in self.labels.values()}
+        for row in self:
+            parts[self.labels[case_of(row)]].append(row)
+        return {label: Episodes(rows, self.measures) for label, rows in parts.items()}
+
+    def by_start(self, policy: str) -> dict[tuple[Case, int], Row]:
+        """Return a policy's episodes by their starts."""
+        return {start_of(row): row for row in self.of(policy)}
+
+    def unseen(self) -> "Episodes":
+        """Return those in worlds or with robots that are held out; none if all are, or nothing was learned."""
+        found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
+        return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
+
+    def shared(self, policies: Iterable[str] = ()) -> "Episodes":
+        """Return those from starts from which all of some policies have one: no policy profits from a world left out.
+
+        Without names, of all competitors.
+        """
+        names = list(policies) or [name for name in self.policies if not is_bound(name)] or self.policies
+        starts = set.intersection(*(set(self.by_start(name)) for name in names)) if names else set()
+        return self.where(lambda row: start_of(row) in starts)
+
+    def related(self, reference: str | None = None) -> "Episodes":
+        """Add `Measures.reached`, and `Measures.relative` where the reference has an episode from the same start.
+
+        Where the reference never reached the mark, its limit is what others are divided by. None takes the usual one.
+        """
+        references = self.by_start(reference or self.reference) if self.rows else {}
+        related = []
+        for row in self:
+            row = row | {one.name: int(np.isfinite(row[self.measures.marks[0].name])) for one in self.measures.reached}
+            same_start = references.get(start_of(row))
+            for mark in self.measures.marks if same_start else ():
+                unit, share = value_of(same_start, mark), share_of(mark)
+                for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
+                    # Zero where the first scan shows 95 %: it shows that to everyone.
+                    row[name] = value / unit if unit > 0.0 else 1.0
+            related.append(row)
+        return Episodes(related, self.measures)
+
+    def values(self, policy: str, measure: Measure) -> list[np.ndarray]:
+        """Return what a policy's episodes count as (`value_of`): per case an array in the order of seeds, float64."""
+        return _strata([row for row in self.of(policy) if measure.name in row], measure)
+
+    def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return a measure of two policies from the starts that they share: per case an array each, in one order."""
+        theirs = self.by_start(b)
+        shared = [row for row in self.of(a) if measure.name in row and start_of(row) in theirs]
+        return _strata(shared, measure), _strata([theirs[start_of(row)] for row in shared], measure)
+
+    def estimate(self, policy: str, measure: Measure) -> Estimate:
+        """Estimate a measure of a policy over all cases: an interquartile mean, or of what is 0 or 1 the share.
+
+        Raises:
+            ValueError: if it has no episode with that measure.
+        """
+        if measure.is_share:
+            return success_rate(self.values(policy, measure))
+        mine = [row for row in self.of(policy) if measure.name in row]
+        return estimate(_strata(mine, measure), _strata(mine, measure, lambda row, _: np.isfinite(row[measure.name])))
+
+    def summary(self) -> Summary:
+        """Estimate every measure for every policy in every case."""
+        summary: Summary = {policy: {} for policy in self.policies}
+        for label, here in self.by_case().items():
+            for policy in here.policies:
+                summary[policy][label] = {one.name: here.estimate(policy, one) for one in self.measures.all}
+        return summary
+
+    def standing(self, measure: Measure) -> dict[str, Estimate]:
+        """Return a measure of the policies, best first, and bounds, which do not compete, at the end.
+
+        A lower bound comes after the same number reached; policies without that measure are left out.
+        """
+        names = dict.fromkeys(row["policy"] for row in self if measure.name in row)
+        found = {name: self.estimate(name, measure) for name in names}
+        sign = -1.0 if measure.higher_is_better else 1.0
+        return dict(
+            sorted(found.items(), key=lambda item: (is_bound(item[0]), sign * item[1].iqm, item[1].is_bound[0]))
+        )
+
+    def competitors(self, measure: Measure) -> dict[str, Estimate]:
+        """Return a measure of the policies that compete, best first."""
+        return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
+
+    def gaps_closed(self, policy: str) -> dict[str, Estimate]:
+        """Return which share of the gap from the reference to the bound a policy closes, by `Measures.gaps`.
+
+        Of related episodes from starts from which all three have one. Empty where one of them takes no part, or is the
+        policy.
+        """
+        if self.bound is None or policy == self.reference or is_bound(policy):
+            return {}
+        here, found = self.shared((policy, self.reference, self.bound)), {}
+        for measure in self.measures.gaps if here else ():
+            sign = 1.0 if measure.higher_is_better else -1.0
+            pairs = (here.pairs(name, self.reference, measure) for name in (policy, self.bound))
+            gains, bounds = ([sign * (a - b) for a, b in zip(*both, strict=True)] for both in pairs)
+            found[measure.name] = gap_closed(gains, bounds)
+        return found
+
+    def typical_and_worst(self, policy: str) -> tuple[Row, Row]:
+        """Return a policy's median episode and its worst one, by the headline."""
+        headline = self.measures.headline
+        mine = sorted(self.of(policy), key=lambda row: row[headline.name])
+        return mine[len(mine) // 2], mine[0 if headline.higher_is_better else -1]
+
+
+def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure], Any] = value_of) -> list[np.ndarray]:
+    strata: dict[Case, list[Any]] = {}
+    for row in sorted(rows, key=start_of):
+        strata.setdefault(case_of(row), []).append(value(row, measure))
+    return [np.array(stratum) for stratum in strata.values()]
+
+
+def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
+    """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better.
+
+    Bounds do not compete; a lower bound is more than the same number reached.
+    """
+    shown = {
+        policy: (float(measure.text(value.iqm)), value.is_bound[0])
+        for policy, value in estimates.items()
+        if not is_bound(policy)
+    }
+    if measure.higher_is_better is None or not shown:
+        return set()
+    best = max(shown.values()) if measure.higher_is_better else min(shown.values())
+    winners = {policy for policy, value in shown.items() if value == best}
+    return winners if len(winners) < len(shown) else set()
