@@ -28,9 +28,6 @@ from envs.slam import (
     Hector,
     KnownPoses,
     TinySlam,
-    load_gmapping_params,
-    load_graph_params,
-    load_hector_params,
     load_params,
 )
 from envs.tasks.explore import Explore
@@ -132,9 +129,9 @@ class OwnGMapping(GMapping):
 
 
 LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
-LOADERS[OwnHector] = ("hector", load_hector_params)
-LOADERS[OwnGMapping] = ("gmapping", load_gmapping_params)
-LOADERS[OwnGraphSlam] = ("graph", load_graph_params)
+LOADERS[OwnHector] = ("hector", partial(load_params, slam="hector"))
+LOADERS[OwnGMapping] = ("gmapping", partial(load_params, slam="gmapping"))
+LOADERS[OwnGraphSlam] = ("graph", partial(load_params, slam="graph"))
 LOADERS[OwnJumping] = (lambda lidar, resolution: Jumping(lidar, load_params("default")), load_params)
 
 
@@ -163,7 +160,7 @@ def test_drives_by_a_kernel_equal_those_step_by_step_where_the_best_particle_cha
 
     def make(kind, lidar, resolution):
         changes = {"resolution": resolution, "likelihood_gain": 1.0, "residual_variance": 0.02, "switch_margin": 0.0}
-        slams.append(kind(lidar, load_gmapping_params("default", changes)))
+        slams.append(kind(lidar, load_params("default", changes, "gmapping")))
         return slams[-1]
 
     for kind in (GMapping, OwnGMapping):

@@ -27,11 +27,9 @@ from envs.robots import LidarParams
 from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import STATE_SIZE, robot_record
 from envs.slam import load_params
-from envs.slam.cells import probabilities
-from envs.slam.grid_map import GridMap
-from envs.slam.map_update import integrate_scan
+from envs.slam.grid_map import GridMap, integrate_scan, probabilities
 from envs.slam.matcher import match, search_params
-from envs.slam.scans import beam_ends, project_hits
+from envs.slam.scans import project_hits
 
 PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
 """Control period [s]; pixels along the sides of a crop; calls of a kernel that are timed together."""
@@ -55,14 +53,8 @@ def _repeat(times, kernel, arguments):
 
 
 @njit
-def _match(words, points, count, start, search, noise, out):
-    out[0], out[1], out[2] = match(words, points, count, start, search, noise)[:3]
-
-
-@njit
-def _integrate(words, occupancy, scan, x, y, c, s, ends, model, quality, new_cells):
-    beam_ends(*scan, x, y, c, s, ends)
-    integrate_scan(words, occupancy, ends, x, y, model, quality, new_cells)
+def _match(words, points, count, start, search, noise, trace, out):
+    out[0], out[1], out[2] = match(words, points, count, start, search, noise, trace)[:3]
 
 
 def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
@@ -95,7 +87,7 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     params, start = load_params("default"), Pose2D(*grid_map.to_cells(pose.x + 0.01, pose.y), pose.theta + 0.01)
     points, search, found = np.empty((2, len(noisy)), dtype=np.float32), search_params(params), np.empty(3)
     count = project_hits(noisy, grid_map.geometry, points)
-    noise = np.random.default_rng(0).standard_normal((params.max_tries, 3))
+    noise, trace = np.random.default_rng(0).standard_normal((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
     slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
     command, normals, record, driven = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD), np.zeros(STATE_SIZE)
     moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *around)
@@ -105,10 +97,10 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
             lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *around),
         ),
         Kernel(
-            "match", _match, (grid_map.words, points, count, tuple(start), search, noise, found), lambda: found,
+            "match", _match, (grid_map.words, points, count, tuple(start), search, noise, trace, found), lambda: found,
             lambda: np.array(naive_match(*slow)),
         ),
-        _integrate_scan(lidar, noisy, pose, sensor),
+        _integrate_scan(lidar, noisy, pose),
         *_crop(grid_map.grid, pose),
         # A circle in the free middle of the hall, driven for ever.
         Kernel(
@@ -118,21 +110,19 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     ]  # fmt: skip
 
 
-def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D, sensor: Pose2D) -> Kernel:
+def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D) -> Kernel:
     params = load_params("default")
     empty, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
     naive.pose = pose
-    arguments = (
-        empty.words, empty.grid.data, (ranges, empty.geometry, params.skip_exceeding),
-        *empty.to_cells(sensor.x, sensor.y), math.cos(pose.theta), math.sin(pose.theta), np.empty((lidar.num_beams, 3)),
-        empty.model, params.quality, np.empty((empty.words.size, 2), dtype=np.int32),
-    )  # fmt: skip
+    room = np.empty((lidar.num_beams, 3)), np.empty((empty.words.size, 2), dtype=np.int32)
+    over = (empty.geometry, empty.corner, empty.model, params.quality, *room)
 
     def reference() -> np.ndarray:
         naive.integrate(ranges, params.quality)  # a mean does not change when the same is averaged in again
         return naive.values
 
-    return Kernel("integrate_scan", _integrate, arguments, lambda: probabilities(empty.words), reference)
+    arguments = (empty.words, empty.grid.data, ranges, tuple(pose), *over)
+    return Kernel("integrate_scan", integrate_scan, arguments, lambda: probabilities(empty.words), reference)
 
 
 def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:

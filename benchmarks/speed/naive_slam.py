@@ -10,7 +10,7 @@ import numpy as np
 from envs.geometry import Pose2D, wrap_angle
 from envs.robots import LidarParams
 from envs.slam import TinySlamParams
-from envs.slam.motion_noise import NoiseRecord, motion_stds
+from envs.slam.matching.covariance import NoiseRecord, motion_stds
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -61,7 +61,7 @@ def match(
 
 
 class NaiveSlam:
-    """TinySLAM with the mean of all observations in its cells (`avg`), the `const` estimator, and the `assign` blur.
+    """TinySLAM with the mean of all observations in its cells and the `assign` blur.
 
     `values` are occupancies, shape (height, width), float32, `counts` their numbers of observations. The map has the
     size that the params give it; beams that leave it are cut off at its border.

@@ -7,7 +7,7 @@ from numba import njit
 
 from envs.geometry.lines import next_cell, start_walk
 from envs.slam import HectorParams
-from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.log_odds_map import LogOddsMap
 
 from .log import Log
 

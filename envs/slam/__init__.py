@@ -1,24 +1,31 @@
 """Simultaneous localization and mapping, and mapping with known poses."""
 
 import copy
-import dataclasses
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from envs.estimation import Belief, Estimator
 from envs.files import resolve
 from envs.robots import LidarParams, OdometryNoise
 
-from .gmapping import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params
+from .gmapping.gmapping import GMapping
 from .graph.graph_slam import GraphSlam
-from .graph.params import GRAPH_PRESETS, GraphSlamParams, load_graph_params
-from .graph.pose_graph_view import PoseGraphView
 from .hector import Hector
-from .hector_params import HECTOR_PRESETS, HectorParams, load_hector_params
-from .known_poses import KnownPoses
-from .observers import MatcherObserver
-from .params import PRESET_NAMES, TinySlamParams, load_params
-from .tinyslam import TinySlam
+from .matcher import MatcherObserver
+from .params import (
+    PRESETS,
+    GMappingParams,
+    GraphSlamParams,
+    HectorParams,
+    LoopClosureParams,
+    Params,
+    TinySlamParams,
+    load_params,
+)
+from .posegraph import PoseGraphView
+from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
@@ -32,9 +39,9 @@ class Kind(NamedTuple):
 
 SLAMS: dict[str, Kind] = {
     "tinyslam": Kind(TinySlam, load_params),
-    "hector": Kind(Hector, load_hector_params),
-    "graph": Kind(GraphSlam, load_graph_params),
-    "gmapping": Kind(GMapping, load_gmapping_params),
+    "hector": Kind(Hector, partial(load_params, slam="hector")),
+    "graph": Kind(GraphSlam, partial(load_params, slam="graph")),
+    "gmapping": Kind(GMapping, partial(load_params, slam="gmapping")),
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
@@ -48,7 +55,7 @@ def make_slam(
     name: Any,
     lidar: LidarParams,
     resolution: float = 0.05,
-    preset: str | TinySlamParams | HectorParams | GraphSlamParams | GMappingParams = "default",
+    preset: str | Path | Params = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
     """Build a SLAM.
@@ -66,11 +73,11 @@ def make_slam(
         ValueError: if the name, the preset or the resolution is not allowed.
     """
     if isinstance(name, str) and name in SLAMS:
-        kind = SLAMS[name]
-        params = dataclasses.replace(kind.load(preset), resolution=resolution)
+        kind: Kind = SLAMS[name]
+        changes: dict[str, Any] = {"resolution": resolution}
         if odometry_noise is not None:
-            params = dataclasses.replace(params, odometry_noise=odometry_noise)
-        return kind.make(lidar, params)
+            changes["odometry_noise"] = odometry_noise
+        return kind.make(lidar, kind.load(kind.load(preset), changes))
     found: Any = resolve(name, dict[str, Any](SLAMS), "SLAM")
     if callable(found):
         return found(lidar, resolution)
@@ -81,10 +88,7 @@ def make_slam(
 
 __all__ = [
     "DEFAULT_SLAM",
-    "GMAPPING_PRESETS",
-    "GRAPH_PRESETS",
-    "HECTOR_PRESETS",
-    "PRESET_NAMES",
+    "PRESETS",
     "SLAMS",
     "SLAM_NAMES",
     "Belief",
@@ -96,13 +100,11 @@ __all__ = [
     "Hector",
     "HectorParams",
     "KnownPoses",
+    "LoopClosureParams",
     "MatcherObserver",
     "PoseGraphView",
     "TinySlam",
     "TinySlamParams",
-    "load_gmapping_params",
-    "load_graph_params",
-    "load_hector_params",
     "load_params",
     "make_slam",
 ]

@@ -1,15 +1,129 @@
-"""The map of TinySLAM, and of mapping with known poses."""
+"""The map of TinySLAM, and of mapping with known poses: each cell holds the mean of what beams said of it.
+
+A cell is one 32-bit word: a signed fixed-point occupancy in the upper 20 bits (18 of them fractional) and the number of
+observations in the lower 12. One load tells the matcher the occupancy, one load and one store update it, and sums of
+occupancies are exact integers whatever the order of adding.
+"""
+
+import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from envs.estimation import MapUpdate, Window
 from envs.geometry import Pose2D
 from envs.robots import LidarParams
 
-from .cells import unvisited_word
-from .map_update import AVG, BASE, REPORT, InverseSensorModel, integrate_scan
-from .mapping.growing_map import GrowingMap
+from .growing_map import GrowingMap
 from .params import TinySlamParams
+from .scans import SIDE_START, beam_ends, walk
+
+COUNT_BITS = 12
+"""Bits of a word that count observations."""
+MAX_COUNT = (1 << COUNT_BITS) - 1
+"""Count at which a cell stops counting; from there on each observation weighs 1 / (MAX_COUNT + 1)."""
+ONE = 1 << 18
+"""Occupancy 1 as fixed-point number."""
+_GAIN_ONE = 1 << 24
+_GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
+"""Weight of the observation that follows n others in a mean, shape (MAX_COUNT + 1,), fixed-point."""
+
+
+class InverseSensorModel(NamedTuple):
+    """What beams say of the cells that they cross; see `TinySlamParams`."""
+
+    occupied_prob: float
+    empty_prob: float
+    hole: float
+    """Length of the ramp in front of a hit [cells]; 0 for none."""
+    add_blur: bool
+    """Whether the ramp adds to the occupancy of a passed cell, or replaces it."""
+
+
+def unvisited_word(value: float) -> int:
+    """Return the word of a cell never observed, which the matcher shall take for `value` (in [-1, 1])."""
+    return round(value * ONE) << COUNT_BITS
+
+
+def probabilities(words: np.ndarray) -> np.ndarray:
+    """Return the occupancy that words stand for, same shape, float64."""
+    return (words >> COUNT_BITS) / ONE
+
+
+@njit(cache=True, error_model="numpy")
+def observe(word, target):
+    """Return the word of a cell after one more observation, fixed-point."""
+    count, value = word & MAX_COUNT, word >> COUNT_BITS
+    value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
+    return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
+
+
+@njit(cache=True, error_model="numpy")
+def _weighted(prob, quality):
+    """Return an observed occupancy as fixed-point number, drawn towards one half by the weight of its scan."""
+    return round(ONE * (0.5 + (prob - 0.5) * quality))
+
+
+@njit(cache=True, error_model="numpy")
+def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
+    """Integrate a scan into a map that has room for it.
+
+    Each beam is walked from the lidar's cell to its end, one cell per column or row, whichever it crosses more of. A
+    hit occupies the last cell, and the ramp of the wall blur leads up to it, unless the beam is shorter than the ramp.
+
+    Args:
+        words: shape (height, width), int32, the map, written.
+        occupancy: shape (height, width), int8, the same in percent, written.
+        ranges: as in `beam_ends`, as are `pose`, `geometry`, `corner` and `ends`.
+        pose: of the base.
+        geometry: `ScanGeometry`.
+        corner: of the map.
+        model: `InverseSensorModel`.
+        quality: weight of the scan.
+        ends: room to work in.
+        new_cells: shape (n, 2), int32, written: row and column of cells that became known.
+
+    Returns:
+        Number of cells that became known.
+    """
+    (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
+    width = words.shape[1]
+    flat, flat_occupancy = words.ravel(), occupancy.ravel()
+    num_new = 0
+    row_0, col_0 = math.floor(y), math.floor(x)
+    passed, occupied = _weighted(model.empty_prob, quality), _weighted(model.occupied_prob, quality)
+    for k in range(ends.shape[0]):
+        if math.isnan(ends[k, 0]):
+            continue
+        row_1, col_1 = math.floor(ends[k, 1]), math.floor(ends[k, 0])
+        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
+        hole = model.hole if model.hole * model.hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
+        # Cells before this one are just passed.
+        first_special = max(length - math.ceil(hole), 0) if ends[k, 2] > 0.0 else length + 1
+        base, side = row_0 * width + col_0, SIDE_START
+        for step_number in range(length + 1):
+            index = np.uint64(base + (side >> 32) * side_step)
+            target = passed
+            if step_number >= first_special:
+                square = (int(index) // width - row_1) ** 2 + (int(index) % width - col_1) ** 2
+                if square == 0:
+                    target = occupied
+                elif square < hole * hole:
+                    ramp = model.occupied_prob * (1.0 - square / (hole * hole))
+                    target = _weighted(min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp, quality)
+            word = flat[index]
+            if word & MAX_COUNT == 0:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            word = observe(word, target)
+            flat[index] = word
+            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + ONE // 2) >> 18
+            base, side = base + step, side + slope
+    for k in range(num_new):
+        index = new_cells[k, 0]
+        new_cells[k, 0], new_cells[k, 1] = index // width, index % width
+    return num_new
 
 
 class GridMap(GrowingMap):
@@ -17,24 +131,19 @@ class GridMap(GrowingMap):
 
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
         """Make an unknown map with the map frame's origin in its middle."""
-        super().__init__(lidar, params.resolution, (params.map_width, params.map_height), params.skip_exceeding)
-        self.model = InverseSensorModel(
-            {"avg": AVG, "base": BASE, "report": REPORT}[params.cell],
-            params.estimator == "area",
-            float(params.occupied_prob),
-            float(params.empty_prob),
-            params.hole_width / params.resolution,
-            params.blur == "add",
-        )
+        super().__init__(params, lidar)
+        hole = params.hole_width / params.resolution
+        self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
         """Shape (height, width), int32: the cells."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base, with a weight from 0 to 1."""
-        x, y, extent = self._make_room(ranges, pose)
-        new_cells = self._new_cells
-        count = integrate_scan(self.words, self.grid.data, self._ends, x, y, self.model, float(quality), new_cells)
+        extent, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
+        scan = (ranges, tuple(pose), self.geometry, self.corner)
+        how = (self.model, float(quality), self._ends, new_cells)
+        count = integrate_scan(self.words, self.grid.data, *scan, *how)
         return MapUpdate(new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:

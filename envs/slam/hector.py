@@ -6,11 +6,11 @@ from envs.estimation import ORIGIN, Belief, MapUpdate
 from envs.geometry import Pose2D
 from envs.robots import LidarParams
 
-from .hector_params import HectorParams
 from .key_scans import KeyScanSlam
-from .mapping.log_odds_map import LogOddsMap
+from .log_odds_map import LogOddsMap
 from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
+from .params import HectorParams
 from .relocalization import FOUND_STD, LossTracker
 
 

@@ -1,4 +1,4 @@
-"""What all SLAMs here share: which scans are matched and integrated, and which are passed over."""
+"""What all SLAMs here share: which scans are matched and integrated, which are passed over, and which are kept."""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
@@ -12,13 +12,18 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.simulation import Reading
 
-from .scans import check_scan
+from .posegraph import GrowingArray
+from .scans import ScanGeometry, check_scan, project_hits
 
 
 @njit(cache=True, error_model="numpy")
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
     """Tell whether two poses are `min_distance` [m] or `min_angle` [rad] or more apart."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
+
+
+POINT_CELL = 0.1
+"""Side of the cells of which each gives one point when scans are searched in a map [m]."""
 
 
 class Anchor(NamedTuple):
@@ -28,6 +33,55 @@ class Anchor(NamedTuple):
     """Row of `Belief.path`."""
     relative: Pose2D
     """The pose as seen from the key scan."""
+
+
+class KeyScans:
+    """Scans that are kept, and where they were taken."""
+
+    def __init__(self, lidar: LidarParams) -> None:
+        """Make an empty store for scans of a lidar."""
+        self._geometry = ScanGeometry.of(lidar, 1.0)
+        self._ranges = GrowingArray((lidar.num_beams,), np.float32, 256)
+        self._poses = GrowingArray((3,), np.float64, 256)
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """Shape (n, num_beams), float32: the scans [m]."""
+        return self._ranges.rows
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Shape (n, 3), float64: poses of the base by scan matching or odometry, never corrected [m, m, rad]."""
+        return self._poses.rows
+
+    def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
+        """Add a scan, shape (num_beams,), float32 [m], taken at a pose of the base; return its index."""
+        self._ranges.append(ranges)
+        return self._poses.append(pose)
+
+    def points(self, index: int) -> np.ndarray:
+        """Return the hits of a scan, shape (n, 2), float32, base frame [m]."""
+        out = np.empty((2, self.ranges.shape[1]), dtype=np.float32)
+        count = project_hits(self.ranges[index], self._geometry, out)
+        return out[:, :count].T
+
+    def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
+        """Return the hits of scans `first` to `last` as seen from the last one, one for each `POINT_CELL`.
+
+        Shape (n, 2), float32 [m]; n is at most `max_points`, evenly chosen, and none is farther than `max_range` [m].
+        """
+        here = Pose2D(*self.poses[last].tolist())
+        poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
+        parts = [here.between(pose).transform(self.points(first + k)) for k, pose in enumerate(poses)]
+        points = np.concatenate(parts).astype(np.float32)
+        points = points[(points**2).sum(axis=1) < max_range**2]
+        cells = np.floor(points / POINT_CELL).astype(np.int64)
+        _, chosen = np.unique((cells[:, 0] << 32) + cells[:, 1], return_index=True)
+        points = points[np.sort(chosen)]
+        return np.ascontiguousarray(points[:: len(points) // max_points + 1])
 
 
 class KeyScanSlam(ABC):

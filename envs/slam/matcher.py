@@ -1,15 +1,16 @@
-"""The Monte Carlo scan matcher."""
+"""The Monte Carlo scan matcher, and how to watch it at work."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
 
+from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.lookup import load
-from envs.geometry.pose import wrap_angle
 
-from .cells import COUNT_BITS, unvisited_word
+from .grid_map import COUNT_BITS, ONE, GridMap, unvisited_word
 from .params import TinySlamParams
 from .scans import project_hits
 
@@ -31,29 +32,46 @@ class SearchParams(NamedTuple):
 
 
 class Search(NamedTuple):
-    """State of a search: the best pose so far, with x and y from the map's corner [cells, cells, rad]."""
+    """Result of a search: the best pose, with x and y from the map's corner [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """What `score` returned for the best pose."""
-    spread: float = 1.0
-    """Factor of the spread of candidates."""
-    failed: int = 0
-    """Failures that are not forgiven."""
-    tried: int = 0
+    """What `score` returned for the best pose, less its penalty."""
+    tried: int
     """Candidates tried."""
-    accepted: int = 0
+    accepted: int
     """Candidates that were better than all before."""
+
+
+class MatcherObserver(Protocol):
+    """Is notified of every pose that the matcher tests, after the search.
+
+    Costs are hits minus the sum of their cells' occupancies; with a prior, plus what it takes off.
+    """
+
+    def on_matching_start(self, pose: Pose2D) -> None:
+        """A search begins at the predicted pose."""
+        ...
+
+    def on_scan_test(self, pose: Pose2D, cost: float) -> None:
+        """A pose was tested, be it the predicted one."""
+        ...
+
+    def on_pose_update(self, pose: Pose2D, cost: float) -> None:
+        """A pose was better than all before it."""
+        ...
+
+    def on_matching_end(self, pose: Pose2D, cost: float) -> None:
+        """The search ended with this pose."""
+        ...
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
     """Return the params of the search, in the cells of the map."""
-    return SearchParams(
-        *(params.sigma_xy / params.resolution, float(params.sigma_theta), params.max_failed, params.max_tries),
-        unvisited=unvisited_word(params.unvisited),
-    )
+    spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
+    return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
 
 
 @njit(cache=True, error_model="numpy")
@@ -97,30 +115,11 @@ def penalty(params, pose, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def draw_candidate(search, params, noise):
-    """Return the next candidate of a search as (x, y, theta), drawn around the best pose so far; see `match`."""
-    dx, dy, turn = noise[search.tried, 0], noise[search.tried, 1], noise[search.tried, 2]
-    sigma_xy, sigma_theta = search.spread * params.sigma_xy, search.spread * params.sigma_theta
-    return search.x + sigma_xy * dx, search.y + sigma_xy * dy, search.theta + sigma_theta * turn
-
-
-@njit(cache=True, error_model="numpy")
-def judge_candidate(search, params, x, y, theta, total):
-    """Return the state of a search after a candidate whose `score` is `total`.
-
-    An improvement that comes after more than a third of the allowed failures halves the spread and forgives them.
-    """
-    spread, failed, tried, accepted = search.spread, search.failed, search.tried + 1, search.accepted
-    if total <= search.total:
-        return Search(search.x, search.y, search.theta, search.total, spread, failed + 1, tried, accepted)
-    if failed > params.max_failed // 3:
-        spread, failed = 0.5 * spread, 0
-    return Search(x, y, theta, total, spread, failed, tried, accepted + 1)
-
-
-@njit(cache=True, error_model="numpy")
-def match(words, points, num_points, pose, params, noise):
+def match(words, points, num_points, pose, params, noise, trace):
     """Search the pose at which a scan fits the map best.
+
+    Candidates are drawn around the best pose so far. An improvement that comes after more than a third of the allowed
+    failures halves the spread and forgives them.
 
     Args:
         words: shape (height, width), int32, the map.
@@ -129,24 +128,39 @@ def match(words, points, num_points, pose, params, noise):
         pose: predicted x, y from the map's corner [cells] and heading [rad].
         params: `SearchParams`.
         noise: shape (max_tries, 3), float64, standard normal.
+        trace: shape (max_tries + 1, 5), float64, written: predicted pose and candidates, x, y, heading, as in `pose`,
+            what `score` gave less the penalty, and whether that was better than all before.
 
     Returns:
-        `Search`, at its end.
+        `Search`.
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
-    x, y, theta = pose
-    total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
-    search = Search(x, y, theta, total, 1.0, 0, 0, 0)
-    while search.failed < params.max_failed and search.tried < params.max_tries:
-        x, y, theta = draw_candidate(search, params, noise)
+    best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
+    best_x, best_y, best_theta = pose
+    trace[0, 0], trace[0, 1], trace[0, 2], trace[0, 3], trace[0, 4] = best_x, best_y, best_theta, best, 0.0
+    spread, failed, tried, accepted = 1.0, 0, 0, 0
+    while failed < params.max_failed and tried < params.max_tries:
+        sigma_xy, sigma_theta = spread * params.sigma_xy, spread * params.sigma_theta
+        x, y = best_x + sigma_xy * noise[tried, 0], best_y + sigma_xy * noise[tried, 1]
+        theta = best_theta + sigma_theta * noise[tried, 2]
         total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
         total -= penalty(params, pose, x, y, theta)
-        search = judge_candidate(search, params, x, y, theta, total)
-    return search
+        tried += 1
+        is_better = total > best
+        trace[tried, 0], trace[tried, 1], trace[tried, 2], trace[tried, 3] = x, y, theta, total
+        trace[tried, 4] = is_better
+        if not is_better:
+            failed += 1
+            continue
+        best, best_x, best_y, best_theta = total, x, y, theta
+        accepted += 1
+        if failed > params.max_failed // 3:
+            spread, failed = 0.5 * spread, 0
+    return Search(best_x, best_y, best_theta, best, tried, accepted)
 
 
 @njit(cache=True, error_model="numpy")
-def match_scan(ranges, geometry, words, corner, pose, params, noise, points):
+def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
     """Search the pose at which a scan fits the map best; see `match`.
 
     Args:
@@ -158,15 +172,38 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points):
         params: `SearchParams`.
         noise: shape (max_tries, 3), float64, standard normal.
         points: shape (2, num_beams), float32: room to work in.
+        trace: as for `match`.
 
     Returns:
-        The pose (x, y, theta), map frame, and whether it is another than the predicted one.
+        The pose (x, y, theta), map frame; number of candidates tried; whether the pose is another than the predicted
+        one; number of hits.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)
     start = (pose[0] / resolution - corner[0], pose[1] / resolution - corner[1], pose[2])
-    found = match(words, points, count, start, params, noise)
-    if found.accepted:
-        x, y = (found.x + corner[0]) * resolution, (found.y + corner[1]) * resolution
-        return x, y, wrap_angle(found.theta), True
-    return pose[0], pose[1], pose[2], False
+    found = match(words, points, count, start, params, noise, trace)
+    if found.accepted == 0:
+        return (pose[0], pose[1], pose[2]), found.tried, False, count
+    x, y = (found.x + corner[0]) * resolution, (found.y + corner[1]) * resolution
+    return (x, y, wrap_angle(found.theta)), found.tried, True, count
+
+
+def notify(
+    observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
+) -> None:
+    """Tell observers of a search by its trace, see `match`; `predicted` is in metres."""
+
+    def tell(event: str, *said: Pose2D | float) -> None:
+        for observer in observers:
+            getattr(observer, event)(*said)
+
+    tell("on_matching_start", predicted)
+    best = predicted, num_hits - trace[0, 3] / ONE
+    tell("on_scan_test", *best)
+    for x, y, theta, total, is_better in trace[1:].tolist():
+        pose, cost = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta)), num_hits - total / ONE
+        tell("on_scan_test", pose, cost)
+        if is_better:
+            best = pose, cost
+            tell("on_pose_update", *best)
+    tell("on_matching_end", *best)

@@ -5,7 +5,6 @@ Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar 
 """
 
 import math
-from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,11 +13,10 @@ from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
-from .graph.loop_closure import LoopClosureParams, hit_shares, is_accepted
+from .key_scans import KeyScans
 from .matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
-from .matching.pyramid import build_pyramid
-from .matching.submap_field import UNKNOWN_PERCENT, FieldGeometry
-from .scans import ScanGeometry, project_hits
+from .matching.fields import Field, build_pyramid, hit_shares, is_accepted
+from .params import LoopClosureParams
 
 NUM_SCANS = 10
 """Key scans that are searched together."""
@@ -30,7 +28,7 @@ COARSE_CELL = 0.1
 NUM_LEVELS = 6
 """Levels of its pyramid: the top one holds maxima over 32 cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Points that are searched at most, one per coarse cell; with fewer than the second, nothing is."""
+"""Points that are searched at most; with fewer than the second, nothing is."""
 MAX_EVALUATIONS = 500_000
 """Nodes that a search scores at most."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
@@ -63,10 +61,8 @@ class LossTracker:
             is_found_by_fit: whether one scan that fits ends a loss. Else only relocalization does: sooner or later a
                 scan fits where a kidnapped robot is not.
         """
-        self._is_found_by_fit = is_found_by_fit
-        self._geometry, self._lost_scans = ScanGeometry.of(lidar, 1.0), lost_scans
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
-        self._relocalizer = Relocalizer()
+        self._is_found_by_fit, self._lost_scans = is_found_by_fit, lost_scans
+        self._relocalizer = Relocalizer(lidar)
         self.reset()
 
     def reset(self) -> None:
@@ -108,11 +104,9 @@ class LossTracker:
         if fits is None and not self.is_in_doubt:
             return None
         self._mismatches += fits is False
-        count = project_hits(ranges, self._geometry, self._points)
-        self._relocalizer.add(self._points[:, :count].T.copy(), predicted)
+        found = self._relocalizer.update(ranges, predicted, grid if self.is_lost else None)
         if not self.is_lost:
             return predicted if fits is False else None
-        found = self._relocalizer.update(grid)
         if found is None:
             return predicted
         self.reset()
@@ -123,93 +117,78 @@ class LossTracker:
 class Relocalizer:
     """Collects the scans since a loss, and searches them in the map."""
 
-    def __init__(self) -> None:
+    def __init__(self, lidar: LidarParams) -> None:
+        """Start without scans of a lidar."""
+        self._lidar = lidar
         self.reset()
 
     def reset(self) -> None:
         """Forget all scans: the robot is not lost, or no longer."""
-        self._scans: deque[tuple[np.ndarray, Pose2D]] = deque(maxlen=NUM_SCANS)
-        self._next, self._interval, self._count = LEAST_SCANS, SEARCH_EVERY, 0
+        self._scans = KeyScans(self._lidar)
+        self._next, self._interval = LEAST_SCANS, SEARCH_EVERY
         self._found: list[tuple[Pose2D, Pose2D]] = []
 
-    def add(self, points: np.ndarray, pose: Pose2D) -> None:
-        """Add the hits of a key scan, shape (n, 2), base frame [m], and its pose by odometry."""
-        self._scans.append((points, pose))
-        self._count += 1
+    def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
+        """Add a key scan, shape (num_beams,), float32 [m], and its pose by odometry; search the map when it is due.
 
-    def update(self, grid: OccupancyGrid) -> Pose2D | None:
-        """Search when it is due; return the pose at the last key scan, map frame, once searches in succession agree."""
-        if self._count < self._next:
+        Without a map nothing is searched. Returns the pose of the scan, map frame, once searches in succession agree.
+        """
+        self._scans.add(ranges, pose)
+        if grid is None or len(self._scans) < self._next:
             return None
-        found, by_odometry = self.search(grid), self._scans[-1][1]
+        found = self.search(grid)
         self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, MAX_INTERVAL)
-        self._next = self._count + self._interval
+        self._next = len(self._scans) + self._interval
         if found is None:
             self._found.clear()
             return None
         if self._found:
             before, there = self._found[-1]
-            expected = before.compose(there.between(by_odometry))
+            expected = before.compose(there.between(pose))
             is_same = distance(found.x - expected.x, found.y - expected.y) <= SAME_PLACE
             if not (is_same and abs(wrap_angle(found.theta - expected.theta)) <= SAME_HEADING):
                 self._found.clear()
-        self._found.append((found, by_odometry))
-        is_near = distance(found.x - by_odometry.x, found.y - by_odometry.y) <= NEAR
+        self._found.append((found, pose))
+        is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR
         return found if len(self._found) >= (CONFIRMATIONS if is_near else FAR_CONFIRMATIONS) else None
 
     def search(self, grid: OccupancyGrid) -> Pose2D | None:
         """Return the pose of the robot at the last key scan, map frame; None where no pose or more than one will do."""
-        points = self._joined()
-        known = np.argwhere(grid.data >= 0)
-        if len(points) < LEAST_POINTS or len(known) == 0:
+        last = len(self._scans) - 1
+        points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
+        if len(points) < LEAST_POINTS:
             return None
-        (row, col), (last_row, last_col) = known.min(axis=0).tolist(), (known.max(axis=0) + 1).tolist()
-        window = grid.data[row:last_row, col:last_col]
-        corner = (grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution)
-        field = np.where(window < 0, UNKNOWN_PERCENT, window).astype(np.uint8)
-        fine = FieldGeometry(*corner, grid.resolution)
-        pyramid = build_pyramid(field, fine, 3, FINE_WIDTH, UNKNOWN_PERCENT)
+        field = Field.of(grid)
+        pyramid = build_pyramid(field, 3, FINE_WIDTH)
         around, limits = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01), SearchLimits(0.0, MAX_EVALUATIONS)
         fits: list[tuple[float, Pose2D]] = []
-        for rough in _search_everywhere(field, corner, grid.resolution, points):
+        for rough in _search_everywhere(field, points):
             found = search(pyramid, points, rough, around, limits)
-            pose = Pose2D(found.x, found.y, found.theta)
-            shares = hit_shares(field, fine, points, pose)
+            shares = hit_shares(field, points, found.pose)
             if found.found and is_accepted(shares, ACCEPTED):
-                fits.append((shares.occupied - shares.free, pose))
+                fits.append((shares.occupied - shares.free, found.pose))
         fits.sort(reverse=True)
         is_clear = len(fits) == 1 or (len(fits) > 1 and fits[0][0] >= fits[1][0] + LEAST_LEAD)
         return fits[0][1] if is_clear else None
 
-    def _joined(self) -> np.ndarray:
-        """Return the hits of all scans, one per coarse cell: shape (n, 2), float32, base frame of the last scan [m]."""
-        here = self._scans[-1][1]
-        parts = [here.between(pose).transform(points) for points, pose in self._scans]
-        points = np.concatenate(parts).astype(np.float32)
-        _, first = np.unique(np.floor(points / COARSE_CELL).astype(np.int64), axis=0, return_index=True)
-        points = points[np.sort(first)]
-        return np.ascontiguousarray(points[:: len(points) // MAX_POINTS + 1])
 
-
-def _search_everywhere(
-    field: np.ndarray, corner: tuple[float, float], resolution: float, points: np.ndarray
-) -> Iterator[Pose2D]:
+def _search_everywhere(field: Field, points: np.ndarray) -> Iterator[Pose2D]:
     """Yield the poses at which points fit a field best, one for each quarter of headings, where any will do.
 
     Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
     """
-    block = max(1, round(COARSE_CELL / resolution))
-    rows, cols = (math.ceil(size / block) for size in field.shape)
-    padded = np.zeros((rows * block, cols * block), dtype=np.uint8)
-    padded[: field.shape[0], : field.shape[1]] = field
+    block = max(1, round(COARSE_CELL / field.resolution))
+    height, width = field.occupancy.shape
+    padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
+    rows, cols = padded.shape[0] // block, padded.shape[1] // block
     coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
-    geometry = FieldGeometry(*corner, block * resolution)
-    reach = 0.5 * max(rows, cols) * geometry.resolution
-    pyramid = build_pyramid(coarse, geometry, NUM_LEVELS, reach, UNKNOWN_PERCENT)
-    x, y = corner[0] + 0.5 * cols * geometry.resolution, corner[1] + 0.5 * rows * geometry.resolution
-    window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, geometry.resolution))
+    side = block * field.resolution
+    reach = 0.5 * max(rows, cols) * side
+    pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
+    x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
+    window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
     limits = SearchLimits(ACCEPTED.min_score, MAX_EVALUATIONS)
     for heading in (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi):
         found = search(pyramid, points, Pose2D(x, y, heading), window, limits)
         if found.found:
-            yield Pose2D(found.x, found.y, found.theta)
+            yield found.pose

@@ -9,6 +9,9 @@ from numba import njit
 from envs.geometry import Pose2D
 from envs.robots import LidarParams
 
+SIDE_START = (1 << 31) - 1
+"""Half a cell, less a grain, with 32 fractional bits: a line right between two cells takes the nearer to its start."""
+
 
 class ScanGeometry(NamedTuple):
     """How the beams of a lidar lie over a map."""
@@ -22,13 +25,14 @@ class ScanGeometry(NamedTuple):
     """Readings from this on are no return [m]."""
     resolution: float
     """Side of a map cell [m]."""
+    skip_exceeding: bool = False
+    """Whether beams without a return are ignored where a scan is integrated; else they clear up to the range."""
 
     @classmethod
-    def of(cls, lidar: LidarParams, resolution: float) -> Self:
+    def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
         """Return the geometry of all beams of a lidar."""
-        return cls(
-            lidar.directions, float(lidar.mount.x), float(lidar.mount.y), float(lidar.range_max), float(resolution)
-        )
+        mount = float(lidar.mount.x), float(lidar.mount.y)
+        return cls(lidar.directions, *mount, float(lidar.range_max), float(resolution), skip_exceeding)
 
 
 def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.ndarray:
@@ -63,35 +67,66 @@ def project_hits(ranges, geometry, points):
 
 
 @njit(cache=True, error_model="numpy")
-def beam_ends(ranges, geometry, skip_exceeding, x, y, c, s, ends):
-    """Find where the beams of a scan end in the map.
+def beam_ends(ranges, pose, geometry, corner, ends):
+    """Find where the beams of a scan end in a map.
 
     Args:
         ranges: shape (num_beams,), float32 [m]; NaN for a beam to ignore.
-        geometry: `ScanGeometry`; a beam without a return clears up to the lidar's range.
-        skip_exceeding: whether beams without a return are ignored.
-        x: position of the lidar [cells].
-        y: position of the lidar [cells].
-        c: cosine of the base's heading.
-        s: sine of the base's heading.
+        pose: x, y, heading of the base, map frame [m, m, rad].
+        geometry: `ScanGeometry`; a beam without a return clears up to the lidar's range, or is ignored.
+        corner: column and row of the map's first cell, counted from the map frame's origin.
         ends: shape (num_beams, 3), float64, written: x, y [cells], and 1 for a hit, else 0; NaN for beams to ignore.
 
     Returns:
-        Smallest and greatest column and row that the scan touches: col_min, row_min, col_max, row_max.
+        Position of the lidar from the map's corner (x, y) [cells], and smallest and greatest column and row that the
+        scan touches: col_min, row_min, col_max, row_max.
     """
-    directions, range_max = geometry.directions, geometry.range_max
+    directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x = (pose[0] + c * geometry.mount_x - s * geometry.mount_y) / resolution - corner[0]
+    y = (pose[1] + s * geometry.mount_x + c * geometry.mount_y) / resolution - corner[1]
     x_min = x_max = x
     y_min = y_max = y
     for k in range(ranges.shape[0]):
         r = float(ranges[k])
         hit = r < range_max
-        if not r > 0.0 or (skip_exceeding and not hit):
+        if not r > 0.0 or (geometry.skip_exceeding and not hit):
             ends[k, 0] = np.nan
             continue
-        r = min(r, range_max) / geometry.resolution
+        r = min(r, range_max) / resolution
         end_x = x + r * (c * directions[0, k] - s * directions[1, k])
         end_y = y + r * (s * directions[0, k] + c * directions[1, k])
         ends[k, 0], ends[k, 1], ends[k, 2] = end_x, end_y, 1.0 if hit else 0.0
         x_min, x_max = min(x_min, end_x), max(x_max, end_x)
         y_min, y_max = min(y_min, end_y), max(y_max, end_y)
-    return math.floor(x_min), math.floor(y_min), math.floor(x_max), math.floor(y_max)
+    return (x, y), (math.floor(x_min), math.floor(y_min), math.floor(x_max), math.floor(y_max))
+
+
+@njit(cache=True, error_model="numpy")
+def scans_extent(ranges, poses, geometry, corner, ends):
+    """Return the columns and rows that scans touch, as `beam_ends` does.
+
+    Ranges have shape (n, num_beams), or (1, num_beams) for one scan at all poses, which have shape (n, 3).
+    """
+    col_min = row_min = np.int64(1) << 40
+    col_max = row_max = -(np.int64(1) << 40)
+    for i in range(poses.shape[0]):
+        extent = beam_ends(ranges[min(i, ranges.shape[0] - 1)], poses[i], geometry, corner, ends)[1]
+        col_min, row_min = min(col_min, extent[0]), min(row_min, extent[1])
+        col_max, row_max = max(col_max, extent[2]), max(row_max, extent[3])
+    return col_min, row_min, col_max, row_max
+
+
+@njit(cache=True, error_model="numpy")
+def walk(d_row, d_col, width):
+    """Return how to walk over so many rows and columns, in a straight line through a flattened map.
+
+    Returns:
+        Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what
+        one sideways add to the index.
+    """
+    row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
+    d_row, d_col = abs(d_row), abs(d_col)
+    if d_col >= d_row:
+        return d_col, (d_row << 32) // max(d_col, 1), col_step, row_step
+    return d_row, (d_col << 32) // d_row, row_step, col_step

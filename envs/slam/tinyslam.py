@@ -1,4 +1,4 @@
-"""TinySLAM: match each scan to the map by Monte Carlo search, then integrate it."""
+"""Mapping with known poses, and TinySLAM: match each scan to the map by Monte Carlo search, then integrate it."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,11 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
-from .cells import ONE
-from .grid_map import GridMap
-from .known_poses import KnownPoses
-from .matcher import SearchParams, match_scan, search_params
-from .matching.scan_matcher import known_score_at
-from .motion_noise import NoiseRecord, motion_stds
-from .observers import MatcherObserver, match_observed
+from .grid_map import ONE, GridMap
+from .key_scans import KeyScanSlam
+from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
+from .matching.covariance import NoiseRecord, motion_stds
+from .matching.gauss_newton import known_score_at
 from .params import TinySlamParams
 from .relocalization import LossTracker
 from .scans import project_hits
@@ -29,6 +27,21 @@ LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
 predicted pose, and farther around."""
 
 
+class KnownPoses(KeyScanSlam):
+    """Builds the same map as TinySLAM, at the poses that its motion source gives: odometry, or ground truth.
+
+    Only what concerns the map is used of its `params`, which are `TinySlamParams`.
+    """
+
+    params: TinySlamParams
+
+    def _make_map(self) -> GridMap:
+        return GridMap(self.params, self._lidar)
+
+    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+        return predicted, self.params.quality
+
+
 class TinySlam(KnownPoses):
     """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010).
 
@@ -37,12 +50,12 @@ class TinySlam(KnownPoses):
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM for one lidar. Observers are notified of the matcher's work, which then runs in Python."""
+        """Build a SLAM for one lidar. Observers are notified of the matcher's work."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(sigma_xy=WIDE[0] / params.resolution, sigma_theta=WIDE[1])
         self._loss = LossTracker(lidar, LOST_SCANS)
-        self._noise = np.empty((params.max_tries, 3))
+        self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
@@ -73,7 +86,7 @@ class TinySlam(KnownPoses):
         """Tell whether the hits of a scan fall on occupied cells at a pose; None where too few cells are known."""
         count = project_hits(ranges, self.map.geometry, self._points)
         x, y = self.map.to_cells(pose.x, pose.y)
-        num_known, score = known_score_at(self.map.grid.data, self._points, count, x, y, pose.theta)
+        num_known, score = known_score_at((self.map.grid.data,), self._points, count, x, y, pose.theta)
         return score >= least_score if num_known >= LEAST_KNOWN_HITS else None
 
     def _predict(self, motion: Pose2D) -> Pose2D:
@@ -89,17 +102,13 @@ class TinySlam(KnownPoses):
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
-        grid_map, points, search = self.map, self._points, search or self._weighted_search(predicted)
         self.rng.standard_normal(out=self._noise)
+        over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
+        work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)
+        pose, num_tried, is_better, num_hits = match_scan(ranges, *over, *work)
         if self.observers:
-            count = project_hits(ranges, grid_map.geometry, points)
-            found = match_observed(self.observers, grid_map, points, count, predicted, search, self._noise)
-            x, y = grid_map.to_metres(found.x, found.y)
-            theta, improved = wrap_angle(found.theta), found.accepted > 0
-        else:
-            over = (grid_map.geometry, grid_map.words, grid_map.corner)
-            x, y, theta, improved = match_scan(ranges, *over, tuple(predicted), search, self._noise, points)
-        return Pose2D(x, y, theta) if improved else predicted
+            notify(self.observers, self.map, predicted, self._trace[: num_tried + 1], num_hits)
+        return Pose2D(*pose) if is_better else predicted
 
     def _weighted_search(self, predicted: Pose2D) -> SearchParams:
         """Return the params of the search, with the penalties that follow from the motion since the last match."""

@@ -24,7 +24,7 @@ from envs.simulation import Twist, make_simulator
 from envs.simulation.kinematic import Obstacles, advance
 from envs.simulation.records import robot_record
 from envs.slam import load_params, make_slam
-from envs.slam.cells import MAX_COUNT, probabilities
+from envs.slam.grid_map import MAX_COUNT, probabilities
 from envs.tasks.explore import Explore
 from envs.worlds import rasterize
 

@@ -5,8 +5,6 @@ from fractions import Fraction
 
 import numpy as np
 
-UNVISITED = None
-
 
 def line(first, last):
     """Cells (row, column) from first to last; a line right between two cells takes the one nearer to its start."""
@@ -21,44 +19,6 @@ def line(first, last):
 
         cells.append((along(first[0], d_row), along(first[1], d_col)))
     return cells
-
-
-def clip(polygon, a, b, c):
-    """Return the part of a convex polygon where a x + b y <= c (Sutherland and Hodgman)."""
-    kept = []
-    for p, q in zip(polygon, polygon[1:] + polygon[:1]):
-        at_p, at_q = a * p[0] + b * p[1] - c, a * q[0] + b * q[1] - c
-        if at_p <= 0:
-            kept.append(p)
-        if (at_p < 0 < at_q) or (at_q < 0 < at_p):
-            t = at_p / (at_p - at_q)
-            kept.append((p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])))
-    return kept
-
-
-def area(polygon):
-    """Shoelace formula."""
-    return 0.5 * abs(sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(polygon, polygon[1:] + polygon[:1])))
-
-
-def share(cell, a, b, c):
-    """Share of a cell (row, column) in which a x + b y <= c."""
-    row, col = cell
-    return area(clip([(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)], a, b, c))
-
-
-def estimate(cell, start, end, hit, params):
-    """Occupancy that a beam reports of a cell, and its weight; positions (x, y) in cells."""
-    is_end = cell == (math.floor(end[1]), math.floor(end[0]))
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    if params.estimator == "const":
-        return (params.occupied_prob if hit and is_end else params.empty_prob), 1.0
-    if hit and is_end:
-        behind = 1.0 - share(cell, dx, dy, dx * end[0] + dy * end[1])
-        return max(behind, params.empty_prob), 1.0
-    left = share(cell, -dy, dx, dx * start[1] - dy * start[0])
-    cut = min(left, 1.0 - left)
-    return params.empty_prob, cut if cut > 1e-12 else 0.5
 
 
 class ReferenceMap:
@@ -86,28 +46,14 @@ class ReferenceMap:
         first, last = ((math.floor(point[1]), math.floor(point[0])) for point in (start, end))
         hole = params.hole_width / params.resolution
         blurred = hit and hole**2 < (first[0] - last[0]) ** 2 + (first[1] - last[1]) ** 2
-        hit_prob = estimate(last, start, end, True, params)[0]
         for cell in line(first, last):
-            prob, weight = estimate(cell, start, end, hit, params)
-            owed_to_hit = prob if hit and cell == last else 0.0
+            prob = params.occupied_prob if hit and cell == last else params.empty_prob
             square = (cell[0] - last[0]) ** 2 + (cell[1] - last[1]) ** 2
             if blurred and 0 < square < hole**2:
-                owed_to_hit = (1.0 - square / hole**2) * hit_prob
-                prob = min(prob + owed_to_hit, 1.0) if params.blur == "add" else owed_to_hit
-            self._observe(cell, prob, weight * quality, owed_to_hit)
-
-    def _observe(self, cell, prob, quality, owed_to_hit):
-        value, count = self.cells.get(cell, (0.5, 0))
-        if self.params.cell == "avg":
-            seen = 0.5 + (prob - 0.5) * quality
-            value = (value * count + seen) / (count + 1)
-        elif self.params.cell == "base":
-            value = (1.0 - quality) * value + quality * prob
-        elif owed_to_hit > 0:
-            value = value + (1.0 - value) * owed_to_hit
-        else:
-            value = value * (1.0 - prob)
-        self.cells[cell] = (value, count + 1)
+                ramp = (1.0 - square / hole**2) * params.occupied_prob
+                prob = min(prob + ramp, 1.0) if params.blur == "add" else ramp
+            value, count = self.cells.get(cell, (0.5, 0))
+            self.cells[cell] = (value * count + 0.5 + (prob - 0.5) * quality) / (count + 1), count + 1
 
 
 def cost(values, points, x, y, theta, unvisited):

@@ -6,6 +6,9 @@ from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.robots import LidarParams, Mount
 from envs.simulation import Reading
+from envs.slam import HectorParams
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.fields import Field
 
 LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
 STAY = Pose2D(0.0, 0.0, 0.0)
@@ -33,3 +36,29 @@ def drive(slam, motions, odometry, seed=0, walls=ROOM + BOX):
         pose = pose.compose(motion)
         slam.update(Reading.of_scan(scan(pose, rng, walls=walls)), measured)
     return pose, slam.belief.pose
+
+
+def rectangle(x0, y0, x1, y1):
+    """Return the four walls of a rectangle, shape (4, 4)."""
+    return np.array([[x0, y0, x1, y0], [x1, y0, x1, y1], [x1, y1, x0, y1], [x0, y1, x0, y0]], dtype=float)
+
+
+FLAT = np.concatenate([rectangle(0.0, 0.0, 6.0, 4.0), rectangle(4.0, 1.0, 4.6, 1.5), [[2.0, 4.0, 2.0, 2.8]]])
+"""A room of 6 m x 4 m with a box and a partition, shape (9, 4) [m]."""
+
+
+def visible_points(walls, pose, num_beams, range_max):
+    """Return the hits of beams of a lidar at a pose, shape (n, 2), float32, base frame [m]."""
+    lidar = LidarParams(num_beams=num_beams, range_max=range_max)
+    ranges = scan(Pose2D(*pose), walls=walls, lidar=lidar)
+    hit = ranges < range_max
+    return (ranges[hit] * lidar.directions[:, hit]).T.astype(np.float32)
+
+
+def render_field(walls, poses, num_beams=180, range_max=10.0, seed=0):
+    """Return the field of noisy scans of walls from poses."""
+    rng, lidar = np.random.default_rng(seed), LidarParams(num_beams=num_beams, range_max=range_max)
+    map = LogOddsMap(HectorParams(num_levels=1, skip_exceeding=True), lidar)
+    for pose in poses:
+        map.integrate(scan(Pose2D(*pose), rng, walls=walls, lidar=lidar), Pose2D(*pose))
+    return Field.of(map.grid)

@@ -35,7 +35,7 @@ def random_case(seed):
 def test_evaluate_matches_the_slow_reference(scale):
     occupancy, points = random_case(1)
     pose = np.array([19.3, 14.8, 0.7]) / (scale, scale, 1.0)
-    fit = evaluate(occupancy, scale, points, 50, *pose)
+    fit = evaluate((occupancy, occupancy), round(1 / scale) - 1, points, 50, *pose)
     m = occupancy_at(occupancy, scale, points.astype(float), *pose)
     step = 1e-6
     gradient = np.stack(
@@ -45,6 +45,7 @@ def test_evaluate_matches_the_slow_reference(scale):
     np.testing.assert_allclose(fit[:6], [h[0, 0], h[0, 1], h[0, 2], h[1, 1], h[1, 2], h[2, 2]], rtol=1e-3)
     np.testing.assert_allclose(fit[6:9], b, rtol=1e-3, atol=1e-4)
     assert fit.total == pytest.approx(m.sum())
+    assert fit.squares == pytest.approx(((1.0 - m) ** 2).sum())
 
 
 def test_solve_takes_the_step_of_the_normal_equations():
@@ -52,11 +53,11 @@ def test_solve_takes_the_step_of_the_normal_equations():
     g, w = rng.normal(size=(3, 9)), rng.normal(size=(3, 5))
     h, w, b = g @ g.T, w @ w.T, rng.normal(size=3)
     i, j = np.triu_indices(3)
-    fit = Fit(*h[i, j], *b, 0.0)
+    fit = Fit(*h[i, j], *b, 0.0, 0.0)
     off = np.array([0.3, -0.2, 0.1])
     step = solve(fit, Prior(*(np.array([5.0, 6.0, 1.0]) + off), *w[i, j]), 5.0, 6.0, 1.0)
     np.testing.assert_allclose(step, np.linalg.solve(h + w, b + w @ off), rtol=1e-9)
-    assert solve(Fit(*np.zeros(10)), NO_PRIOR, 5.0, 6.0, 1.0) == (0.0, 0.0, 0.0)
+    assert solve(Fit(*np.zeros(11)), NO_PRIOR, 5.0, 6.0, 1.0) == (0.0, 0.0, 0.0)
 
 
 def walls():
@@ -81,14 +82,14 @@ def hits(x, y, theta):
 def test_refine_finds_the_pose_and_the_prior_holds_it():
     levels, points = walls(), hits(30.0, 25.0, 0.4)
     start = (31.5, 23.8, 0.45)
-    *found, fit = refine(levels, points, 80, start, NO_PRIOR, 20, 10)
+    *found, fit = refine(levels, 2, points, 80, start, NO_PRIOR, 20, 10)
     np.testing.assert_allclose(found, (30.0, 25.0, 0.4), atol=0.1)
     assert fit.total > 79.0
     firm = Prior(*start, 1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
-    *held, _ = refine(levels, points, 80, start, firm, 10, 10)
+    *held, _ = refine(levels, 2, points, 80, start, firm, 10, 10)
     np.testing.assert_allclose(held, start, atol=1e-3)
     # Firm along x alone: the rest is found.
-    *partly, _ = refine(levels, points, 80, (30.0, 23.8, 0.4), Prior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10)
+    *partly, _ = refine(levels, 2, points, 80, (30.0, 23.8, 0.4), Prior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10)
     np.testing.assert_allclose(partly[:2], (30.2, 25.0), atol=0.1)
 
 
@@ -129,7 +130,7 @@ def test_covariance_after_a_match_is_the_inverse_of_the_joined_information():
     a, g = rng.normal(size=(3, 4)), rng.normal(size=(3, 40))
     p, h = a @ a.T, g @ g.T
     i, j = np.triu_indices(3)
-    fit = Fit(*h[i, j], 0.0, 0.0, 0.0, 0.0)
+    fit = Fit(*h[i, j], 0.0, 0.0, 0.0, 0.0, 0.0)
     inverse = np.empty((3, 3))
     invert(p, inverse)
     np.testing.assert_allclose(inverse, np.linalg.inv(p), rtol=1e-9)

@@ -7,8 +7,7 @@ import pytest
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, Mount
 from envs.slam import HectorParams
-from envs.slam.mapping.log_odds_kernels import MAX_STAMP, log_odds
-from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap, log_odds
 
 from .reference import line
 

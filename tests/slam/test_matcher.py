@@ -1,12 +1,8 @@
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.slam.cells import ONE, unvisited_word
+from envs.slam.grid_map import ONE, unvisited_word
 from envs.slam.matcher import SearchParams, match, score
-from envs.slam.observers import match_observed
 from envs.slam.scans import ScanGeometry, project_hits
 
 from . import reference
@@ -29,22 +25,17 @@ def test_search_matches_the_slow_reference(seed):
     noise = rng.standard_normal((300, 3))
     # With 30 failures allowed, improvements after more than 10 halve the spread.
     params = SearchParams(1.5, 0.2, 30, 300, unvisited)
-    found = match(words, points, 60, pose, params, noise)
+    trace = np.empty((301, 5))
+    found = match(words, points, 60, pose, params, noise, trace)
     expected, expected_cost, tested = reference.search(values, points, pose, 1.5, 0.2, 30, 300, noise, -1.0)
     assert 60 - found.total / ONE == pytest.approx(expected_cost, abs=1e-9)
     np.testing.assert_allclose(found[:3], expected, rtol=1e-12)
     assert found.tried + 1 == len(tested)
     assert found.accepted + 1 == sum(was for *_, was in tested) > 2
-
-    # Observers see every step of it.
-    heard = []
-    events = ("on_matching_start", "on_scan_test", "on_pose_update", "on_matching_end")
-    witness = SimpleNamespace(**{name: lambda *said, name=name: heard.append((name, *said)) for name in events})
-    in_cells = SimpleNamespace(words=words, to_cells=lambda x, y: (x, y), to_metres=lambda x, y: (x, y))
-    assert match_observed([witness], in_cells, points, 60, Pose2D(*pose), params, noise) == found
-    seen, updates = ([said for name, *said in heard if name == event] for event in events[1:3])
-    np.testing.assert_allclose([(*p, cost) for p, cost in seen], [(*p, cost) for p, cost, _ in tested], atol=1e-9)
-    np.testing.assert_allclose([p for p, _ in updates], [p for p, _, better in tested[1:] if better], atol=1e-9)
+    seen = trace[: found.tried + 1]
+    np.testing.assert_allclose(seen[:, :3], [pose for pose, *_ in tested], atol=1e-9)
+    np.testing.assert_allclose(60 - seen[:, 3] / ONE, [cost for _, cost, _ in tested], atol=1e-9)
+    assert seen[1:, 4].tolist() == [is_better for *_, is_better in tested[1:]]
 
 
 def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures():
@@ -55,7 +46,7 @@ def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures()
     def final_x(*steps):
         noise = np.zeros((20, 3))
         noise[: len(steps), 0] = steps
-        return match(words, point, 1, (2.5, 1.5, 0.0), SearchParams(1.0, 1.0, 6, 20, 0), noise).x
+        return match(words, point, 1, (2.5, 1.5, 0.0), SearchParams(1.0, 1.0, 6, 20, 0), noise, np.empty((21, 5))).x
 
     assert final_x(0, 0, 1, 1) == 4.5  # after 2 of 6: not yet
     assert final_x(0, 0, 0, 1, 4) == 2.5 + 1 + 0.5 * 4  # after 3: halved
@@ -70,10 +61,10 @@ def test_the_prior_holds_the_search_by_the_squared_distance_from_the_start():
     noise[:2, 0] = 1.0
     free = SearchParams(1.0, 1.0, 6, 20, 0)
     for params, x, total in ((free, 4.5, 4 * 32), (free._replace(position_penalty=20.0), 3.5, 3 * 32 - 20)):
-        found = match(words, point, 1, (2.5, 1.5, 0.0), params, noise)
+        found = match(words, point, 1, (2.5, 1.5, 0.0), params, noise, np.empty((21, 5)))
         assert (found.x, found.total) == (x, total)
     noise[:2] = 0.0, 0.0, 0.1
-    turning = match(words, point + 1, 1, (2.5, 1.5, 0.0), free._replace(heading_penalty=1e9), noise)
+    turning = match(words, point + 1, 1, (2.5, 1.5, 0.0), free._replace(heading_penalty=1e9), noise, np.empty((21, 5)))
     assert turning.accepted == 0
 
 

@@ -1,7 +1,5 @@
 """GMapping: particles whose poses are drawn from scan-matched proposals, each with a map of its own."""
 
-import math
-
 import numpy as np
 
 from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
@@ -10,18 +8,17 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
-from ..matching.agreement import LEAST_MAP_SHARE, fits_map
 from ..matching.correlative import SearchWindow, search_window
-from ..matching.covariance import position_std
-from ..matching.scan_matcher import WINDOW
-from ..motion_noise import NoiseRecord, motion_stds
+from ..matching.covariance import motion_stds, position_std
+from ..matching.fields import LEAST_MAP_SHARE, fits_map
+from ..matching.scan_matcher import WINDOW, MatcherParams
+from ..params import GMappingParams
+from ..posegraph import GrowingArray
 from ..relocalization import FOUND_STD, LossTracker
 from ..scans import project_hits
-from .params import GMappingParams
 from .particle_maps import ParticleMaps
-from .proposal import Motion, ProposalParams, Proposals, draw_poses, propose, take_better
+from .proposal import Motion, Proposals, draw_poses, propose, take_better
 from .resampling import effective_sample_size, normalized_weights, spread, systematic_resample
-from .trajectories import Trajectories
 
 
 class GMapping(KeyScanSlam):
@@ -47,8 +44,7 @@ class GMapping(KeyScanSlam):
 
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
         """Build a SLAM for one lidar."""
-        self._noise = NoiseRecord.of(params.odometry_noise)
-        self._proposal_params = ProposalParams.of(params)
+        self._matcher = MatcherParams.of(params)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._loss = LossTracker(lidar, params.lost_scans)
         super().__init__(lidar, params)
@@ -73,7 +69,8 @@ class GMapping(KeyScanSlam):
         self.num_switches = self.num_resamplings = 0
         """How often another particle became the best one, and how often particles were resampled."""
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
-        self._trajectories = Trajectories(count)
+        # Poses at the key scans as a tree: the particle at the key scan before that each one goes on from.
+        self._poses, self._parents = GrowingArray((count, 3), np.float64, 256), GrowingArray((count,), np.int64, 256)
         self._fits = np.ones(count, dtype=np.bool_)
         self._loss.reset()
         self._is_switched = False
@@ -81,14 +78,17 @@ class GMapping(KeyScanSlam):
 
     def finish(self) -> None:
         """Write the trajectory of the best particle to `belief.path`, one pose per key scan."""
-        self.belief.path = self._trajectories.trace(self.best)
+        particles, particle = np.empty(len(self._poses), dtype=np.int64), self.best
+        for k in range(len(particles) - 1, -1, -1):
+            particles[k], particle = particle, self._parents.rows[k, particle]
+        self.belief.path = self._poses.rows[np.arange(len(particles)), particles]
 
     @property
     def anchor(self) -> Anchor | None:
         """The last key scan, and the pose as seen from it; None before the first."""
         if self.last_key_pose is None:
             return None
-        return Anchor(len(self._trajectories) - 1, self.last_key_pose.between(self.belief.pose))
+        return Anchor(len(self._poses) - 1, self.last_key_pose.between(self.belief.pose))
 
     def _make_map(self) -> ParticleMaps:
         return ParticleMaps(self.params, self._lidar)
@@ -108,7 +108,8 @@ class GMapping(KeyScanSlam):
                 parents = self._weigh()
             else:
                 self._move(motion, instead)
-        self._trajectories.append(self.poses, parents)
+        self._poses.append(self.poses)
+        self._parents.append(parents)
         weights, best = normalized_weights(self.log_weights), self.poses[self.best]
         belief.covariance = spread(self.poses, weights, best)
         is_spread = position_std(belief.covariance) > self.params.max_position_std
@@ -121,15 +122,15 @@ class GMapping(KeyScanSlam):
         Returns whether the scan fits the map of the best particle; None where too little of it is known to tell.
         """
         params, resolution = self.params, self.params.resolution
-        position_std, heading_std = motion_stds(self._noise, travelled := distance(motion.x, motion.y), motion.theta)
+        travelled = distance(motion.x, motion.y)
+        position_std, heading_std = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
         start = motion
-        if num_points and (
-            travelled > (params.search_distance or math.inf) or abs(motion.theta) > (params.search_angle or math.inf)
-        ):
+        is_far = travelled > self._matcher.search_distance or abs(motion.theta) > self._matcher.search_angle
+        if num_points and is_far:
             stds = (position_std / resolution, heading_std)
             start = self._search(num_points, motion, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds, 50))
-        over = (self._points, num_points, self._proposal_params)
+        over = (self._points, num_points, self._matcher)
         found = self._proposals
         propose(self.map.maps, self.poses, Motion(motion, start, position_std, heading_std), *over, found)
         is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
@@ -142,9 +143,7 @@ class GMapping(KeyScanSlam):
             propose(self.map.maps, self.poses, wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
         self._fits = found.fits
-        x, y, theta = found.modes[self.best].tolist()
-        pose = (*self.map.to_cells(x, y), theta)
-        return fits_map(self.map.grid.data, self._points, num_points, pose, LEAST_MAP_SHARE)
+        return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _draw(self) -> None:
         """Draw poses from the proposal distributions; the best particle takes the mode."""
@@ -206,7 +205,7 @@ class GMapping(KeyScanSlam):
         self.num_resamplings += 1
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        if len(self._trajectories) == 1:
+        if len(self._poses) == 1:
             # All particles are alike: one map serves them, until they differ.
             self.map.integrate(ranges, self.poses, np.arange(len(self.poses)) == 0)
             self.map.resample(np.zeros(len(self.poses), dtype=np.int64))

@@ -1,5 +1,8 @@
 """The maps of all particles, and the occupancy grid of the best one."""
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -7,16 +10,128 @@ from envs.estimation import NO_CELLS, MapUpdate, Window
 from envs.geometry import UNKNOWN
 from envs.robots import LidarParams
 
-from ..mapping.growing_map import GrowingMap
-from ..mapping.log_odds_kernels import MAX_STAMP, forget_stamps, log_odds_model
-from .integration import Scan, find_ends, integrate_into_maps
-from .params import GMappingParams
+from ..growing_map import GrowingMap, known_cells
+from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, observe, percent
+from ..params import GMappingParams
+from ..scans import SIDE_START, beam_ends, walk
 from .proposal import Maps
-from .tile_matching import TileMap, unpack_level
-from .tiles import EMPTY, TILE, TILE_BITS, copy_maps, enlarge_pool, make_pool
+from .tiles import (
+    EMPTY,
+    TILE,
+    TILE_BITS,
+    TileMap,
+    copy_maps,
+    enlarge_pool,
+    level_start,
+    make_pool,
+    own_tile,
+    unpack_level,
+)
 
 FIRST_CAPACITY = 1024
 """Slots of a new pool; only what is written takes memory."""
+ROW_BITS = 32
+"""Row and column of a cell in one number: row * 2^32 + column."""
+_COLUMN = (1 << ROW_BITS) - 1
+
+
+class Scan(NamedTuple):
+    """A scan as it is integrated."""
+
+    model: LogOddsModel
+    number: int
+    """Counted from the reset."""
+    stamp: int
+    """What the words of observed cells are marked with, from 1 to `MAX_STAMP`, other than all that they hold."""
+    num_levels: int
+
+
+@njit(cache=True, error_model="numpy")
+def _integrate_level(pool, index, tiles_wide, lidar, ends, scan, level):
+    """Integrate a scan into one level of a map, cell by cell as `integrate_scans` does.
+
+    A scan that was broken off may be integrated again: what it has observed it does not observe twice.
+
+    Returns whether the pool had room; else the scan was broken off. `lidar` is its position from the map's corner
+    (x, y), as in `ends` [cells of the finest level].
+    """
+    bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
+    mask = (1 << bits) - 1
+    # Handing arrays to a function costs more than what there is to do for a cell, or for a tile that is owned already.
+    words, occupancy = pool.words.ravel(), pool.occupancy.ravel()
+    references, written = pool.references, pool.written
+    hit, passed, bound = scan.model.hit, scan.model.passed, scan.model.bound
+    stamp, number = scan.stamp, scan.number
+    for k in range(ends.shape[0]):
+        if ends[k, 2] > 0.0 and not math.isnan(ends[k, 0]):
+            row, col = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+            tile = (row >> bits) * tiles_wide + (col >> bits)
+            slot = index[tile]
+            if references[slot] != 1 or written[slot] != number:
+                slot = own_tile(pool, index, tile, number)
+                if slot < 0:
+                    return False
+            at = np.uint64(slot * cells + start + ((row & mask) << bits) + (col & mask))
+            word = words[at]
+            if word & MAX_STAMP != stamp:
+                word = observe(word, hit, bound, stamp)
+                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
+    row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
+    for k in range(ends.shape[0]):
+        if math.isnan(ends[k, 0]):
+            continue
+        row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, 1 << ROW_BITS)
+        base, side = (row_0 << ROW_BITS) + col_0, SIDE_START
+        last_tile, first_cell = -1, 0
+        for _ in range(length + 1):
+            both = base + (side >> 32) * side_step
+            row, col = both >> ROW_BITS, both & _COLUMN
+            tile = (row >> bits) * tiles_wide + (col >> bits)
+            if tile != last_tile:
+                slot = index[tile]
+                if references[slot] != 1 or written[slot] != number:
+                    slot = own_tile(pool, index, tile, number)
+                    if slot < 0:
+                        return False
+                last_tile, first_cell = tile, slot * cells + start
+            at = np.uint64(first_cell + ((row & mask) << bits) + (col & mask))
+            word = words[at]
+            if word & MAX_STAMP != stamp:
+                word = observe(word, passed, bound, stamp)
+                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
+            base, side = base + step, side + slope
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def integrate_into_maps(pool, index, tiles_wide, ranges, poses, geometry, corner, is_integrated, scan, ends, first):
+    """Integrate a scan into maps, from the one of number `first` on.
+
+    Args:
+        pool: `TilePool`, written.
+        index: shape (num_particles, num_tiles), int32: slots of the maps, written.
+        tiles_wide: number of tiles in a row of the maps.
+        ranges: shape (num_beams,), float32 [m].
+        poses: shape (num_particles, 3), float64, of the base, map frame [m, m, rad].
+        geometry: `ScanGeometry`.
+        corner: column and row of the first cell, counted from the map frame's origin.
+        is_integrated: shape (num_particles,), bool: which maps to integrate it into.
+        scan: `Scan`.
+        ends: shape (num_beams, 3), float64: room to work in.
+        first: number of the first map.
+
+    Returns:
+        Number of the map for which the pool had no room any more, and which is to be the first of another call;
+        otherwise the number of maps.
+    """
+    for p in range(first, index.shape[0]):
+        if is_integrated[p]:
+            lidar, _ = beam_ends(ranges, poses[p], geometry, corner, ends)
+            for level in range(scan.num_levels):
+                if not _integrate_level(pool, index[p], tiles_wide, lidar, ends, scan, level):
+                    return p
+    return index.shape[0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,39 +171,18 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     return num_new, (col_min, row_min, col_max, row_max)
 
 
-@njit(cache=True, error_model="numpy")
-def list_known(occupancy):
-    """Return row and column of all known cells, shape (k, 2), int32, row by row."""
-    count = 0
-    flat = occupancy.ravel()
-    for k in range(flat.shape[0]):
-        count += flat[k] >= 0
-    cells = np.empty((count, 2), dtype=np.int32)
-    count = 0
-    for row in range(occupancy.shape[0]):
-        for col in range(occupancy.shape[1]):
-            if occupancy[row, col] >= 0:
-                cells[count, 0], cells[count, 1] = row, col
-                count += 1
-    return cells
-
-
 class ParticleMaps(GrowingMap):
     """A map for each particle, which share tiles; `grid` is that of the particle rendered last."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         """Make unknown maps with the map frame's origin in their middle."""
-        super().__init__(
-            lidar, params.resolution, (params.map_width, params.map_height), params.skip_exceeding, block=TILE
-        )
-        self._model = log_odds_model(params.occupied_prob, params.empty_prob, params.max_log_odds)
+        super().__init__(params, lidar, block=TILE)
+        self._model = LogOddsModel.of(params)
         self._num_levels, count = params.num_levels, params.num_particles
         self._pool = make_pool(FIRST_CAPACITY, params.num_levels)
         self._tiles = tuple(size // TILE for size in self.grid.data.shape)
         self._slots = np.full((count, self._tiles[0] * self._tiles[1]), EMPTY, dtype=np.int32)
         self._shown = np.full(self._slots.shape[1], EMPTY, dtype=np.int32)
-        self._all_ends = np.empty((count, lidar.num_beams, 3))
-        self._sensors = np.empty((count, 2))
         self._number = self._shown_number = 0
         self._stamp = 0
 
@@ -108,7 +202,7 @@ class ParticleMaps(GrowingMap):
         maps = self.maps
         out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
-        unpack_level(TileMap(flat, cells, maps.slots[particle], maps.tiles_wide, self._num_levels), level, out)
+        unpack_level(TileMap(flat, cells, maps.slots[particle], maps.tiles_wide), level, out)
         return out
 
     def resample(self, parents: np.ndarray) -> None:
@@ -123,15 +217,13 @@ class ParticleMaps(GrowingMap):
             poses: shape (num_particles, 3), float64, of the base by particle, map frame [m, m, rad].
             is_integrated: shape (num_particles,), bool: which maps to integrate it into.
         """
-        over = (ranges, self.geometry, self._skip_exceeding, poses)
-        if self.grow_to_hold(*find_ends(*over, self.corner, self._all_ends, self._sensors)):
-            find_ends(*over, self.corner, self._all_ends, self._sensors)
+        self._make_room(ranges[None], poses)
         if self._stamp == MAX_STAMP:
             forget_stamps(self._pool.words)
             self._stamp = 1
         self._stamp, self._number = self._stamp + 1, self._number + 1
         scan = Scan(self._model, self._number, self._stamp, self._num_levels)
-        at = (self._tiles[1], self._all_ends, self._sensors, is_integrated, scan)
+        at = (self._tiles[1], ranges, poses, self.geometry, self.corner, is_integrated, scan, self._ends)
         particle = 0
         while (particle := integrate_into_maps(self._pool, self._slots, *at, particle)) < len(self._slots):
             self._pool = enlarge_pool(self._pool)
@@ -148,7 +240,7 @@ class ParticleMaps(GrowingMap):
         self._shown_number = self._number
         if is_switched:
             all_cells = Window(0, 0, data.shape[1] - 1, data.shape[0] - 1)
-            return MapUpdate(list_known(data), all_cells, redrawn=True, origin=origin)
+            return MapUpdate(known_cells(data), all_cells, redrawn=True, origin=origin)
         if window[0] > window[2]:
             return MapUpdate(NO_CELLS, None)
         return MapUpdate(new_cells[:count].copy(), Window(*window), origin=origin)

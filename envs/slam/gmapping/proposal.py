@@ -21,34 +21,9 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
+from ..matching.gauss_newton import evaluate, known_score_at, refine
 from ..matching.scan_matcher import make_prior
-from .params import GMappingParams
-from .tile_matching import TileMap, judge, refine_tiles
-from .tiles import TilePool
-
-
-class ProposalParams(NamedTuple):
-    """What proposals need of `GMappingParams`."""
-
-    residual_variance: float
-    iterations: int
-    coarse_iterations: int
-    min_known_hits: int
-    min_known_score: float
-    max_correction: float
-    """Farthest from the pose by odometry that a mode is believed [m]."""
-
-    @classmethod
-    def of(cls, params: GMappingParams) -> "ProposalParams":
-        """Return what proposals with these params need."""
-        return cls(
-            residual_variance=float(params.residual_variance),
-            iterations=params.iterations,
-            coarse_iterations=params.coarse_iterations,
-            min_known_hits=params.min_known_hits,
-            min_known_score=float(params.min_known_score),
-            max_correction=float(params.retry_distance),
-        )
+from .tiles import TileMap, TilePool
 
 
 class Maps(NamedTuple):
@@ -98,14 +73,8 @@ class Proposals(NamedTuple):
     @classmethod
     def make(cls, count: int) -> "Proposals":
         """Return room for as many particles."""
-        return cls(
-            np.zeros((count, 3)),
-            np.zeros((count, 3, 3)),
-            np.zeros(count),
-            np.zeros(count, dtype=np.int64),
-            np.zeros(count),
-            np.zeros(count, dtype=np.bool_),
-        )
+        numbers = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count, dtype=np.bool_)
+        return cls(np.zeros((count, 3)), np.zeros((count, 3, 3)), *numbers)
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,32 +93,22 @@ def prior_cost(prior, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def _propose(map, points, num_points, start, prior, params, max_correction):
-    """Match a scan to the map of one particle.
+def _propose(map, num_levels, points, num_points, start, prior, params, max_correction):
+    """Match a scan to the map of one particle, from a start, x, y from the map's corner [cells] and heading [rad].
 
-    Args:
-        map: `TileMap`.
-        points: as for `propose`.
-        num_points: as for `propose`.
-        start: pose that the match starts from, x, y from the map's corner [cells] and heading [rad].
-        prior: `Prior` by odometry.
-        params: `ProposalParams`.
-        max_correction: as in `ProposalParams` [cells].
-
-    Returns:
-        Mode x, y from the map's corner [cells] and heading [rad], `Fit`, log likelihood but for the covariances,
-        `Judgement`, and whether it fits.
+    Returns mode, like the start, `Fit`, log likelihood but for the covariances, hits in known cells and their score,
+    and whether the mode fits: it is no farther than `max_correction` from the prior [cells], and hits what is occupied.
     """
-    k = params.residual_variance
-    x, y, theta, fit = refine_tiles(map, points, num_points, start, prior, params.iterations, params.coarse_iterations)
-    found = judge(map, points, num_points, x, y, theta)
-    fits = found.num_known < params.min_known_hits or found.known_score >= params.min_known_score
+    over = (map, num_levels, points, num_points)
+    x, y, theta, fit = refine(*over, start, prior, params.iterations, params.coarse_iterations)
+    num_known, known_score = known_score_at(map, points, num_points, x, y, theta)
+    fits = num_known < params.min_known_hits or known_score >= params.min_known_score
     fits &= distance(x - prior.x, y - prior.y) <= max_correction
-    log_likelihood = -0.5 * (found.squares + prior_cost(prior, x, y, theta)) / k
+    cost = fit.squares + prior_cost(prior, x, y, theta)
     if not fits:
         x, y, theta = prior.x, prior.y, prior.theta
-        log_likelihood = -0.5 * judge(map, points, num_points, x, y, theta).squares / k
-    return x, y, theta, fit, log_likelihood, found, fits
+        cost = evaluate(map, 0, points, num_points, x, y, theta).squares
+    return (x, y, theta), fit, -0.5 * cost / params.residual_variance, num_known, known_score, fits
 
 
 @njit(cache=True, error_model="numpy")
@@ -162,14 +121,14 @@ def propose(maps, poses, motion, points, num_points, params, out):
         motion: `Motion` since then.
         points: shape (2, >= num_points), float32, hits in the base frame [cells].
         num_points: number of hits.
-        params: `ProposalParams`.
+        params: `MatcherParams`; modes farther than `retry_distance` from odometry's pose are not believed.
         out: `Proposals`, written.
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
     for p in range(poses.shape[0]):
         x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
-        map = TileMap(occupancy, cells, maps.slots[p], maps.tiles_wide, maps.num_levels)
+        map = TileMap(occupancy, cells, maps.slots[p], maps.tiles_wide)
         by_odometry = compose(x, y, theta, motion.odometry[0], motion.odometry[1], motion.odometry[2])
         first = compose(x, y, theta, motion.start[0], motion.start[1], motion.start[2])
         covariance = out.covariances[p]
@@ -179,28 +138,24 @@ def propose(maps, poses, motion, points, num_points, params, out):
         prior = make_prior(expected, covariance, params.residual_variance, resolution)
         start_theta = by_odometry[2] + wrap_angle(first[2] - by_odometry[2])
         start = (first[0] / resolution - col, first[1] / resolution - row, start_theta)
-        x, y, theta, fit, log_likelihood, found, fits = _propose(
-            map, points, num_points, start, prior, params, params.max_correction / resolution
+        mode, fit, log_likelihood, out.num_known[p], out.known_scores[p], fits = _propose(
+            map, maps.num_levels, points, num_points, start, prior, params, params.retry_distance / resolution
         )
         if fits:
             before = determinant(covariance)
             correct_covariance(covariance, fit, num_points, params.residual_variance, resolution)
             log_likelihood += 0.5 * math.log(determinant(covariance) / before)
-        out.modes[p, 0], out.modes[p, 1] = (x + col) * resolution, (y + row) * resolution
-        out.modes[p, 2] = wrap_angle(theta)
+        out.modes[p, 0], out.modes[p, 1] = (mode[0] + col) * resolution, (mode[1] + row) * resolution
+        out.modes[p, 2] = wrap_angle(mode[2])
         out.log_likelihoods[p], out.fits[p] = log_likelihood, fits
-        out.num_known[p], out.known_scores[p] = found.num_known, found.known_score
 
 
-@njit(cache=True, error_model="numpy")
-def take_better(proposals, others, least_gain):
+def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> None:
     """Replace proposals by others that fit, and whose hits fall on occupancies greater by `least_gain` in sum."""
-    for p in range(proposals.fits.shape[0]):
-        before = proposals.num_known[p] * proposals.known_scores[p]
-        if others.fits[p] and others.num_known[p] * others.known_scores[p] > before + least_gain:
-            proposals.modes[p], proposals.covariances[p] = others.modes[p], others.covariances[p]
-            proposals.log_likelihoods[p], proposals.fits[p] = others.log_likelihoods[p], others.fits[p]
-            proposals.num_known[p], proposals.known_scores[p] = others.num_known[p], others.known_scores[p]
+    before, after = (each.num_known * each.known_scores for each in (proposals, others))
+    is_better = others.fits & (after > before + least_gain)
+    for own, other in zip(proposals, others):
+        own[is_better] = other[is_better]
 
 
 @njit(cache=True, error_model="numpy")

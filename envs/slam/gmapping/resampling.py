@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numba import njit
 
 
 def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
@@ -17,8 +16,7 @@ def effective_sample_size(weights: np.ndarray) -> float:
     return 1.0 / float(np.square(weights).sum())
 
 
-@njit(cache=True, error_model="numpy")
-def systematic_resample(weights, offset):
+def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Choose particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
     Args:
@@ -28,15 +26,8 @@ def systematic_resample(weights, offset):
     Returns:
         Shape (n,), int64, ascending: particle i is chosen n w_i times, rounded down or up.
     """
-    n = weights.shape[0]
-    chosen = np.empty(n, dtype=np.int64)
-    i, total = 0, weights[0]
-    for k in range(n):
-        while (k + offset) / n >= total and i < n - 1:
-            i += 1
-            total += weights[i]
-        chosen[k] = i
-    return chosen
+    n = len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
 
 
 def spread(poses: np.ndarray, weights: np.ndarray, around: np.ndarray) -> np.ndarray:

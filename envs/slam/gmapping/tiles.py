@@ -5,15 +5,18 @@ pool that holds it. To copy a map is to copy its index and to count the referenc
 copied when one of them is to be written.
 
 A tile holds `TILE` x `TILE` cells of the finest level, and the cells of the coarser levels that cover the same square,
-one level after the other. A cell is the word of `mapping.log_odds_kernels`, and its occupancy in percent.
+one level after the other. A cell is the word of `log_odds_map`, and its occupancy in percent.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
 from envs.geometry import UNKNOWN
+
+from ..matching.gauss_newton import at_level, neighbours
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS
@@ -122,3 +125,82 @@ def copy_maps(pool, index, parents):
                 if pool.references[slot] == 0:
                     pool.free[pool.num_free[0]] = slot
                     pool.num_free[0] += 1
+
+
+class TileMap(NamedTuple):
+    """The map of a particle, to be read."""
+
+    occupancy: np.ndarray
+    """Shape (capacity * cells,), int8: the flattened occupancies of the pool."""
+    cells: int
+    """Cells in a tile, of all levels."""
+    slots: np.ndarray
+    """Shape (num_tiles,), int32: where the tiles of the map lie in the pool."""
+    tiles_wide: int
+    """Number of tiles in a row."""
+
+
+class _TileLevel(NamedTuple):
+    """A level of a `TileMap`; see `at_level`."""
+
+    occupancy: np.ndarray
+    height: int
+    width: int
+    slots: np.ndarray
+    tiles_wide: int
+    cells: int
+    bits: int
+    start: int
+
+
+@overload(at_level, inline="always")
+def _at_level_of_tiles(map, level):
+    if getattr(map, "instance_class", None) is not TileMap:
+        return None
+
+    def view(map, level):
+        bits = TILE_BITS - level
+        height, width = (map.slots.shape[0] // map.tiles_wide) << bits, map.tiles_wide << bits
+        return _TileLevel(map.occupancy, height, width, map.slots, map.tiles_wide, map.cells, bits, level_start(level))
+
+    return view
+
+
+@njit(cache=True, error_model="numpy")
+def _cell_at(view, row, col):
+    """Return where a cell of a `_TileLevel` lies in the flattened occupancies."""
+    mask = (1 << view.bits) - 1
+    slot = view.slots[(row >> view.bits) * view.tiles_wide + (col >> view.bits)]
+    return np.uint64(slot * view.cells + view.start + ((row & mask) << view.bits) + (col & mask))
+
+
+@overload(neighbours, inline="always")
+def _neighbours_in_tiles(view, row, col):
+    if getattr(view, "instance_class", None) is not _TileLevel:
+        return None
+
+    def find(view, row, col):
+        mask = (1 << view.bits) - 1
+        corner = _cell_at(view, row, col)
+        if row & mask != mask and col & mask != mask:
+            above = corner + np.uint64(1 << view.bits)
+            return corner, corner + np.uint64(1), above, above + np.uint64(1)
+        # Past the border only where nobody looks: of known cells the first one alone.
+        right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
+        return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
+
+    return find
+
+
+@njit(cache=True, error_model="numpy")
+def unpack_level(map, level, out):
+    """Write the occupancies of a level to an array of its shape, int8, that is unknown (-1) throughout."""
+    bits, start = TILE_BITS - level, level_start(level)
+    side = TILE >> level
+    for tile in range(map.slots.shape[0]):
+        if map.slots[tile] == EMPTY:
+            continue
+        row, col = tile // map.tiles_wide << bits, tile % map.tiles_wide << bits
+        first = map.slots[tile] * map.cells + start
+        for i in range(side):
+            out[row + i, col : col + side] = map.occupancy[first + i * side : first + (i + 1) * side]

@@ -15,20 +15,16 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.hector import Hector
 from envs.slam.key_scans import Anchor
-from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.agreement import LEAST_MAP_SHARE, fits_map
-from envs.slam.posegraph import PoseGraph, drop_outliers, optimise_step
-from envs.slam.posegraph.records import GrowingArray
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
+from envs.slam.params import GraphSlamParams
+from envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
 from envs.slam.relocalization import FOUND_STD
 
-from .final_poses import refine_poses
 from .local_slam import LocalSlam
-from .loop_closure import Confirmation
-from .loop_search import NEWEST, LoopSearch
+from .loop_search import NEWEST, Confirmation, LoopSearch
 from .nodes import NodeStore
-from .params import GraphSlamParams
-from .pose_graph_view import PoseGraphView
-from .rendering import MapRendering, has_moved, replace_cells
+from .rendering import MapRendering, has_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
 """Most iterations of the last optimisation."""
@@ -71,8 +67,8 @@ class GraphSlam(Hector):
         self.nodes = NodeStore(self._lidar)
         """Scans and poses in the local frame, which starts at the robot."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
-        self.search = LoopSearch(self.params, self.nodes, self.graph)
-        self._confirmation = Confirmation(self.params.loops)
+        self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
+        self._confirmation = Confirmation()
         self._correction = self._graph_correction = pose
         self._mapped = GrowingArray((3,), np.float64, 256)
         self._rendering: MapRendering | None = None
@@ -151,8 +147,8 @@ class GraphSlam(Hector):
         # every match is off by a millimetre or so, which adds up.
         match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
         # A submap is too young to bend, and says more than the map, but nothing of what was seen long ago.
-        at = (*self.map.to_cells(match.x, match.y), match.theta)
-        if fits_map(self.map.grid.data, self._points, match.num_hits, at, LEAST_MAP_SHARE) is False:
+        points = self._points[:, : match.num_hits]
+        if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
         instead = self._track_loss(ranges, predicted, fits)
         if instead is not None:
@@ -254,7 +250,7 @@ def load_kernels() -> None:
     """Load the kernels that the first scans do not call, so that no later scan waits for it: once per process."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
-    local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, nodes, graph)
+    local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)
     ranges = np.linspace(0.5, 1.5, 16, dtype=np.float32)
     for node in range(3):
         local.match(ranges, ORIGIN)

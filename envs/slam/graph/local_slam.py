@@ -7,18 +7,22 @@ import numpy as np
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
-from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.agreement import LEAST_SUBMAP_SHARE, fits_map
-from envs.slam.matching.covariance import correct_covariance, predict_covariance
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
+from envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
 from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
-from envs.slam.motion_noise import motion_stds
-from envs.slam.scans import ScanGeometry, project_hits
+from envs.slam.params import GraphSlamParams
 
 from .nodes import NodeStore
-from .params import GraphSlamParams
 
 MAX_REACH = 12.0
 """Range that a new submap has room for [m]; it grows for readings beyond."""
+
+
+def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParams:
+    """Return the params of the map of a submap."""
+    side = 2.0 * (min(lidar.range_max, MAX_REACH) + params.submap_spacing * params.min_travel_distance)
+    return dataclasses.replace(params, map_width=side, map_height=side)
 
 
 class LocalSlam:
@@ -28,9 +32,7 @@ class LocalSlam:
         """Start at the origin of the local frame; nodes and submaps are added to `nodes`."""
         self._params, self._lidar, self._nodes = params, lidar, nodes
         self._matcher = MatcherParams.of(params)
-        side = 2.0 * (min(lidar.range_max, MAX_REACH) + params.submap_spacing * params.min_travel_distance)
-        self._submap_params = dataclasses.replace(params, map_width=side, map_height=side)
-        self._geometry = ScanGeometry.of(lidar, 1.0)
+        self._submap_params = submap_params(params, lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.pose = Pose2D(0.0, 0.0, 0.0)
         """Of the base at the last matched scan, local frame."""
@@ -70,8 +72,8 @@ class LocalSlam:
         if not match.fits:
             return False
         self.pose = origin.compose(Pose2D(match.x, match.y, match.theta))
-        pose = (*submap.to_cells(match.x, match.y), match.theta)
-        return fits_map(submap.grid.data, self._points, match.num_hits, pose, LEAST_SUBMAP_SHARE)
+        points = self._points[:, : match.num_hits]
+        return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
         """Go on at another pose, local frame: the next node starts a submap, and belongs to none of those before."""
@@ -85,8 +87,7 @@ class LocalSlam:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
             self._covariances = {k: self._covariances.get(k, np.zeros((3, 3))) for k in self.active}
             self._maps = {k: self._maps.get(k) or LogOddsMap(self._submap_params, self._lidar) for k in self.active}
-        count = project_hits(ranges, self._geometry, self._points)
-        node = nodes.add_node(ranges, self._points[:, :count].T, self.pose, self.active)
+        node = nodes.add_node(ranges, self.pose, self.active)
         for submap, map in self._maps.items():
             map.integrate(ranges, nodes.submap_pose(submap).between(self.pose))
         return node
@@ -103,10 +104,8 @@ class LocalSlam:
     def _propagate(self, covariance: np.ndarray, before: Pose2D, predicted: Pose2D, match: Match) -> None:
         """Do to the pose's covariance in another submap what the matcher has done to that in the first one."""
         dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
-        stds = motion_stds(self._matcher.noise, distance(dx, dy), turn)
+        stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
         predict_covariance(covariance, dx, dy, *stds)
         if match.fits:
             params = self._params
-            correct_covariance(
-                covariance, match.fit, match.num_hits, float(params.residual_variance), params.resolution
-            )
+            correct_covariance(covariance, match.fit, match.num_hits, params.residual_variance, params.resolution)

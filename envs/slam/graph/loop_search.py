@@ -1,41 +1,122 @@
-"""Searching loop closures of nodes with finished submaps."""
+"""Searching loop closures of nodes with finished submaps, and which of them are believed.
 
+Windows grow with the length of the path through the graph, as the error does, instead of being wide everywhere. What a
+search finds must agree with what a submap knows to be free as well. A large correction needs a second witness, since a
+wrong one does more harm than a right one that comes a little later.
+"""
+
+import dataclasses
 from collections import deque
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
+from envs.geometry.pose import distance
+from envs.robots import LidarParams
+from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
 from envs.slam.matching.gauss_newton import Prior, refine
-from envs.slam.matching.pyramid import Pyramid, build_pyramid
-from envs.slam.matching.score_surface import match_covariance
-from envs.slam.matching.submap_field import UNKNOWN_PERCENT, FieldGeometry
+from envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
+from envs.slam.params import GraphSlamParams
 from envs.slam.posegraph import PoseGraph
-from envs.slam.posegraph.distances import least_distances, path_lengths
 
-from .loop_closure import Loop, hit_shares, is_accepted, search_window
+from .local_slam import submap_params
 from .nodes import NodeStore
-from .params import GraphSlamParams
 
+HALF_WIDTH, HALF_WIDTH_GROWTH, MAX_HALF_WIDTH = 0.5, 0.06, 4.0
+"""Half width of the search window next to the robot [m], by how much it grows per metre of path, and at most [m]."""
+HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
+"""The same of headings [rad]."""
+MAX_DISTANCE = 4.0
+"""Distance to a node of a submap within which it is searched, without the uncertainty of the pose [m]."""
+MAX_UNCONFIRMED = 0.25
+"""Corrections up to this are taken at once, larger ones when a second one agrees [m]."""
+CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
+"""Nodes within which a second one must come, and by how much corrections that agree differ at most [m], [rad]."""
 NUM_LEVELS = 5
 """Levels of the pyramid: the top one holds maxima over 16 cells."""
-POINT_CELL, POINT_RANGE, MAX_POINTS = 0.1, 12.0, 1200
-"""One point per cell of this side [m], up to this range [m], and no more than so many, are matched."""
+MAX_RANGE, MAX_POINTS = 12.0, 1200
+"""Points up to this range [m], and no more than so many, are matched."""
 SEARCH_SHARE = 0.8
 """Share of the least score from which on the search finds poses, before they are refined."""
 NEWEST = 2
 """Finished submaps that are not searched: the robot has not left them for long."""
-Field = tuple[np.ndarray, FieldGeometry]
-"""Occupancy in percent, shape (height, width), uint8, and where it lies."""
+FIELD: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "max_log_odds": 12.0}
+"""What differs in the params of the maps that are searched from those of the submaps that are matched."""
 NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Loop(NamedTuple):
+    """A loop closure that was found: the pose of a node in a submap."""
+
+    node: int
+    submap: int
+    relative: Pose2D
+    """Pose of the node in the submap's frame."""
+    covariance: np.ndarray
+    """Shape (3, 3), of `relative`, in the submap's frame [m^2, rad^2]."""
+    before: Pose2D
+    """Pose of the node by the graph, map frame."""
+    after: Pose2D
+    """Pose of the node by this closure and the submap's pose by the graph, map frame."""
+
+
+def search_window(path_length: float) -> tuple[float, float]:
+    """Return half width [m] and half angle [rad] of the window for a submap so far away along the graph [m]."""
+    return (
+        min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
+        min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def path_lengths(constraints, home, travelled, source):
+    """Return the lengths of the shortest paths through the graph from a submap to all others.
+
+    Poses err the more against each other. From a submap to the next one it is the distance that the robot travelled;
+    over a loop constraint it is 0.
+
+    Shape (num_submaps,), float64 [m]. `constraints` are `Constraints`; `home` and `travelled` those of `NodeStore`.
+    """
+    num_submaps = travelled.shape[0]
+    lengths = np.abs(travelled - travelled[source])
+    changed = True
+    while changed:
+        changed = False
+        for k in range(constraints.node.shape[0]):
+            if constraints.is_loop[k] and constraints.is_active[k]:
+                a, b = home[constraints.node[k]], constraints.submap[k]
+                least = min(lengths[a], lengths[b])
+                if lengths[a] > least or lengths[b] > least:
+                    lengths[a] = lengths[b] = least
+                    changed = True
+        if changed:
+            for k in range(1, num_submaps):
+                lengths[k] = min(lengths[k], lengths[k - 1] + travelled[k] - travelled[k - 1])
+            for k in range(num_submaps - 1, 0, -1):
+                lengths[k - 1] = min(lengths[k - 1], lengths[k] + travelled[k] - travelled[k - 1])
+    return lengths
+
+
+def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
+    """Return how near each submap comes to a node: the distance to the nearest node that it holds [m].
+
+    `nodes` has shape (num_nodes, 3), `spans` is that of `NodeStore`; no submap may be empty.
+    """
+    far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
+    return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
 
 
 class LoopSearch:
     """Searches loop closures, one submap per call, so that the work of a scan is bounded."""
 
-    def __init__(self, params: GraphSlamParams, nodes: NodeStore, graph: PoseGraph) -> None:
+    def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
         """Search in the submaps of `nodes`, at poses of `graph`."""
-        self._params, self._nodes, self._graph = params, nodes, graph
+        self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
+        self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD)
         self._searched: dict[int, int] = {}
         self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
@@ -66,20 +147,19 @@ class LoopSearch:
         lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
         near = []
         distances = least_distances(arrays.nodes, nodes.spans[:count], node)
-        farthest = params.loops.max_distance + 0.5 * params.loops.max_half_width
+        farthest = MAX_DISTANCE + 0.5 * MAX_HALF_WIDTH
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window, least = search_window(float(lengths[submap]), params.loops), float(distances[submap])
-            if least <= params.loops.max_distance + 0.5 * window[0]:
+            window, least = search_window(float(lengths[submap])), float(distances[submap])
+            if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
         """Search a node in a submap: half width [m] and half angle [rad] of the window around where it should be."""
         params, loops = self._params, self._params.loops
-        points = self._nodes.recent_points(node, params.loop_scans, POINT_CELL, POINT_RANGE)
-        points = np.ascontiguousarray(points[:: len(points) // MAX_POINTS + 1])
+        points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
         if len(points) == 0:
             return None
         self.num_searches += 1
@@ -91,23 +171,22 @@ class LoopSearch:
         result = search(pyramid, points, frame.between(before), steps, limits)
         if not result.found:
             return None
-        pose = refine_in_field(field, points, Pose2D(result.x, result.y, result.theta), params.iterations)
-        if not is_accepted(hit_shares(*field, points, pose), loops):
+        pose = refine_in_field(field, points, result.pose, params.iterations)
+        if not is_accepted(hit_shares(field, points, pose), loops):
             return None
-        surface = params.surface._replace(half_width=min(params.surface.half_width, window[0]))
-        covariance = match_covariance(pyramid, points, pose, surface)
+        covariance = match_covariance(pyramid, points, pose, min(MAX_SURFACE, window[0]))
         return Loop(node, submap, pose, covariance, before, frame.compose(pose))
 
     def _rendered(self, submap: int) -> tuple[Field, Pyramid]:
         """Return the field of a finished submap, and the pyramid; those used last are kept."""
-        params = self._params
         kept = self._kept.pop(submap, None)
         if kept is None:
-            field = self._nodes.render(submap, params.resolution)
-            reach = max(params.loops.max_half_width, params.surface.half_width)
-            kept = field, build_pyramid(*field, NUM_LEVELS, reach, UNKNOWN_PERCENT)
+            map = LogOddsMap(self._field_params, self._lidar)
+            map.integrate_all(*self._nodes.submap_scans(submap))
+            field = Field.of(map.grid)
+            kept = field, build_pyramid(field, NUM_LEVELS, max(MAX_HALF_WIDTH, MAX_SURFACE))
         self._kept[submap] = kept
-        if len(self._kept) > params.max_rendered:
+        if len(self._kept) > self._params.max_rendered:
             del self._kept[next(iter(self._kept))]
         return kept
 
@@ -121,8 +200,37 @@ def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: 
         pose: to start from, submap frame.
         iterations: greatest number of steps.
     """
-    occupancy, (x, y, resolution) = field
+    x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta
     cells = np.ascontiguousarray(points.T / np.float32(resolution))
-    col, row, theta, _ = refine((occupancy,), cells, cells.shape[1], start, NO_PRIOR, iterations, iterations)
+    over = ((field.occupancy,), 1, cells, cells.shape[1])
+    col, row, theta, _ = refine(*over, start, NO_PRIOR, iterations, iterations)
     return Pose2D(col * resolution + x, row * resolution + y, wrap_angle(theta))
+
+
+class Confirmation:
+    """Holds back large corrections until a second one agrees."""
+
+    def __init__(self) -> None:
+        """Start with nothing held back."""
+        self._pending: list[Loop] = []
+
+    def add(self, loop: Loop) -> list[Loop]:
+        """Return the loop closures that may be added to the graph now: none, this one, or the one before as well."""
+        self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
+        if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
+            return [loop]
+        for each in self._pending:
+            if each.node != loop.node and _agree(each, loop):
+                self._pending.remove(each)
+                return [each, loop]
+        self._pending.append(loop)
+        return []
+
+
+def _agree(first: Loop, second: Loop) -> bool:
+    """Return whether both closures say the same of the pose at the second one's node."""
+    expected = first.after.compose(first.before.between(second.before))
+    far = distance(expected.x - second.after.x, expected.y - second.after.y)
+    turned = abs(wrap_angle(expected.theta - second.after.theta))
+    return far <= CONFIRMATION_DISTANCE and turned <= CONFIRMATION_ANGLE

@@ -1,17 +1,23 @@
-"""Rendering a map from the scans of nodes, a few nodes at a time."""
+"""Rendering a map from the scans of nodes, a few nodes at a time, and matching nodes with it."""
 
 import numpy as np
 
 from envs.estimation import Correction, MapUpdate, Window
-from envs.geometry import UNKNOWN
+from envs.geometry import Pose2D
 from envs.robots import LidarParams
-from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.growing_map import known_cells
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.gauss_newton import refine
+from envs.slam.matching.scan_matcher import make_prior
+from envs.slam.params import GraphSlamParams
+from envs.slam.scans import project_hits
 
 from .nodes import NodeStore
-from .params import GraphSlamParams
 
 CHUNK = 256
 """Nodes that are integrated at once, at most."""
+FINAL_STDS = np.array([0.05, 0.05, 0.01])
+"""Standard deviations of nodes' poses before they are matched with the map of all of them [m, m, rad]."""
 
 
 class MapRendering:
@@ -48,11 +54,8 @@ def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -
     """Give a map the cells of another one; its grid stays the same object. Returns how that changes the map."""
     live.take_cells(other)
     height, width = live.grid.data.shape
-    known = np.flatnonzero(live.grid.data != UNKNOWN)
-    cells = np.empty((len(known), 2), dtype=np.int32)
-    np.divmod(known, width, out=(cells[:, 0], cells[:, 1]), casting="unsafe")
     window = Window(0, 0, width - 1, height - 1)
-    return MapUpdate(cells, window, redrawn=True, origin=live.grid.origin, correction=correction)
+    return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
 def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
@@ -62,3 +65,19 @@ def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_an
     moved = after - before
     turned = np.abs(np.arctan2(np.sin(moved[:, 2]), np.cos(moved[:, 2])))
     return bool((moved[:, :2] ** 2).sum(axis=1).max() > max_distance**2 or turned.max() > max_angle)
+
+
+def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, poses: np.ndarray) -> np.ndarray:
+    """Return where nodes at `poses`, shape (num_nodes, 3), map frame [m, m, rad], fit the map of all of them best."""
+    map, refined = MapRendering(params, lidar).add_all(nodes, poses), np.array(poses)
+    points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution
+    covariance, variance = np.diag(FINAL_STDS**2), params.residual_variance
+    for k in range(len(poses)):
+        count = project_hits(nodes.ranges[k], map.geometry, points)
+        x, y, theta = poses[k].tolist()
+        start = (*map.to_cells(x, y), theta)
+        prior = make_prior(start, covariance, variance, resolution)
+        over, steps = (map.levels, params.num_levels, points, count), (params.iterations, params.coarse_iterations)
+        x, y, theta, _ = refine(*over, start, prior, *steps)
+        refined[k] = Pose2D(*map.to_metres(x, y), theta)
+    return refined

@@ -1,4 +1,4 @@
-"""Branch-and-bound search for the pose at which points fit a submap best.
+"""Branch-and-bound search for the pose at which points fit a field best.
 
 Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V: the score at a pose is the mean of the field's
 cells in which the points fall. A node of the search stands for one heading and a square of 2^l x 2^l offsets, and the
@@ -12,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.lookup import load
-from envs.geometry.pose import wrap_angle
 
-from .pyramid import FULL
+from .fields import FULL, Pyramid
+
+NO_RANK = np.iinfo(np.int64).max
+"""Rank of a leaf that was not found."""
 
 
 class SearchWindow(NamedTuple):
@@ -43,10 +46,8 @@ class SearchResult(NamedTuple):
 
     found: bool
     """Whether a pose of at least the least score was found."""
-    x: float
-    """Best pose, with `y` and `theta`, submap frame [m, m, rad]; the predicted one if none was found."""
-    y: float
-    theta: float
+    pose: Pose2D
+    """The best one, in the frame of the field; the predicted one if none was found."""
     score: float
     """Mean of the cells in which points fall, from 0 to 1; 0 if none was found."""
     evaluations: int
@@ -135,45 +136,12 @@ def _rank(grid, turn, row, col):
 
 
 @njit(cache=True, error_model="numpy")
-def _sift_down(keys, at, count):
-    """Restore the order of a heap, the least key first, below an element."""
-    key = keys[at]
-    while 2 * at + 1 < count:
-        child = 2 * at + 1
-        if child + 1 < count and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[at] = keys[child]
-        at = child
-    keys[at] = key
-
-
-@njit(cache=True, error_model="numpy")
-def _best_first(nodes):
-    """Return nodes in the order of their totals, the greatest first and equal ones as they are: heap sort.
-
-    Numba's own sorting takes a second to compile.
-    """
-    n = nodes.shape[0]
-    keys, ordered = nodes[:, 0] * n - np.arange(n), np.empty_like(nodes)
-    for at in range(n // 2 - 1, -1, -1):
-        _sift_down(keys, at, n)
-    for count in range(n - 1, -1, -1):
-        least = keys[0]
-        keys[0] = keys[count]
-        _sift_down(keys, 0, count)
-        ordered[count] = nodes[-least % n]
-    return ordered
-
-
-@njit(cache=True, error_model="numpy")
 def _score_top(levels, width, grid, least, limit):
     """Score the nodes of the top level, at most `limit`.
 
     Returns:
-        Nodes that may hold totals of at least `least`, best first: shape (n, 4), int64, total, turn, row and column of
-        the offset; the number of nodes scored; and whether those were all.
+        Nodes that may hold totals of at least `least`: shape (n, 4), int64, total, turn, row and column of the offset;
+        the number of nodes scored; and whether those were all.
     """
     top = levels.shape[0] - 1
     side = 1 << top
@@ -191,7 +159,7 @@ def _score_top(levels, width, grid, least, limit):
                 if total >= least:
                     nodes[count, 0], nodes[count, 1], nodes[count, 2], nodes[count, 3] = total, turn, row, col
                     count += 1
-    return _best_first(nodes[:count]), evaluations, True
+    return nodes[:count], evaluations, True
 
 
 @njit(cache=True, error_model="numpy")
@@ -237,40 +205,50 @@ def _descend(levels, width, grid, node, best, budget):
 
 
 @njit(cache=True, error_model="numpy")
-def search(pyramid, points, pose, window, limits):
-    """Search the pose in a window at which points fit a submap best.
+def _search_below(levels, width, grid, nodes, least, budget):
+    """Search below nodes of the top level, best first; for the result see `_descend`."""
+    best = _Best(least, NO_RANK, 0, 0, 0)
+    evaluations = 0
+    for k in range(nodes.shape[0]):
+        if nodes[k, 0] < best.total:
+            break
+        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations)
+        evaluations += scored
+        if not is_complete:
+            return best, evaluations, False
+    return best, evaluations, True
+
+
+def search(
+    pyramid: Pyramid, points: np.ndarray, pose: Pose2D, window: SearchWindow, limits: SearchLimits
+) -> SearchResult:
+    """Search the pose in a window at which points fit a field best.
 
     The grid of poses has steps of one cell and of `window.angle_step`, with the predicted pose in the middle. Among
     equal scores the pose nearest to it wins.
 
     Args:
-        pyramid: `Pyramid` of the submap's field.
+        pyramid: of the field.
         points: shape (n, 2), float32, hits in the base frame [m].
-        pose: predicted x, y, heading in the submap's frame [m, m, rad].
-        window: `SearchWindow`.
-        limits: `SearchLimits`.
-
-    Returns:
-        A `SearchResult`.
+        pose: predicted one, in the frame of the field.
+        window: poses to search.
+        limits: what ends the search.
 
     Raises:
         ValueError: the window is larger than the pyramid was built for.
     """
-    grid = _discretise(pyramid, points, pose, window)
-    width = pyramid.levels.shape[2]
-    levels = pyramid.levels.reshape(pyramid.levels.shape[0], -1)
-    least = max(math.ceil(limits.min_score * FULL * points.shape[0] - 1e-9), 1)
+    grid = _discretise(pyramid, points, tuple(pose), window)
+    width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
+    least = max(math.ceil(limits.min_score * FULL * len(points) - 1e-9), 1)
     nodes, evaluations, is_complete = _score_top(levels, width, grid, least, limits.max_evaluations)
-    best = _Best(least, np.iinfo(np.int64).max, 0, 0, 0)
-    for k in range(nodes.shape[0]):
-        if nodes[k, 0] < best.total:
-            break
-        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, limits.max_evaluations - evaluations)
+    if is_complete:
+        nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
+        budget = limits.max_evaluations - evaluations
+        best, scored, is_complete = _search_below(levels, width, grid, nodes, least, budget)
         evaluations += scored
-        if not is_complete:
-            break
-    if best.rank == np.iinfo(np.int64).max:
-        return SearchResult(False, pose[0], pose[1], pose[2], 0.0, evaluations, is_complete)
-    x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
-    theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
-    return SearchResult(True, x, y, theta, best.total / (FULL * points.shape[0]), evaluations, is_complete)
+        if best.rank != NO_RANK:
+            x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
+            theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
+            score = best.total / (FULL * len(points))
+            return SearchResult(True, Pose2D(x, y, theta), score, evaluations, is_complete)
+    return SearchResult(False, Pose2D(*pose), 0.0, evaluations, is_complete)

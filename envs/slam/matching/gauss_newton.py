@@ -10,10 +10,11 @@ the finest map throughout.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
 from envs.geometry.lookup import load
 
@@ -55,38 +56,83 @@ class Fit(NamedTuple):
     b_t: float
     total: float
     """Sum of M."""
+    squares: float
+    """Sum of (1 - M)^2."""
+
+
+class Level(NamedTuple):
+    """One of several maps, which lies in one array."""
+
+    occupancy: np.ndarray
+    """Shape (height * width,), int8, percent; -1 unknown."""
+    height: int
+    width: int
+
+
+def at_level(map: Any, level: int) -> Any:
+    """Return a level of a map as kernels read it: with `occupancy`, flattened, `height` and `width`.
+
+    A map is a tuple of arrays, shape (height, width), int8, the finest first; or another kind that overloads this and
+    `neighbours`, as `gmapping.tiles` does.
+    """
+    raise NotImplementedError("for kernels only")
+
+
+def neighbours(view: Any, row: int, col: int) -> Any:
+    """Return where four cells lie in `view.occupancy`: (row, col), (row, col + 1), (row + 1, col) and the last one."""
+    raise NotImplementedError("for kernels only")
+
+
+@overload(at_level, inline="always")
+def _at_level_of_arrays(map, level):
+    if isinstance(map, types.UniTuple):
+        return lambda map, level: Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
+    return None
+
+
+@overload(neighbours, inline="always")
+def _neighbours_in_array(view, row, col):
+    if getattr(view, "instance_class", None) is not Level:
+        return None
+
+    def find(view, row, col):
+        corner = np.uint64(row * view.width + col)
+        above = corner + np.uint64(view.width)
+        return corner, corner + np.uint64(1), above, above + np.uint64(1)
+
+    return find
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate(occupancy, scale, points, num_points, x, y, theta):
+def evaluate(map, level, points, num_points, x, y, theta):
     """Return the `Fit` of a scan at a pose.
 
     Args:
-        occupancy: shape (height, width), int8, percent; -1 unknown, which counts as one half.
-        scale: side of a cell of the finest map in cells of this one.
-        points: shape (2, >= num_points), float32, hits in the base frame [cells].
+        map: see `at_level`; an unknown cell counts as one half.
+        level: its number; each has cells twice as wide as the one before.
+        points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
         num_points: number of hits.
-        x: position from the map's corner [cells].
-        y: position from the map's corner [cells].
+        x: position from the map's corner [cells of the finest map].
+        y: position from the map's corner [cells of the finest map].
         theta: heading [rad].
     """
-    height, width = occupancy.shape
-    flat = occupancy.ravel()
+    view, scale = at_level(map, level), 0.5**level
+    flat, height, width = view.occupancy, view.height, view.width
     c, s = math.cos(theta), math.sin(theta)
-    h_xx = h_xy = h_xt = h_yy = h_yt = h_tt = b_x = b_y = b_t = total = 0.0
+    h_xx = h_xy = h_xt = h_yy = h_yt = h_tt = b_x = b_y = b_t = total = squares = 0.0
     for k in range(num_points):
         p_x, p_y = float(points[0, k]), float(points[1, k])
         r_x, r_y = c * p_x - s * p_y, s * p_x + c * p_y
         u, v = (r_x + x) * scale - 0.5, (r_y + y) * scale - 0.5
         if not (u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1):
             total += 50.0
+            squares += 2500.0
             continue
         col, row = int(u), int(v)
         u, v = u - col, v - row
-        corner = np.uint64(row * width + col)
-        above = corner + np.uint64(width)
-        m_00, m_01 = int(load(flat, corner)), int(load(flat, corner + np.uint64(1)))
-        m_10, m_11 = int(load(flat, above)), int(load(flat, above + np.uint64(1)))
+        corner, right, above, opposite = neighbours(view, row, col)
+        m_00, m_01 = int(load(flat, corner)), int(load(flat, right))
+        m_10, m_11 = int(load(flat, above)), int(load(flat, opposite))
         m_00, m_01 = m_00 if m_00 >= 0 else 50, m_01 if m_01 >= 0 else 50
         m_10, m_11 = m_10 if m_10 >= 0 else 50, m_11 if m_11 >= 0 else 50
         d_0, d_1 = float(m_01 - m_00), float(m_11 - m_10)
@@ -105,9 +151,31 @@ def evaluate(occupancy, scale, points, num_points, x, y, theta):
         b_y += g_y * residual
         b_t += g_t * residual
         total += m
+        squares += residual * residual
     # From percent and this map's cells to probabilities and the finest map's cells.
     h, b = (0.01 * scale) ** 2, 1e-4 * scale
-    return Fit(h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt, b * b_x, b * b_y, b * b_t, 0.01 * total)
+    hessian = (h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt)
+    return Fit(*hessian, b * b_x, b * b_y, b * b_t, 0.01 * total, 1e-4 * squares)
+
+
+@njit(cache=True, error_model="numpy")
+def known_score_at(map, points, num_points, x, y, theta):
+    """Return how many hits fall in known cells of the finest map, and the mean occupancy of these from 0 to 1.
+
+    Arguments are those of `evaluate`.
+    """
+    view = at_level(map, 0)
+    c, s = math.cos(theta), math.sin(theta)
+    count = total = 0
+    for k in range(num_points):
+        p_x, p_y = float(points[0, k]), float(points[1, k])
+        u, v = c * p_x - s * p_y + x, s * p_x + c * p_y + y
+        if u >= 0.0 and v >= 0.0 and u < view.width and v < view.height:
+            value = int(load(view.occupancy, neighbours(view, int(v), int(u))[0]))
+            if value >= 0:
+                count += 1
+                total += value
+    return count, 0.01 * total / max(count, 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -133,11 +201,12 @@ def solve(fit, prior, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def refine(levels, points, num_points, pose, prior, iterations, coarse_iterations):
+def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
     """Step to the best pose, on one map after the other from the coarsest to the finest.
 
     Args:
-        levels: occupancies, see `evaluate`, the finest first; each has cells twice as wide as the one before.
+        map: see `at_level`.
+        num_levels: number of its levels.
         points: shape (2, >= num_points), float32, hits in the base frame [cells].
         num_points: number of hits.
         pose: x, y from the map's corner [cells] and heading [rad] to start from.
@@ -152,17 +221,16 @@ def refine(levels, points, num_points, pose, prior, iterations, coarse_iteration
     reach = 1.0
     for k in range(num_points):
         reach = max(reach, abs(points[0, k]) + abs(points[1, k]))
-    fit = Fit(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for level in range(len(levels) - 1, -1, -1):
-        scale, is_small = 0.5**level, False
-        limit = COARSE_STEP / scale if level else SMALL_STEP
+    fit = Fit(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for level in range(num_levels - 1, -1, -1):
+        is_small, limit = False, COARSE_STEP * 2**level if level else SMALL_STEP
         for _ in range(coarse_iterations if level else iterations):
-            fit = evaluate(levels[level], scale, points, num_points, x, y, theta)
+            fit = evaluate(map, level, points, num_points, x, y, theta)
             dx, dy, turn = solve(fit, prior, x, y, theta)
             x, y, theta = x + dx, y + dy, theta + min(max(turn, -MAX_TURN), MAX_TURN)
             is_small = max(abs(dx), abs(dy), abs(turn) * reach) < limit
             if is_small:
                 break
         if level == 0 and not is_small:
-            fit = evaluate(levels[level], scale, points, num_points, x, y, theta)
+            fit = evaluate(map, 0, points, num_points, x, y, theta)
     return x, y, theta, fit

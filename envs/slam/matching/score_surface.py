@@ -6,56 +6,43 @@ scores alike wherever it slides to, and gets a long ellipse; the curvature at th
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from envs.geometry import Pose2D
 from envs.geometry.lookup import load
 
-from .pyramid import FULL
+from .fields import FULL, Pyramid
 
+MAX_SURFACE, STEP = 1.0, 0.1
+"""Largest offset along x and along y, and distance between positions, at best twice the side of a cell [m]."""
+NUM_TURNS, TURN_STEP = 2, 0.02
+"""Headings on each side of the match, and distance between them [rad]."""
+POINT_STEP = 4
+"""Every so many points are scored."""
+TEMPERATURE = 0.03
+"""Difference of scores that makes a pose less likely by a factor of e."""
+STEP_STDS = np.array([0.06, 0.06, 0.015])
+"""Standard deviations that come of the steps alone [m, m, rad]; they are subtracted."""
+LEAST_STDS = np.array([0.03, 0.03, 0.008])
+"""Standard deviations of a match that cannot slide [m, m, rad]; they are added."""
 MAX_SHARE = 0.99
 """Variances above this share of a flat surface's are taken for it."""
 
 
-class SurfaceParams(NamedTuple):
-    """How scores around a match are evaluated, and what they mean."""
-
-    half_width: float = 1.0
-    """Largest offset along x and along y [m]."""
-    step: float = 0.1
-    """Distance between positions [m]; at best twice the side of a cell."""
-    num_turns: int = 2
-    """Headings on each side of the match."""
-    turn_step: float = 0.02
-    """Distance between headings [rad]."""
-    point_step: int = 4
-    """Every so many points are scored."""
-    temperature: float = 0.03
-    """Difference of scores that makes a pose less likely by a factor of e."""
-    grid_sigma_xy: float = 0.06
-    """Standard deviation that comes of the steps alone [m]; it is subtracted."""
-    grid_sigma_theta: float = 0.015
-    """The same of the heading [rad]."""
-    least_sigma_xy: float = 0.03
-    """Standard deviation of a match that cannot slide [m]; it is added."""
-    least_sigma_theta: float = 0.008
-    """The same of the heading [rad]."""
-
-
 @njit(cache=True, error_model="numpy")
-def surface_scores(pyramid, points, pose, params):
+def surface_scores(pyramid, points, pose, half_width):
     """Score the poses around a match.
 
     Scores are taken from level 1 of the pyramid, the maxima of 2 x 2 cells: walls one cell thick would fall between
     positions two cells apart.
 
     Args:
-        pyramid: `Pyramid` of the submap's field, of at least two levels.
+        pyramid: `Pyramid` of a field, of at least two levels.
         points: shape (n, 2), float32, hits in the base frame [m].
-        pose: x, y, heading of the match in the submap's frame [m, m, rad].
-        params: `SurfaceParams`.
+        pose: x, y, heading of the match in the frame of the field [m, m, rad].
+        half_width: largest offset along x and along y [m].
 
     Returns:
         Shape (num_headings, num_rows, num_columns), float64, from 0 to 1, the match in the middle.
@@ -64,22 +51,22 @@ def surface_scores(pyramid, points, pose, params):
         ValueError: the offsets are larger than the pyramid was built for.
     """
     resolution = pyramid.resolution
-    stride = max(round(params.step / resolution), 1)
-    reach = round(params.half_width / (stride * resolution))
+    stride = max(round(STEP / resolution), 1)
+    reach = round(half_width / (stride * resolution))
     if reach * stride > pyramid.reach:
         raise ValueError("the surface is wider than the pyramid was built for")
     level = pyramid.levels[1].ravel()
     height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
-    num_points = (points.shape[0] + params.point_step - 1) // params.point_step
-    scores = np.zeros((2 * params.num_turns + 1, 2 * reach + 1, 2 * reach + 1))
+    num_points = (points.shape[0] + POINT_STEP - 1) // POINT_STEP
+    scores = np.zeros((2 * NUM_TURNS + 1, 2 * reach + 1, 2 * reach + 1))
     cells = np.empty(num_points, dtype=np.int32)
     # The two cells that a maximum covers lie around a point if it is moved back by half a cell.
     x, y = (pose[0] - pyramid.x) / resolution - 0.5, (pose[1] - pyramid.y) / resolution - 0.5
     for turn in range(scores.shape[0]):
-        theta = pose[2] + (turn - params.num_turns) * params.turn_step
+        theta = pose[2] + (turn - NUM_TURNS) * TURN_STEP
         c, s = math.cos(theta) / resolution, math.sin(theta) / resolution
         count = 0
-        for k in range(0, points.shape[0], params.point_step):
+        for k in range(0, points.shape[0], POINT_STEP):
             u, v = float(points[k, 0]), float(points[k, 1])
             col, row = math.floor(x + c * u - s * v), math.floor(y + s * u + c * v)
             if 0 <= col < width and reach * stride <= row < height - reach * stride:
@@ -94,58 +81,33 @@ def surface_scores(pyramid, points, pose, params):
     return scores
 
 
-@njit(cache=True, error_model="numpy")
-def second_moments(scores, params, step):
+def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
     """Return the second moments about the match of the likelihood that scores stand for: shape (3, 3), float64.
 
-    `scores` is from `surface_scores`; `step` is the distance between positions [m].
+    `scores` is from `surface_scores`; `step` is the distance between positions [m], `turn_step` between headings [rad].
     """
-    best = scores.max()
-    moments, total, d = np.zeros((3, 3)), 0.0, np.empty(3)
-    for turn in range(scores.shape[0]):
-        d[2] = (turn - scores.shape[0] // 2) * params.turn_step
-        for i in range(scores.shape[1]):
-            d[1] = (i - scores.shape[1] // 2) * step
-            for j in range(scores.shape[2]):
-                d[0] = (j - scores.shape[2] // 2) * step
-                weight = math.exp((scores[turn, i, j] - best) / params.temperature)
-                total += weight
-                for r in range(3):
-                    for q in range(r + 1):
-                        moments[r, q] += weight * d[r] * d[q]
-    for r in range(3):
-        for q in range(r + 1):
-            moments[r, q] = moments[q, r] = moments[r, q] / total
+    weights = np.exp((scores - scores.max()) / TEMPERATURE)
+    steps = np.array([[turn_step], [step], [step]])
+    offsets = (np.indices(scores.shape).reshape(3, -1) - np.array(scores.shape)[:, None] // 2) * steps
+    d = offsets[::-1]
+    moments: np.ndarray = (d * weights.ravel()) @ d.T / weights.sum()
     return moments
 
 
-@njit(cache=True, error_model="numpy")
-def match_covariance(pyramid, points, pose, params):
-    """Return the covariance of a match: shape (3, 3), float64, in the submap's frame [m^2, rad^2].
+def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
+    """Return the covariance of a match: shape (3, 3), float64, in the frame of the field [m^2, rad^2].
 
     From the second moments the part that comes of the steps is subtracted, down to 0. What the edge of the surface adds
     to the information is taken off, P <- (P^-1 - U^-1)^-1 with the moments U of a flat surface: one that is flat, as
     along a corridor, says nothing. Otherwise many such matches together would hold a robot where none of them can. The
     least variance of a match is added. For the arguments and errors see `surface_scores`.
     """
-    step = max(round(params.step / pyramid.resolution), 1) * pyramid.resolution
-    scores = surface_scores(pyramid, points, pose, params)
-    moments = second_moments(scores, params, step)
-    flat = np.empty(3)
-    for r in range(3):
-        reach, width = (scores.shape[1] // 2, step) if r < 2 else (scores.shape[0] // 2, params.turn_step)
-        flat[r] = width * math.sqrt(max(reach * (reach + 1), 1) / 3.0)
-        moments[r, r] -= params.grid_sigma_theta**2 if r == 2 else params.grid_sigma_xy**2
-    for r in range(3):
-        for q in range(3):
-            moments[r, q] /= flat[r] * flat[q]
-    values, vectors = np.linalg.eigh(moments)
-    covariance = np.zeros((3, 3))
-    for k in range(3):
-        share = min(max(values[k], 0.0), MAX_SHARE)
-        for r in range(3):
-            for q in range(3):
-                covariance[r, q] += share / (1.0 - share) * flat[r] * flat[q] * vectors[r, k] * vectors[q, k]
-    for r in range(3):
-        covariance[r, r] += params.least_sigma_theta**2 if r == 2 else params.least_sigma_xy**2
-    return covariance
+    step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
+    scores = surface_scores(pyramid, points, tuple(pose), half_width)
+    reach = np.array([scores.shape[1] // 2, scores.shape[1] // 2, scores.shape[0] // 2])
+    flat = np.array([step, step, TURN_STEP]) * np.sqrt(np.maximum(reach * (reach + 1), 1) / 3.0)
+    moments = second_moments(scores, step) - np.diag(STEP_STDS**2)
+    values, vectors = np.linalg.eigh(moments / np.outer(flat, flat))
+    share = np.clip(values, 0.0, MAX_SHARE)
+    covariance = vectors * (share / (1.0 - share)) @ vectors.T * np.outer(flat, flat)
+    return 0.5 * (covariance + covariance.T) + np.diag(LEAST_STDS**2)

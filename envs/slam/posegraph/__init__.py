@@ -1,13 +1,14 @@
 """Pose graphs of submaps: nodes, submaps, constraints between them, and their optimisation."""
 
-from .optimise import optimise, optimise_step
-from .records import Constraints, Graph, PoseGraph
-from .residuals import chi_squares, drop_outliers
+from .graph import Constraints, Graph, GrowingArray, PoseGraph, PoseGraphView
+from .optimise import chi_squares, drop_outliers, optimise, optimise_step
 
 __all__ = [
     "Constraints",
     "Graph",
+    "GrowingArray",
     "PoseGraph",
+    "PoseGraphView",
     "chi_squares",
     "drop_outliers",
     "optimise",

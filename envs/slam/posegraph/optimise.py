@@ -6,6 +6,7 @@ as points are in bundle adjustment: Triggs et al., 2000, section 6.1), and what 
 One iteration is one call of `optimise_step`: a SLAM can spread an optimisation over scans by counting iterations.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,25 @@ from numba import njit
 
 from envs.geometry.pose import wrap_angle
 
-from .linearise import linearise
+from ..matching.covariance import invert
 from .skyline import factorise, row_starts, solve
+
+
+class Linearised(NamedTuple):
+    """Active constraints, sorted by node, linearised about the poses of the graph. Axes are those of the map frame."""
+
+    starts: np.ndarray
+    """Shape (num_nodes + 1,), int64: where the constraints of a node start."""
+    submap: np.ndarray
+    """Shape (n,), int64: index of the unknown submap, -1 for the one that is fixed."""
+    information: np.ndarray
+    """Shape (n, 3, 3), float64: weighted information."""
+    product: np.ndarray
+    """Shape (n, 3, 3), float64: information times the derivative of the node's predicted pose by the submap's pose."""
+    gradient: np.ndarray
+    """Shape (n, 3), float64: derivative of half the weighted chi^2 by the node's pose."""
+    lever: np.ndarray
+    """Shape (n, 2), float64: position of the node from the submap [m]."""
 
 
 class _Eliminated(NamedTuple):
@@ -27,16 +45,103 @@ class _Eliminated(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _invert(matrix, out):
-    """Write the inverse of a symmetric positive definite matrix, both of shape (3, 3)."""
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
-    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
-    scale = 1.0 / (a * aa + b * bb + c * cc)
-    out[0, 0], out[1, 1], out[2, 2] = scale * aa, scale * (a * f - c * c), scale * (a * d - b * b)
-    out[0, 1] = out[1, 0] = scale * bb
-    out[0, 2] = out[2, 0] = scale * cc
-    out[1, 2] = out[2, 1] = scale * (b * c - a * e)
+def residual(submap, node, relative):
+    """Return the residual of a constraint, in the submap's frame, as (x, y, theta) [m, m, rad].
+
+    Args:
+        submap: shape (3,), float64, pose of the submap [m, m, rad].
+        node: shape (3,), float64, pose of the node [m, m, rad].
+        relative: shape (3,), float64, measured pose of the node in the submap's frame [m, m, rad].
+    """
+    c, s = math.cos(submap[2]), math.sin(submap[2])
+    dx, dy = node[0] - submap[0], node[1] - submap[1]
+    theta = wrap_angle(node[2] - submap[2] - relative[2])
+    return c * dx + s * dy - relative[0], c * dy - s * dx - relative[1], theta
+
+
+@njit(cache=True, error_model="numpy")
+def chi_square(information, x, y, theta):
+    """Return the squared Mahalanobis distance of a residual; `information` has shape (3, 3)."""
+    return (
+        information[0, 0] * x * x
+        + information[1, 1] * y * y
+        + information[2, 2] * theta * theta
+        + 2.0 * (information[0, 1] * x * y + information[0, 2] * x * theta + information[1, 2] * y * theta)
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def robust_weight(chi2, phi):
+    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15).
+
+    It is 1 up to a chi^2 of `phi`, and falls as the square of 2 phi / (phi + chi^2) above. No scaling if `phi` is inf.
+    """
+    if chi2 <= phi:
+        return 1.0
+    scale = 2.0 * phi / (phi + chi2)
+    return scale * scale
+
+
+@njit(cache=True, error_model="numpy")
+def _sort_by_node(constraints, num_nodes):
+    """Return where the active constraints of each node start, and their indices in that order."""
+    starts = np.zeros(num_nodes + 1, dtype=np.int64)
+    for k in range(constraints.node.shape[0]):
+        if constraints.is_active[k]:
+            starts[constraints.node[k] + 1] += 1
+    for j in range(num_nodes):
+        starts[j + 1] += starts[j]
+    filled = starts[:-1].copy()
+    order = np.empty(starts[num_nodes], dtype=np.int64)
+    for k in range(constraints.node.shape[0]):
+        if constraints.is_active[k]:
+            j = constraints.node[k]
+            order[filled[j]] = k
+            filled[j] += 1
+    return starts, order
+
+
+@njit(cache=True, error_model="numpy")
+def _rotate_information(information, c, s, weight, out):
+    """Write weight B^T information B to `out`, shape (3, 3), where B turns axes of the map frame into a submap's."""
+    xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
+    xt, yt = information[0, 2], information[1, 2]
+    out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
+    out[1, 1] = weight * (s * s * xx + 2.0 * c * s * xy + c * c * yy)
+    out[0, 1] = out[1, 0] = weight * (c * s * (xx - yy) + (c * c - s * s) * xy)
+    out[0, 2] = out[2, 0] = weight * (c * xt - s * yt)
+    out[1, 2] = out[2, 1] = weight * (s * xt + c * yt)
+    out[2, 2] = weight * information[2, 2]
+
+
+@njit(cache=True, error_model="numpy")
+def linearise(graph, phi):
+    """Linearise the active constraints of a `Graph`; `phi` is that of `robust_weight`.
+
+    With e the residual, B its derivative by the node's pose and (dx, dy) the lever, the derivative by the submap's pose
+    is -B T with T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]].
+    """
+    constraints = graph.constraints
+    starts, order = _sort_by_node(constraints, graph.nodes.shape[0])
+    n = order.shape[0]
+    submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
+    information, product = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    for i in range(n):
+        k = order[i]
+        node, frame = graph.nodes[constraints.node[k]], graph.submaps[constraints.submap[k]]
+        x, y, theta = residual(frame, node, constraints.relative[k])
+        given = constraints.information[k]
+        weight = robust_weight(chi_square(given, x, y, theta), phi) if constraints.is_loop[k] else 1.0
+        c, s = math.cos(frame[2]), math.sin(frame[2])
+        rotated, dx, dy = information[i], node[0] - frame[0], node[1] - frame[1]
+        _rotate_information(given, c, s, weight, rotated)
+        ex, ey = c * x - s * y, s * x + c * y
+        for r in range(3):
+            gradient[i, r] = rotated[r, 0] * ex + rotated[r, 1] * ey + rotated[r, 2] * theta
+            product[i, r, 0], product[i, r, 1] = rotated[r, 0], rotated[r, 1]
+            product[i, r, 2] = rotated[r, 2] - dy * rotated[r, 0] + dx * rotated[r, 1]
+        submap[i], lever[i, 0], lever[i, 1] = constraints.submap[k] - 1, dx, dy
+    return Linearised(starts, submap, information, product, gradient, lever)
 
 
 @njit(cache=True, error_model="numpy")
@@ -52,7 +157,7 @@ def _eliminate_nodes(linearised, num_nodes):
             for r in range(3):
                 for q in range(3):
                     total[r, q] += linearised.information[i, r, q]
-        _invert(total, inverse[j])
+        invert(total, inverse[j])
         for i in range(first, last):
             for r in range(3):
                 for q in range(3):
@@ -185,3 +290,31 @@ def optimise(graph, phi, max_iterations, tolerance):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
     return max_iterations
+
+
+@njit(cache=True, error_model="numpy")
+def chi_squares(graph):
+    """Return chi^2 of all constraints of a `Graph`, dropped ones included: shape (n,), float64."""
+    constraints = graph.constraints
+    values = np.empty(constraints.node.shape[0])
+    for k in range(values.shape[0]):
+        node, submap = graph.nodes[constraints.node[k]], graph.submaps[constraints.submap[k]]
+        x, y, theta = residual(submap, node, constraints.relative[k])
+        values[k] = chi_square(constraints.information[k], x, y, theta)
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def drop_outliers(graph, max_chi2):
+    """Drop the loop constraints of a `Graph` whose chi^2 exceeds `max_chi2`; return how many were dropped.
+
+    To be called after optimisation. What is dropped stays dropped.
+    """
+    constraints = graph.constraints
+    values = chi_squares(graph)
+    count = 0
+    for k in range(values.shape[0]):
+        if constraints.is_loop[k] and constraints.is_active[k] and values[k] > max_chi2:
+            constraints.is_active[k] = False
+            count += 1
+    return count

@@ -8,7 +8,7 @@ from envs.estimation import NO_UPDATE
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import OdometryNoise
 from envs.simulation import Reading
-from envs.slam import GMAPPING_PRESETS, GMapping, GMappingParams, load_gmapping_params, make_slam
+from envs.slam import PRESETS, GMapping, GMappingParams, load_params, make_slam
 from envs.tasks.explore import ExploreTeam
 from tests.slam.rooms import CORRIDOR, LIDAR, STAY, drive, scan
 
@@ -21,7 +21,7 @@ NO_RETURN = np.full(180, np.nan, dtype=np.float32)
 
 def gmapping(preset="default", noise=WHEELS, **changes):
     small = {"map_width": 10.0, "map_height": 10.0, "num_particles": 10}
-    return make_slam("gmapping", LIDAR, 0.05, load_gmapping_params(preset, {**small, **changes}), noise)
+    return make_slam("gmapping", LIDAR, 0.05, load_params(preset, {**small, **changes}, "gmapping"), noise)
 
 
 def switching(**changes):
@@ -184,11 +184,11 @@ def test_no_map_can_be_given_and_teams_are_refused():
 
 
 def test_presets_load_and_bad_values_are_named():
-    for name in GMAPPING_PRESETS:
+    for name in PRESETS["gmapping"]:
         assert isinstance(make_slam("gmapping", LIDAR, preset=name), GMapping)
-    assert load_gmapping_params("default") == GMappingParams()
+    assert load_params("default", slam="gmapping") == GMappingParams()
     for name, value in [("num_particles", 0), ("likelihood_gain", 0.0), ("resample_below", 1.5), ("num_levels", 5)]:
         with pytest.raises(ValueError, match=name):
             GMappingParams(**{name: value})
     with pytest.raises(ValueError, match="particles"):
-        load_gmapping_params("default", {"particles": 3})
+        load_params("default", {"particles": 3}, "gmapping")

@@ -7,10 +7,11 @@ import numpy as np
 from envs.geometry import Pose2D
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.proposal import Motion, ProposalParams, Proposals, draw_poses, propose, take_better
-from envs.slam.gmapping.tile_matching import TileMap, evaluate_tiles, judge, refine_tiles
-from envs.slam.mapping.log_odds_map import LogOddsMap
-from envs.slam.matching.gauss_newton import Prior, evaluate, refine
+from envs.slam.gmapping.proposal import Motion, Proposals, draw_poses, propose, take_better
+from envs.slam.gmapping.tiles import TileMap
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
+from envs.slam.matching.scan_matcher import MatcherParams
 from envs.slam.scans import project_hits
 from tests.slam.rooms import LIDAR, scan
 
@@ -32,8 +33,8 @@ def make_maps(count=2):
 
 
 def tile_map(tiles, particle=0):
-    pool, slots, wide, num_levels, *_ = tiles.maps
-    return TileMap(pool.occupancy.ravel(), pool.occupancy.shape[1], slots[particle], wide, num_levels)
+    pool, slots, wide, *_ = tiles.maps
+    return TileMap(pool.occupancy.ravel(), pool.occupancy.shape[1], slots[particle], wide)
 
 
 def hits(pose, tiles):
@@ -49,32 +50,28 @@ def test_fit_and_match_equal_those_on_one_array():
     for x, y, theta in [(0.2, 0.1, 0.3), (0.33, -0.04, 0.2), (6.5, 0.0, 1.0), (-30.0, 2.0, 0.0)]:
         at = np.array(plain.to_cells(x, y))
         for level in range(3):
-            ours = evaluate_tiles(tile_map(tiles), level, points, count, *(at - apart), theta)
-            np.testing.assert_allclose(
-                ours, evaluate(plain.levels[level], 0.5**level, points, count, *at, theta), rtol=1e-9
-            )
-        ours = refine_tiles(
-            tile_map(tiles), points, count, (*(at - apart), theta), Prior(*(at - apart), theta, *prior), 6, 4
-        )
-        theirs = refine(plain.levels, points, count, (*at, theta), Prior(*at, theta, *prior), 6, 4)
+            ours = evaluate(tile_map(tiles), level, points, count, *(at - apart), theta)
+            np.testing.assert_allclose(ours, evaluate(plain.levels, level, points, count, *at, theta), rtol=1e-9)
+        ours = known_score_at(tile_map(tiles), points, count, *(at - apart), theta)
+        np.testing.assert_allclose(ours, known_score_at(plain.levels, points, count, *at, theta), rtol=1e-12)
+        start = (*(at - apart), theta)
+        ours = refine(tile_map(tiles), 3, points, count, start, Prior(*start, *prior), 6, 4)
+        theirs = refine(plain.levels, 3, points, count, (*at, theta), Prior(*at, theta, *prior), 6, 4)
         np.testing.assert_allclose(np.add(ours[:2], apart), theirs[:2], atol=1e-6)
         np.testing.assert_allclose(ours[2], theirs[2], atol=1e-9)
 
 
-def test_judgement_by_hand():
+def test_known_score_by_hand():
     tiles, _ = make_maps()
     points, count = hits(POSES[1], tiles)
     x, y = tiles.to_cells(0.2, 0.1)
-    found = judge(tile_map(tiles), points, count, x, y, 0.3)
     occupancy = tiles.occupancy(0).astype(float)
     c, s = math.cos(0.3), math.sin(0.3)
     p_x, p_y = points.astype(float)
     u, v = c * p_x - s * p_y + x, s * p_x + c * p_y + y
     values = occupancy[v[:count].astype(int), u[:count].astype(int)]
-    assert found.num_known == np.count_nonzero(values >= 0)
-    np.testing.assert_allclose(found.known_score, 0.01 * values[values >= 0].mean())
-    total = evaluate_tiles(tile_map(tiles), 0, points, count, x, y, 0.3).total
-    assert (count - total) ** 2 / count <= found.squares <= count - total  # Cauchy and Schwarz; 0 <= M <= 1
+    expected = np.count_nonzero(values >= 0), 0.01 * values[values >= 0].mean()
+    np.testing.assert_allclose(known_score_at(tile_map(tiles), points, count, x, y, 0.3), expected)
 
 
 def test_mode_covariance_and_weight_are_those_of_the_posterior():
@@ -82,14 +79,7 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     tiles, _ = make_maps(1)
     points, count = hits(POSES[1], tiles)
     k, stds = 1.0, (0.02, 0.02, 0.02)
-    params = ProposalParams(
-        residual_variance=k,
-        iterations=20,
-        coarse_iterations=5,
-        min_known_hits=20,
-        min_known_score=0.25,
-        max_correction=0.8,
-    )
+    params = MatcherParams.of(GMappingParams(residual_variance=k, iterations=20, coarse_iterations=5))
     by_odometry, out = Pose2D(0.21, 0.09, 0.31), Proposals.make(1)
     propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
     steps = np.linspace(-0.02, 0.02, 11)
@@ -97,7 +87,7 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     poses = out.modes[0] + offsets
     logs = np.empty(len(poses))
     for n, (x, y, theta) in enumerate(poses):
-        squares = judge(tile_map(tiles), points, count, *tiles.to_cells(x, y), theta).squares
+        squares = evaluate(tile_map(tiles), 0, points, count, *tiles.to_cells(x, y), theta).squares
         logs[n] = -0.5 * squares / k - 0.5 * np.square((poses[n] - by_odometry) / stds).sum()
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -115,13 +105,13 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     tiles, _ = make_maps(1)
     points = np.zeros((2, 60), dtype=np.float32)
     points[0] = 8.0  # all hits in free space
-    params = ProposalParams(0.5, 6, 4, 20, 0.25, 0.8)
+    params = MatcherParams.of(GMappingParams())
     out, motion = Proposals.make(1), Pose2D(0.2, 0.1, 0.3)
     propose(tiles.maps, np.zeros((1, 3)), Motion(motion, motion, 0.001, 0.002), points, 60, params, out)
     assert not out.fits[0]
     np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), [0.001, 0.001, 0.002])
-    squares = judge(tile_map(tiles), points, 60, *tiles.to_cells(0.2, 0.1), 0.3).squares
+    squares = evaluate(tile_map(tiles), 0, points, 60, *tiles.to_cells(0.2, 0.1), 0.3).squares
     np.testing.assert_allclose(out.log_likelihoods[0], -squares)  # 2 k is 1
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from envs.slam.gmapping.resampling import effective_sample_size, normalized_weights, spread, systematic_resample
-from envs.slam.gmapping.trajectories import Trajectories
 
 
 def test_weights_from_logarithms_far_below_zero():
@@ -38,14 +37,3 @@ def test_spread_by_hand_and_across_half_a_turn():
     poses = np.array([[1.0, 0.0, math.pi - 0.1], [3.0, 0.0, -math.pi + 0.1]])
     covariance = spread(poses, np.array([0.5, 0.5]), poses[0])
     np.testing.assert_allclose(covariance, [[1.0, 0.0, 0.1], [0.0, 0.0, 0.0], [0.1, 0.0, 0.01]], atol=1e-12)
-
-
-def test_trajectories_equal_copied_lists():
-    rng, tree, lists = np.random.default_rng(2), Trajectories(5), [[] for _ in range(5)]
-    for _ in range(600):  # more than there is room for at first
-        parents, poses = np.sort(rng.integers(0, 5, 5)), rng.normal(size=(5, 3))
-        tree.append(poses, parents)
-        lists = [[*lists[parent], pose] for parent, pose in zip(parents.tolist(), poses)]
-    assert len(tree) == 600
-    for p in range(5):
-        np.testing.assert_array_equal(tree.trace(p), lists[p])

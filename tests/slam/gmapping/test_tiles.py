@@ -8,8 +8,7 @@ from envs.robots import LidarParams, Mount
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.particle_maps import ParticleMaps
 from envs.slam.gmapping.tiles import EMPTY, TILE, copy_maps, enlarge_pool, level_start, make_pool, own_tile
-from envs.slam.mapping.log_odds_kernels import MAX_STAMP
-from envs.slam.mapping.log_odds_map import LogOddsMap
+from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap
 
 LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
 SHARED = {"resolution": 0.05, "map_width": 3.0, "map_height": 3.0, "num_levels": 3, "max_log_odds": 5.0}

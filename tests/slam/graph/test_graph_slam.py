@@ -9,13 +9,13 @@ from envs.core import LidarEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, OdometryNoise
 from envs.simulation import Reading
-from envs.slam import GRAPH_PRESETS, GraphSlam, GraphSlamParams, load_graph_params, make_slam
+from envs.slam import PRESETS, GraphSlam, GraphSlamParams, LoopClosureParams, load_params, make_slam
 from envs.slam.graph.local_slam import LocalSlam
 from envs.slam.graph.nodes import NodeStore
 from envs.slam.graph.rendering import MapRendering
 from envs.tasks.explore import ExploreTeam
 
-from ..matching.rooms import cast, rectangle
+from ..rooms import rectangle, scan
 
 HALL = np.concatenate(
     [
@@ -60,8 +60,7 @@ def laps(count, step=0.25):
 def drive():
     """Return true poses in the frame of the start, ranges and motions by odometry, for two laps."""
     poses, rng = laps(2), np.random.default_rng(0)
-    angles = np.arctan2(LIDAR.directions[1], LIDAR.directions[0])
-    ranges = [(cast(HALL, pose, angles, 6.0) + 0.01 * rng.standard_normal(120)).astype(np.float32) for pose in poses]
+    ranges = [scan(pose, rng, walls=HALL, lidar=LIDAR) for pose in poses]
     motions = [STAY]
     for before, after in itertools.pairwise(poses):
         x, y, theta = before.between(after)
@@ -72,8 +71,8 @@ def drive():
 def run(drive, params=BLIND, watch=lambda slam: None):
     slam = GraphSlam(LIDAR, params)
     online = []
-    for scan, motion in zip(*drive[1:]):
-        online.append(slam.update(Reading.of_scan(scan), motion).pose)
+    for seen, motion in zip(*drive[1:]):
+        online.append(slam.update(Reading.of_scan(seen), motion).pose)
         watch(slam)
     return slam, np.array(online)
 
@@ -133,7 +132,7 @@ def test_a_corrected_map_replaces_the_live_one_when_it_is_complete(drive):
 
 def test_a_match_with_the_map_corrects_odometry_before_any_loop(drive):
     truth, _, motions = drive
-    slam, online = run(drive, load_graph_params("default"))
+    slam, online = run(drive, load_params("default", slam="graph"))
     odometry = list(itertools.accumulate(motions, Pose2D.compose))
     assert np.hypot(*(np.array(odometry) - truth)[:, :2].T).max() > 1.0
     assert np.hypot(*(online - truth)[:, :2].T).max() < 0.15
@@ -187,8 +186,7 @@ def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
     assert free[1, 1] == pytest.approx(5 * (10 * sigma_xy**2 + levers * sigma_theta**2) + 0.03**2)
 
     sides = np.array([(-50.0, -1.0, 50.0, -1.0), (-50.0, 1.0, 50.0, 1.0)])
-    angles = np.arctan2(LIDAR.directions[1], LIDAR.directions[0])
-    along = covariance(cast(sides, STAY, angles, 6.0).astype(np.float32))
+    along = covariance(scan(STAY, walls=sides, lidar=LIDAR))
     assert along[0, 0] > 0.2 * free[0, 0]
     assert along[1, 1] < 0.1 * free[1, 1]
     assert along[2, 2] < 0.1 * free[2, 2]
@@ -208,11 +206,8 @@ def test_the_start_pose_is_that_of_the_first_node(drive):
     start = Pose2D(3.0, -2.0, 1.0)
     slam, at_origin = GraphSlam(LIDAR, BLIND), GraphSlam(LIDAR, BLIND)
     slam.reset(np.random.default_rng(0), start)
-    for scan, motion in zip(ranges[:30], motions[:30]):
-        pose, other = (
-            slam.update(Reading.of_scan(scan), motion).pose,
-            at_origin.update(Reading.of_scan(scan), motion).pose,
-        )
+    for seen, motion in zip(ranges[:30], motions[:30]):
+        pose, other = (each.update(Reading.of_scan(seen), motion).pose for each in (slam, at_origin))
     np.testing.assert_allclose(pose, start.compose(other), atol=1e-6)
     np.testing.assert_allclose(slam.graph.arrays.nodes[0], start)
 
@@ -225,16 +220,24 @@ def test_maps_are_not_shared():
         slam.reset(np.random.default_rng(0), map=slam.map)
 
 
-@pytest.mark.parametrize("change", [{"resolution": 0.0}, {"submap_spacing": 0}, {"phi": math.nan}])
-def test_params_that_make_no_sense_are_refused(change):
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (GraphSlamParams, {"resolution": 0.0}),
+        (GraphSlamParams, {"submap_spacing": 0}),
+        (GraphSlamParams, {"phi": math.nan}),
+        (LoopClosureParams, {"min_score": 1.2}),
+    ],
+)
+def test_params_that_make_no_sense_are_refused(kind, change):
     with pytest.raises(ValueError, match=next(iter(change))):
-        GraphSlamParams(**change)
+        kind(**change)
 
 
 def test_presets():
-    assert sorted(GRAPH_PRESETS) == ["default", "intel", "sparse"]
-    assert load_graph_params("default") == GraphSlamParams()
-    assert load_graph_params("intel", {"loops": {"min_score": "0.6"}}).loops.min_score == 0.6
+    assert sorted(PRESETS["graph"]) == ["default", "intel", "sparse"]
+    assert load_params("default", slam="graph") == GraphSlamParams()
+    assert load_params("intel", {"loops": {"min_score": "0.6"}}, "graph").loops.min_score == 0.6
     assert make_slam("graph", LIDAR, 0.1, odometry_noise=NOISE).params.odometry_noise == NOISE
     with pytest.raises(ValueError, match="preset of graph"):
         make_slam("graph", LIDAR, preset="faithful")

@@ -4,33 +4,26 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import (
-    SearchLimits,
-    SearchWindow,
-    _best_first,
-    angle_step,
-    search,
-)
-from envs.slam.matching.pyramid import build_pyramid
-from envs.slam.matching.submap_field import FieldGeometry, SensorModel, render_field
+from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.fields import Field, build_pyramid
 
-from .rooms import ROOM, take_scans, visible_points
+from ..rooms import FLAT, render_field, visible_points
 
 NO_LIMIT = 1 << 40
 ABOVE = 50
 
 
-def brute_force(field, geometry, points, pose, window, min_score):
+def brute_force(field, points, pose, window):
     """Score every pose of the grid; return the best one, and the score."""
-    cells = np.where(field > ABOVE, field, 0).astype(int)
-    reach, turns = round(window.half_width / geometry.resolution), int(window.half_angle / window.angle_step + 1e-9)
+    cells = np.where(field.occupancy > ABOVE, field.occupancy, 0).astype(int)
+    reach, turns = round(window.half_width / field.resolution), int(window.half_angle / window.angle_step + 1e-9)
     best = None
     for turn in range(-turns, turns + 1):
         theta = pose[2] + turn * window.angle_step
         c, s = math.cos(theta), math.sin(theta)
         u, v = points.astype(float).T
-        col0 = np.floor((pose[0] - geometry.x + c * u - s * v) / geometry.resolution).astype(int)
-        row0 = np.floor((pose[1] - geometry.y + s * u + c * v) / geometry.resolution).astype(int)
+        col0 = np.floor((pose[0] - field.x + c * u - s * v) / field.resolution).astype(int)
+        row0 = np.floor((pose[1] - field.y + s * u + c * v) / field.resolution).astype(int)
         for row in range(-reach, reach + 1):
             for col in range(-reach, reach + 1):
                 r, q = row0 + row, col0 + col
@@ -39,45 +32,44 @@ def brute_force(field, geometry, points, pose, window, min_score):
                 # Nearest first; smaller turns, clockwise before counter-clockwise; lower rows and columns first.
                 key = (-total, row * row + col * col, abs(turn), turn > 0, row, col)
                 if best is None or key < best[0]:
-                    best = (key, (pose[0] + col * geometry.resolution, pose[1] + row * geometry.resolution, theta))
-    score = -best[0][0] / (100 * len(points))
-    return (best[1], score) if score >= min_score else (None, 0.0)
+                    best = (key, (pose[0] + col * field.resolution, pose[1] + row * field.resolution, theta))
+    return best[1], -best[0][0] / (100 * len(points))
 
 
 def random_field(rng, shape, levels):
     """Return a random field with few values, so that many poses score the same."""
-    values = np.array(levels, dtype=np.uint8)
-    return values[rng.integers(0, len(values), shape)], FieldGeometry(-1.0, 0.4, 0.1)
+    values = np.array(levels, dtype=np.int8)
+    return Field(values[rng.integers(0, len(values), shape)], -1.0, 0.4, 0.1)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_result_equals_brute_force_ties_included(seed):
     rng = np.random.default_rng(seed)
-    levels = [(0, 50, 60, 75, 100), (0, 0, 0, 100), (0, 0, 0, 0, 0, 0, 0, 0, 99)][seed % 3]
-    field, geometry = random_field(rng, (23, 31), levels)
+    levels = [(-1, 50, 60, 75, 100), (0, 0, 0, 100), (0, 0, 0, 0, 0, 0, 0, 0, 99)][seed % 3]
+    field = random_field(rng, (23, 31), levels)
     points = rng.uniform(-1.2, 1.2, ((3, 12, 40)[seed % 3], 2)).astype(np.float32)
     pose = (rng.uniform(-1.0, 2.0), rng.uniform(0.4, 2.5), rng.uniform(-3, 3))
     window = SearchWindow(0.7, 0.1, 0.04)
-    expected, score = brute_force(field, geometry, points, pose, window, 0.0)
-    pyramid = build_pyramid(field, geometry, 1 + seed % 4, 1.0, ABOVE)
+    expected, score = brute_force(field, points, pose, window)
+    pyramid = build_pyramid(field, 1 + seed % 4, 1.0)
     found = search(pyramid, points, pose, window, SearchLimits(0.0, NO_LIMIT))
     assert found.found
     assert found.is_complete
     assert found.score == score
-    np.testing.assert_allclose(found[1:4], expected, atol=1e-9)
+    np.testing.assert_allclose(found.pose, expected, atol=1e-9)
     # The score itself is still found, and nothing above it.
-    assert search(pyramid, points, pose, window, SearchLimits(score, NO_LIMIT))[1:4] == found[1:4]
+    assert search(pyramid, points, pose, window, SearchLimits(score, NO_LIMIT)).pose == found.pose
     missed = search(pyramid, points, pose, window, SearchLimits(score + 1e-6, NO_LIMIT))
     assert not missed.found
-    assert missed[1:4] == pose
+    assert missed.pose == pose
 
 
 def test_pyramid_holds_maxima():
     rng = np.random.default_rng(0)
-    field, geometry = random_field(rng, (9, 12), (0, 40, 51, 70, 100))
-    pyramid = build_pyramid(field, geometry, 3, 0.5, ABOVE)
-    rows, cols = round((geometry.y - pyramid.y) / 0.1), round((geometry.x - pyramid.x) / 0.1)
-    base = np.pad(np.where(field > ABOVE, field, 0), ((rows, rows), (cols, cols)))
+    field = random_field(rng, (9, 12), (-1, 40, 51, 70, 100))
+    pyramid = build_pyramid(field, 3, 0.5)
+    rows, cols = round((field.y - pyramid.y) / 0.1), round((field.x - pyramid.x) / 0.1)
+    base = np.pad(np.where(field.occupancy > ABOVE, field.occupancy, 0), ((rows, rows), (cols, cols)))
     np.testing.assert_array_equal(pyramid.levels[0], base)
     for level in range(1, 3):
         side = 1 << level
@@ -89,21 +81,19 @@ def test_pyramid_holds_maxima():
 @pytest.fixture(scope="module")
 def room():
     poses = [(1.0 + 0.4 * k, 1.5 + 0.1 * k, 0.3 * k) for k in range(8)]
-    return render_field(take_scans(ROOM, poses), 0.05, SensorModel())
+    return render_field(FLAT, poses)
 
 
 def test_a_robot_finds_its_pose_in_a_room_with_few_evaluations(room):
-    field, geometry = room
     truth = Pose2D(3.1, 2.2, 1.1)
-    points = visible_points(ROOM, truth, np.linspace(-np.pi, np.pi, 120, endpoint=False), 10.0)
+    points = visible_points(FLAT, truth, 120, 10.0)
     window = SearchWindow(1.5, 0.35, angle_step(points, 0.05))
-    pyramid = build_pyramid(field, geometry, 5, 1.5, ABOVE)
+    pyramid = build_pyramid(room, 5, 1.5)
     predicted = (truth.x + 1.1, truth.y - 0.9, truth.theta + 0.28)
     found = search(pyramid, points, predicted, window, SearchLimits(0.5, NO_LIMIT))
     assert found.score > 0.6
-    assert abs(found.x - truth.x) <= 0.06
-    assert abs(found.y - truth.y) <= 0.06
-    assert abs(found.theta - truth.theta) <= window.angle_step
+    np.testing.assert_allclose(found.pose, truth, rtol=0.0, atol=0.06)
+    assert abs(found.pose.theta - truth.theta) <= window.angle_step
     poses = 61 * 61 * (2 * int(0.35 / window.angle_step) + 1)
     assert found.evaluations < 0.03 * poses
     # In a window without the true pose nothing scores enough.
@@ -113,9 +103,8 @@ def test_a_robot_finds_its_pose_in_a_room_with_few_evaluations(room):
 
 
 def test_work_is_bounded(room):
-    field, geometry = room
-    points = visible_points(ROOM, (3.1, 2.2, 1.1), np.linspace(-np.pi, np.pi, 60, endpoint=False), 10.0)
-    pyramid = build_pyramid(field, geometry, 4, 1.0, ABOVE)
+    points = visible_points(FLAT, (3.1, 2.2, 1.1), 60, 10.0)
+    pyramid = build_pyramid(room, 4, 1.0)
     window, predicted = SearchWindow(1.0, 0.3, 0.02), (3.5, 2.0, 1.2)
     whole = search(pyramid, points, predicted, window, SearchLimits(0.3, NO_LIMIT))
     for limit in (0, 10, whole.evaluations // 2, whole.evaluations - 1):
@@ -126,18 +115,10 @@ def test_work_is_bounded(room):
 
 
 def test_windows_larger_than_the_pyramid_was_built_for_are_refused(room):
-    pyramid = build_pyramid(*room, 4, 1.0, ABOVE)
+    pyramid = build_pyramid(room, 4, 1.0)
     points = np.ones((3, 2), dtype=np.float32)
     with pytest.raises(ValueError, match="larger than"):
         search(pyramid, points, (0.0, 0.0, 0.0), SearchWindow(2.0, 0.1, 0.02), SearchLimits(0.5, NO_LIMIT))
-
-
-def test_nodes_are_sorted_by_their_totals():
-    rng = np.random.default_rng(0)
-    for n in (0, 1, 2, 3, 50, 101):
-        nodes = rng.integers(0, 20, (n, 4))
-        nodes[:, 1] = np.arange(n)
-        np.testing.assert_array_equal(_best_first(nodes), nodes[np.argsort(-nodes[:, 0], kind="stable")])
 
 
 def test_steps_between_headings_follow_the_range_of_points():

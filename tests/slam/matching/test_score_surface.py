@@ -3,42 +3,35 @@ import math
 import numpy as np
 import pytest
 
-from envs.slam.matching.pyramid import build_pyramid
-from envs.slam.matching.score_surface import SurfaceParams, match_covariance, second_moments, surface_scores
-from envs.slam.matching.submap_field import SensorModel, render_field
+from envs.slam.matching.fields import build_pyramid
+from envs.slam.matching.score_surface import TEMPERATURE, match_covariance, second_moments, surface_scores
 
-from .rooms import ROOM, rectangle, take_scans, visible_points
-
-PARAMS = SurfaceParams()
-ANGLES = np.linspace(-np.pi, np.pi, 240, endpoint=False)
+from ..rooms import FLAT, rectangle, render_field, visible_points
 
 
-def pyramid_of(segments, poses, max_range=10.0):
-    field, geometry = render_field(take_scans(segments, poses, 240, max_range), 0.05, SensorModel())
-    return build_pyramid(field, geometry, 3, 1.0, 50)
+def pyramid_of(walls, poses, range_max=10.0):
+    return build_pyramid(render_field(walls, poses, 240, range_max), 3, 1.0)
 
 
 def test_moments_of_a_quadratic_surface_are_its_covariance():
     covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.04, 0.0], [0.0, 0.0, 0.0004]])
-    params = PARAMS._replace(num_turns=6, turn_step=0.01)
     offsets = np.meshgrid(np.arange(-6, 7) * 0.01, np.arange(-25, 26) * 0.05, np.arange(-25, 26) * 0.05, indexing="ij")
     d = np.stack(offsets[::-1], axis=-1)
-    scores = 0.8 - 0.5 * params.temperature * np.einsum("...i,ij,...j", d, np.linalg.inv(covariance), d)
-    found = second_moments(scores, params, 0.05)
+    scores = 0.8 - 0.5 * TEMPERATURE * np.einsum("...i,ij,...j", d, np.linalg.inv(covariance), d)
+    found = second_moments(scores, 0.05, 0.01)
     np.testing.assert_allclose(found, covariance, rtol=0.02, atol=1e-6)
 
 
 def test_scores_equal_the_slow_reference():
-    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0)])
+    pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0)])
     pose = (5.5, 2.0, 0.7)  # half of the points leave the field
-    points = visible_points(ROOM, (2.0, 1.5, 0.2), ANGLES, 10.0)
-    params = SurfaceParams(half_width=0.6, num_turns=1, point_step=7)
-    scores = surface_scores(pyramid, points, pose, params)
-    assert scores.shape == (3, 13, 13)
+    points = visible_points(FLAT, (2.0, 1.5, 0.2), 240, 10.0)
+    scores = surface_scores(pyramid, points, pose, 0.6)
+    assert scores.shape == (5, 13, 13)
     field = pyramid.levels[0].astype(int)
     for turn in (-1, 0, 1):
         c, s = math.cos(pose[2] + turn * 0.02), math.sin(pose[2] + turn * 0.02)
-        u, v = points[::7].astype(float).T
+        u, v = points[::4].astype(float).T
         for i in (-6, 0, 5):
             for j in (-6, -1, 6):
                 x, y = pose[0] + 0.1 * j + c * u - s * v, pose[1] + 0.1 * i + s * u + c * v
@@ -53,13 +46,13 @@ def test_scores_equal_the_slow_reference():
                     for m in (0, 1)
                 ]
                 expected = np.max(around, axis=0).sum() / (100 * len(u))
-                assert scores[turn + 1, i + 6, j + 6] == pytest.approx(expected, abs=1e-12)
+                assert scores[turn + 2, i + 6, j + 6] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_room_gives_a_small_ellipse():
-    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0), (4.0, 2.5, 2.0)])
+    pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2), (3.0, 2.5, 1.0), (4.0, 2.5, 2.0)])
     pose = (2.5, 2.0, 0.4)
-    covariance = match_covariance(pyramid, visible_points(ROOM, pose, ANGLES, 10.0), pose, PARAMS)
+    covariance = match_covariance(pyramid, visible_points(FLAT, pose, 240, 10.0), pose, 1.0)
     np.testing.assert_array_equal(covariance, covariance.T)
     sigmas = np.sqrt(np.diag(covariance))
     assert (sigmas >= [0.03, 0.03, 0.008]).all()
@@ -71,10 +64,10 @@ def test_a_corridor_gives_an_ellipse_along_it(angle):
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     corridor = (rectangle(-20.0, -1.0, 20.0, 1.0).reshape(-1, 2) @ turn.T).reshape(-1, 4)
     poses = [(*(turn @ (0.5 * k, 0.0)), angle) for k in range(-6, 7)]
-    pyramid = pyramid_of(corridor, poses, max_range=3.5)
+    pyramid = pyramid_of(corridor, poses, range_max=3.5)
     pose = (0.0, 0.0, angle)
-    points = visible_points(corridor, pose, ANGLES, 3.5)
-    covariance = match_covariance(pyramid, points, pose, PARAMS)
+    points = visible_points(corridor, pose, 240, 3.5)
+    covariance = match_covariance(pyramid, points, pose, 1.0)
     values, vectors = np.linalg.eigh(covariance[:2, :2])
     assert math.sqrt(values[0]) < 0.06
     assert math.sqrt(values[1]) > 0.4
@@ -82,13 +75,13 @@ def test_a_corridor_gives_an_ellipse_along_it(angle):
 
 
 def test_without_points_nothing_is_known():
-    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2)])
-    covariance = match_covariance(pyramid, np.zeros((0, 2), np.float32), (2.0, 1.5, 0.2), PARAMS)
+    pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2)])
+    covariance = match_covariance(pyramid, np.zeros((0, 2), np.float32), (2.0, 1.5, 0.2), 1.0)
     assert covariance[0, 0] > 5.0**2
     assert covariance[1, 1] > 5.0**2
 
 
 def test_surfaces_wider_than_the_pyramid_was_built_for_are_refused():
-    pyramid = pyramid_of(ROOM, [(2.0, 1.5, 0.2)])
+    pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2)])
     with pytest.raises(ValueError, match="wider than"):
-        surface_scores(pyramid, np.ones((3, 2), np.float32), (0.0, 0.0, 0.0), PARAMS._replace(half_width=1.5))
+        surface_scores(pyramid, np.ones((3, 2), np.float32), (0.0, 0.0, 0.0), 1.5)

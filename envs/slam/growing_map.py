@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.geometry import UNKNOWN, OccupancyGrid
 from envs.robots import LidarParams
 
-from ..scans import ScanGeometry, beam_ends
+from .params import SlamParams
+from .scans import ScanGeometry, scans_extent
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: a diverged estimate must not take all memory."""
@@ -20,25 +21,18 @@ class GrowingMap:
     origin are replaced when the map grows. Subclasses keep cells of their own beside it, and pad them in `_pad`.
     """
 
-    def __init__(
-        self, lidar: LidarParams, resolution: float, size: tuple[float, float], skip_exceeding: bool, block: int = 1
-    ) -> None:
+    def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
         """Make an unknown map with the map frame's origin in its middle.
 
-        Args:
-            lidar: geometry of the scans.
-            resolution: side of a cell [m].
-            size: extent along x and y at the start [m].
-            skip_exceeding: whether beams without a return are ignored; else they clear up to the lidar's range.
-            block: numbers of columns and rows, and those before the origin, stay multiples of this.
+        Numbers of columns and rows, and those before the origin, stay multiples of `block`.
 
         Raises:
             ValueError: if the map would have more than `MAX_CELLS`.
         """
+        resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
             raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m in cells of {resolution:g} m has too many of them")
-        self.geometry = ScanGeometry.of(lidar, resolution)
-        self._skip_exceeding = skip_exceeding
+        self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
         """Column and row of the first cell, counted from the map frame's origin."""
@@ -62,24 +56,12 @@ class GrowingMap:
         """Undo `to_cells`."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
-    def _make_room(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, float, tuple[int, int, int, int]]:
-        """Write where the beams of a scan end to `_ends`, in a map that is enlarged to hold them.
-
-        Returns:
-            The position of the lidar [cells], and what `beam_ends` returns.
-        """
-        x, y, extent = self._find_ends(ranges, pose)
+    def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
+        """Enlarge the map to hold scans; arguments and result are those of `scans_extent`."""
+        extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
         if self.grow_to_hold(*extent):
-            x, y, extent = self._find_ends(ranges, pose)
-        return x, y, extent
-
-    def _find_ends(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, float, tuple[int, int, int, int]]:
-        geometry = self.geometry
-        c, s = math.cos(pose.theta), math.sin(pose.theta)
-        sensor_x = pose.x + c * geometry.mount_x - s * geometry.mount_y
-        sensor_y = pose.y + s * geometry.mount_x + c * geometry.mount_y
-        x, y = self.to_cells(sensor_x, sensor_y)
-        return x, y, beam_ends(ranges, geometry, self._skip_exceeding, x, y, c, s, self._ends)
+            extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
+        return extent
 
     def grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
         """Enlarge the map such that it has the given columns and rows; return whether it had to be."""
@@ -116,3 +98,11 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
     while last + before >= size + after:
         after = 2 * after + size
     return before, after
+
+
+def known_cells(occupancy: np.ndarray) -> np.ndarray:
+    """Return row and column of all known cells of a grid, shape (n, 2), int32, row by row."""
+    known = np.flatnonzero(occupancy != UNKNOWN)
+    cells = np.empty((len(known), 2), dtype=np.int32)
+    np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")
+    return cells

@@ -7,12 +7,10 @@ import pytest
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, Mount
 from envs.slam import TinySlamParams
-from envs.slam.area import area_below, share_behind_hit, share_cut_off
-from envs.slam.cells import GAIN_ONE, MAX_COUNT, ONE, integrate, probabilities
-from envs.slam.grid_map import GridMap
-from envs.slam.mapping.growing_map import MAX_CELLS
+from envs.slam.grid_map import MAX_COUNT, ONE, GridMap, observe, probabilities
+from envs.slam.growing_map import MAX_CELLS
 
-from .reference import ReferenceMap, share
+from .reference import ReferenceMap
 
 SMALL = TinySlamParams(resolution=1.0, map_width=5.0, map_height=5.0, hole_width=0.0, quality=1.0, unvisited=0.5)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
@@ -45,19 +43,10 @@ def test_no_return_clears_up_to_the_range_unless_skipped():
     assert (lost.grid.data == UNKNOWN).all()
 
 
-@pytest.mark.parametrize(
-    ("cell", "values"),
-    [
-        # Cell (2, 3) is hit by a beam of one metre, then passed by one of two; quality 0.5.
-        ("avg", [0.5 + 0.45 * 0.5, (0.725 + 0.5 - 0.49 * 0.5) / 2]),
-        ("base", [0.5 * 0.5 + 0.5 * 0.95, 0.5 * 0.725 + 0.5 * 0.01]),
-        ("report", [0.5 + 0.5 * 0.95, 0.975 * 0.99]),
-    ],
-)
-def test_cells_by_hand(cell, values):
-    params = dataclasses.replace(SMALL, cell=cell)
-    for count, value in enumerate(values, start=1):
-        grid_map = draw(params, [(1.0, 0.0), (2.0, 0.0)][:count], quality=0.5)
+def test_a_cell_holds_the_mean_by_hand():
+    # Cell (2, 3) is hit by a beam of one metre, then passed by one of two; quality 0.5.
+    for count, value in enumerate([0.5 + 0.45 * 0.5, (0.725 + 0.5 - 0.49 * 0.5) / 2], start=1):
+        grid_map = draw(SMALL, [(1.0, 0.0), (2.0, 0.0)][:count], quality=0.5)
         assert probabilities(grid_map.words)[2, 3] == pytest.approx(value, abs=1e-5)
         assert abs(grid_map.grid.data[2, 3] - 100 * value) <= 0.501
 
@@ -73,36 +62,13 @@ def test_wall_blur_by_hand(blur, below):
     np.testing.assert_allclose(short, [0.01, 0.01, 0.01, 0.95], atol=1e-5)  # not longer than the hole: no blur
 
 
-def test_area_estimator_by_hand():
-    # The beam runs through the middle of its cells, and ends 0.2 before the far side of the last.
-    params = dataclasses.replace(SMALL, estimator="area")
-    values = probabilities(draw(params, [(2.3, 0.0)]).words)[2, 2:5]
-    np.testing.assert_allclose(values, [0.5 - 0.49 * 0.5, 0.5 - 0.49 * 0.5, 0.2], atol=1e-5)
-
-
-def test_areas_match_polygon_clipping():
-    rng = np.random.default_rng(3)
-    lines = rng.normal(size=(300, 3))
-    lines[:40, 0] = 0.0
-    lines[40:80, 1] = 0.0
-    lines[80:90] = [1.0, 1.0, 1.0]
-    for a, b, c in lines:
-        assert area_below(a, b, c) == pytest.approx(share((0, 0), a, b, c), abs=1e-9)
-    assert share_behind_hit(4, 7, 7.25, 4.5, 2.0, 0.0) == pytest.approx(0.75)
-    assert share_cut_off(4, 7, 0.0, 4.1, 3.0, 0.0) == pytest.approx(0.1)
-    assert share_cut_off(4, 7, 0.0, 9.0, 3.0, 0.0) == 0.5  # the line misses the cell
-
-
 @pytest.mark.parametrize(
     "changes",
     [
         {},
         {"blur": "add", "hole_width": 0.31, "occupied_prob": 0.99, "empty_prob": 0.2},
-        {"cell": "base", "quality": 0.3, "skip_exceeding": True},
-        {"cell": "report", "hole_width": 0.2},
-        {"estimator": "area"},
-        {"estimator": "area", "cell": "base", "blur": "add"},
-        {"hole_width": 0.0, "estimator": "area", "cell": "report"},
+        {"quality": 0.3, "skip_exceeding": True},
+        {"hole_width": 0.0},
     ],
     ids=str,
 )
@@ -139,12 +105,11 @@ def test_map_matches_the_slow_reference(changes):
 
 def test_counting_saturates_and_the_mean_stays_within_its_grain():
     target = round(0.7 * ONE)
-    word = integrate(0, round(0.1 * ONE), -1)
+    word = observe(0, round(0.1 * ONE))
     for _ in range(2 * MAX_COUNT):
-        word = integrate(word, target, -1)
+        word = observe(word, target)
     assert word & MAX_COUNT == MAX_COUNT
     assert (word >> 12) / ONE == pytest.approx(0.7, abs=5e-3)
-    assert integrate(word, 0, GAIN_ONE) >> 12 == 0
 
 
 def test_growth_by_powers_of_two_keeps_what_is_known_in_place():

@@ -1,0 +1,220 @@
+"""Occupancy grid maps of log odds at several resolutions.
+
+A cell is one 32-bit word: its log odds in the upper 16 bits, signed, 9 of them fractional, and in the lower 16 the
+number of the scan that last observed it. The number makes sure that each scan observes a cell once, however many beams
+cross it; 0 means that none has. Beside it lies the occupancy in percent that follows from the log odds, which is what
+the matcher reads.
+"""
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import njit
+
+from envs.estimation import MapUpdate, Window
+from envs.geometry import UNKNOWN, Pose2D
+from envs.robots import LidarParams
+
+from .growing_map import GrowingMap
+from .params import MatchingParams
+from .scans import SIDE_START, beam_ends, walk
+
+STAMP_BITS = 16
+"""Bits of a word that hold the number of a scan."""
+MAX_STAMP = (1 << STAMP_BITS) - 1
+"""Number of the last scan before they start again."""
+ONE = 1 << 9
+"""Log odds 1 as fixed-point number."""
+_HALF = 6 * ONE
+_PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / ONE))).astype(np.int8)
+"""Occupancies in percent by log odds; beyond the table they are 0 or 100."""
+
+
+class LogOddsModel(NamedTuple):
+    """What one scan adds to the log odds of the cells that it observes, fixed-point."""
+
+    hit: int
+    """To a cell in which a beam ends."""
+    passed: int
+    """To a cell that beams only pass, negative."""
+    bound: int
+    """Largest log odds of a cell, and with the opposite sign the least."""
+
+    @classmethod
+    def of(cls, params: MatchingParams) -> Self:
+        """Return the model for the probabilities that a beam reports of the cells that it ends in and passes."""
+        probs = (params.occupied_prob, params.empty_prob)
+        hit, passed = (round(ONE * math.log(prob / (1.0 - prob))) for prob in probs)
+        return cls(hit, passed, round(ONE * params.max_log_odds))
+
+
+def log_odds(words: np.ndarray) -> np.ndarray:
+    """Return the log odds that words stand for, same shape, float64."""
+    return (words >> STAMP_BITS) / ONE
+
+
+@njit(cache=True, error_model="numpy")
+def percent(value):
+    """Return the occupancy in percent of log odds, fixed-point."""
+    return _PERCENTS[np.uint64(min(max(value, -_HALF), _HALF) + _HALF)]
+
+
+@njit(cache=True, error_model="numpy")
+def observe(word, change, bound, stamp):
+    """Return the word of a cell after an observation."""
+    value = min(max((word >> STAMP_BITS) + change, -bound), bound)
+    return (value << STAMP_BITS) | stamp
+
+
+@njit(cache=True, error_model="numpy")
+def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
+    """Integrate one scan into a level of a map; return how many cells became known, by index in `new_cells`.
+
+    Hits come first; cells that the beams of the same scan pass afterwards are left as the hits made them. (The program
+    of Kohlbrecher et al., 2011, undoes instead what beams before have done to a cell that is then hit.)
+    """
+    width = words.shape[1]
+    flat, flat_occupancy = words.ravel(), occupancy.ravel()
+    num_new = 0
+    for k in range(ends.shape[0]):
+        if ends[k, 2] > 0.0 and not math.isnan(ends[k, 0]):
+            index = np.uint64(math.floor(ends[k, 1] * scale) * width + math.floor(ends[k, 0] * scale))
+            word = flat[index]
+            if word & MAX_STAMP != stamp:
+                if word & MAX_STAMP == 0:
+                    new_cells[num_new, 0] = index
+                    num_new += 1
+                word = observe(word, model.hit, model.bound, stamp)
+                flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
+    row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
+    last_row, last_col = -1, -1
+    for k in range(ends.shape[0]):
+        if math.isnan(ends[k, 0]):
+            continue
+        row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+        if row_1 == last_row and col_1 == last_col:
+            continue  # passes the cells that the beam before has passed
+        last_row, last_col = row_1, col_1
+        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
+        base, side = row_0 * width + col_0, SIDE_START
+        for _ in range(length + 1):
+            index = np.uint64(base + (side >> 32) * side_step)
+            word = flat[index]
+            if word & MAX_STAMP != stamp:
+                if word & MAX_STAMP == 0:
+                    new_cells[num_new, 0] = index
+                    num_new += 1
+                word = observe(word, model.passed, model.bound, stamp)
+                flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
+            base, side = base + step, side + slope
+    return num_new
+
+
+@njit(cache=True, error_model="numpy")
+def integrate_scans(words, occupancy, scale, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
+    """Integrate scans into a level of a map that has room for them.
+
+    Args:
+        words: shape (height, width), int32, the cells, written.
+        occupancy: shape (height, width), int8, the same in percent, written.
+        scale: side of a cell of the finest level in the cells of this one.
+        ranges: shape (n, num_beams), float32 [m].
+        poses: shape (n, 3), float64, of the base, map frame [m, m, rad].
+        geometry: `ScanGeometry`, in cells of the finest level.
+        corner: column and row of the finest level's first cell, counted from the map frame's origin.
+        model: `LogOddsModel`.
+        stamp: number of the first scan, and those after it have the next ones: from 1 to `MAX_STAMP`, other than all
+            that the words hold.
+        ends: shape (num_beams, 3), float64: room to work in.
+        new_cells: shape (n, 2), int32, written: row and column of cells that the last scan made known.
+
+    Returns:
+        Number of cells that the last scan made known.
+    """
+    num_new = 0
+    for i in range(ranges.shape[0]):
+        lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
+        num_new = _integrate(words, occupancy, scale, lidar, ends, model, stamp + i, new_cells)
+    for k in range(num_new):
+        index = new_cells[k, 0]
+        new_cells[k, 0], new_cells[k, 1] = index // words.shape[1], index % words.shape[1]
+    return num_new
+
+
+@njit(cache=True, error_model="numpy")
+def forget_stamps(words):
+    """Give all cells that were ever observed the stamp 1, so that the numbers from 2 on are free again."""
+    flat = words.ravel()
+    for k in range(flat.shape[0]):
+        if flat[k] & MAX_STAMP:
+            flat[k] = (flat[k] >> STAMP_BITS << STAMP_BITS) | 1
+
+
+class LogOddsMap(GrowingMap):
+    """Sums of log odds, and coarser maps of the same scans for a matcher (Kohlbrecher et al., 2011, section IV.C).
+
+    Each level is a map by itself, with cells twice as wide as those of the one before, into which every scan is
+    integrated at that resolution: coarser levels are not averages of finer ones.
+    """
+
+    def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
+        """Make an unknown map with the map frame's origin in its middle."""
+        super().__init__(params, lidar, block=1 << (params.num_levels - 1))
+        self.model = LogOddsModel.of(params)
+        self._stamp = 0
+        height, width = self.grid.data.shape
+        shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
+        self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
+        """Cells of each level, shape (height, width) / 2^level, int32; see above."""
+        self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
+
+    @property
+    def levels(self) -> tuple[np.ndarray, ...]:
+        """Occupancy in percent of each level, the finest first, int8: -1 unknown, 0 to 100; the first is `grid`'s."""
+        return (self.grid.data, *self._coarser)
+
+    def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
+        """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base."""
+        extent, count = self._integrate(ranges[None], np.array([pose]))
+        return MapUpdate(self._new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
+
+    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> None:
+        """Integrate scans, shape (n, num_beams), float32 [m], at poses of the base, shape (n, 3), float64, map frame.
+
+        There must be fewer than `MAX_STAMP` of them.
+        """
+        if len(ranges):
+            self._integrate(ranges, poses)
+
+    def _integrate(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[tuple[int, int, int, int], int]:
+        """Integrate scans; return the columns and rows that they touch, and how many cells the last one made known."""
+        extent, count = self._make_room(ranges, poses), 0
+        if self._stamp + len(ranges) > MAX_STAMP:
+            for words in self.words:
+                forget_stamps(words)
+            self._stamp = 1
+        scans = (ranges, poses, self.geometry, self.corner)
+        how = (self.model, self._stamp + 1, self._ends, self._new_cells)
+        # The finest level comes last, since its new cells are those that count.
+        for k in reversed(range(len(self.words))):
+            count = integrate_scans(self.words[k], self.levels[k], 0.5**k, *scans, *how)
+        self._stamp += len(ranges)
+        return extent, count
+
+    def take_cells(self, other: "LogOddsMap") -> None:
+        """Replace the cells by those of another map of the same params, which must not be used any more.
+
+        `grid` stays the same object.
+        """
+        self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
+        self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
+
+    def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
+        super()._pad(margins)
+        (low, high), (left, right) = margins
+        for k, words in enumerate(self.words):
+            narrow = ((low >> k, high >> k), (left >> k, right >> k))
+            self.words[k] = np.pad(words, narrow)
+            if k:
+                self._coarser[k - 1] = np.pad(self._coarser[k - 1], narrow, constant_values=UNKNOWN)

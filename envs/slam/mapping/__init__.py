@@ -1,1 +1,0 @@
-"""Occupancy grid maps that scans are integrated into."""

@@ -1,0 +1,186 @@
+"""Occupancy fields that points are searched in, and whether points agree with one: what tells that a robot is lost."""
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import OccupancyGrid
+
+from ..params import LoopClosureParams
+
+FULL = 100
+"""Field value that scores 1 [percent]."""
+UNKNOWN_PERCENT = 50
+"""Cells above this are occupied, known ones below it free."""
+LEAST_HITS = 40
+"""Hits on known cells from which on `fits_map` judges a scan."""
+LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
+"""Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
+
+
+class Field(NamedTuple):
+    """Occupancies, and how their cells lie in the frame of a map."""
+
+    occupancy: np.ndarray
+    """Shape (height, width), int8 [percent]: -1 unknown."""
+    x: float
+    """Position of the corner of cell (0, 0), with `y` [m]."""
+    y: float
+    resolution: float
+    """Side of a cell [m]."""
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid) -> Self:
+        """Return what is known of a grid; one unknown cell if nothing is."""
+        known = grid.data >= 0
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if len(rows) == 0:
+            return cls(np.full((1, 1), -1, dtype=np.int8), *grid.origin, grid.resolution)
+        row, col = int(rows[0]), int(cols[0])
+        window = grid.data[row : int(rows[-1]) + 1, col : int(cols[-1]) + 1]
+        x, y = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution
+        return cls(np.ascontiguousarray(window), x, y, grid.resolution)
+
+
+class HitShares(NamedTuple):
+    """How the hits of a scan fall on a field."""
+
+    score: float
+    """Mean occupancy of the cells; those that are free or unknown count 0."""
+    occupied: float
+    """Share of hits on or next to an occupied cell."""
+    free: float
+    """Share of hits in free cells that have no occupied one next to them."""
+
+
+@njit(cache=True, error_model="numpy")
+def count_hits(field, points, pose):
+    """Count the hits of a scan on or next to occupied cells, and those in free cells with no occupied one next to them.
+
+    A wall that is off by a cell agrees with the map, other than by the mean occupancy under the hits.
+
+    Args:
+        field: `Field`.
+        points: shape (n, 2), float32, hits in the base frame [m].
+        pose: x, y, heading in the frame of the field [m, m, rad].
+
+    Returns:
+        The two numbers, and the sum of the occupancies above one half in which hits fall [percent].
+    """
+    occupancy = field.occupancy
+    height, width = occupancy.shape
+    x, y = (pose[0] - field.x) / field.resolution, (pose[1] - field.y) / field.resolution
+    c, s = math.cos(pose[2]) / field.resolution, math.sin(pose[2]) / field.resolution
+    total = occupied = free = 0
+    for k in range(points.shape[0]):
+        u, v = float(points[k, 0]), float(points[k, 1])
+        col, row = math.floor(x + c * u - s * v), math.floor(y + s * u + c * v)
+        greatest = np.int8(-1)
+        for i in range(max(row - 1, 0), min(row + 2, height)):
+            for j in range(max(col - 1, 0), min(col + 2, width)):
+                greatest = max(greatest, occupancy[i, j])
+        value = int(occupancy[row, col]) if 0 <= row < height and 0 <= col < width else -1
+        if greatest > UNKNOWN_PERCENT:
+            occupied += 1
+            total += value if value > UNKNOWN_PERCENT else 0
+        elif value >= 0:
+            free += 1
+    return occupied, free, total
+
+
+def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
+    """Return the `HitShares` of points at a pose; for the arguments see `count_hits`."""
+    occupied, free, total = count_hits(field, points, tuple(pose))
+    n = max(len(points), 1)
+    return HitShares(total / (FULL * n), occupied / n, free / n)
+
+
+def fits_map(
+    grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
+) -> bool | None:
+    """Tell whether at least a share of the hits on known cells lies at occupied ones; None with too few of them.
+
+    Args:
+        grid: the map.
+        points: shape (2, n), float32, hits in the base frame [cells].
+        pose: x, y, heading in the frame of the map [m, m, rad].
+        least_share: from 0 to 1.
+    """
+    (x, y), side = grid.origin, grid.resolution
+    in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
+    occupied, free, _ = count_hits(Field(grid.data, 0.0, 0.0, 1.0), points.T, in_cells)
+    return None if occupied + free < LEAST_HITS else bool(occupied >= least_share * (occupied + free))
+
+
+def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
+    """Return whether hits agree well enough with a map for a loop closure or a relocalization."""
+    return (
+        shares.score >= params.min_score
+        and shares.occupied >= params.min_occupied
+        and shares.free <= params.max_free
+        and shares.occupied >= params.min_agreement * (shares.occupied + shares.free)
+    )
+
+
+class Pyramid(NamedTuple):
+    """Maxima of a field over squares of growing size: upper bounds for scores of many poses at once.
+
+    Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V.B.
+    """
+
+    levels: np.ndarray
+    """Shape (num_levels, height, width), uint8: cell (i, j) of level l is the greatest of the cells from (i, j) to
+    (i + 2^l - 1, j + 2^l - 1) of level 0, which is the field within a border of zeros."""
+    x: float
+    """Position of the corner of cell (0, 0), with `y`, frame of the field [m]."""
+    y: float
+    resolution: float
+    """Side of a cell [m]."""
+    reach: int
+    """Largest half width of a window that may be searched [cells]."""
+
+
+@njit(cache=True, error_model="numpy")
+def _write_greatest(a, b, c, d, out):
+    """Write the greatest of four arrays; all of shape (n,), uint8."""
+    for j in range(out.shape[0]):
+        left = a[j] if a[j] > b[j] else b[j]
+        right = c[j] if c[j] > d[j] else d[j]
+        out[j] = left if left > right else right
+
+
+@njit(cache=True, error_model="numpy")
+def build_pyramid(field, num_levels, reach):
+    """Return the `Pyramid` of a `Field`, whose cells that are free or unknown count as 0.
+
+    The last one of the levels holds maxima over 2^(num_levels - 1) cells; `reach` is the largest half width of a window
+    that will be searched [m].
+    """
+    occupancy, resolution = field.occupancy, field.resolution
+    side = 1 << (num_levels - 1)
+    cells = math.ceil(reach / resolution)
+    # A point that lies outside by the window's reach may get in. Moved away by as much, it leaves a row for the border
+    # of the next one, which is as empty; above and below there must be twice the room.
+    rows, cols = 2 * cells + side, cells + side
+    height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
+    levels = np.zeros((num_levels, height, width), dtype=np.uint8)
+    for i in range(occupancy.shape[0]):
+        source, target = occupancy[i], levels[0, i + rows, cols : cols + occupancy.shape[1]]
+        for j in range(occupancy.shape[1]):
+            target[j] = source[j] if source[j] > UNKNOWN_PERCENT else 0
+    for level in range(1, num_levels):
+        half = 1 << (level - 1)
+        finer, coarser = levels[level - 1].ravel(), levels[level].ravel()
+        for i in range(rows + 1 - 2 * half, rows + occupancy.shape[0]):
+            first, last = i * width + cols + 1 - 2 * half, i * width + cols + occupancy.shape[1]
+            next_first, next_last = first + half * width, last + half * width
+            _write_greatest(
+                finer[first:last],
+                finer[first + half : last + half],
+                finer[next_first:next_last],
+                finer[next_first + half : next_last + half],
+                coarser[first:last],
+            )
+    return Pyramid(levels, field.x - cols * resolution, field.y - rows * resolution, resolution, cells)

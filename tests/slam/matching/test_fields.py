@@ -1,0 +1,70 @@
+import math
+
+import numpy as np
+import pytest
+
+from envs.geometry import OccupancyGrid, Pose2D
+from envs.slam import HectorParams, LoopClosureParams
+from envs.slam.log_odds_map import LogOddsMap
+from envs.slam.matching.fields import Field, HitShares, count_hits, fits_map, hit_shares, is_accepted
+
+from ..rooms import LIDAR
+
+
+def test_hits_next_to_occupied_cells_agree_and_those_on_free_ones_do_not():
+    occupancy = np.full((9, 9), -1, dtype=np.int8)
+    occupancy[1:7, 1:6] = 0
+    occupancy[1:7, 6] = 90
+    # On the wall, next to it before and behind, free, unknown, and outside of the map; seen from (1, 4), heading up.
+    points = np.array([(0, -5.5), (0, -4.5), (0, -6.5), (1, -2), (3.8, 0), (0, 40)], dtype=np.float32).T
+    pose = (1.0, 4.0, 0.5 * math.pi)
+    assert count_hits(Field(occupancy, 0.0, 0.0, 1.0), points.T, pose) == (3, 1, 90)
+    grid, pose = OccupancyGrid(occupancy, 0.5, (-3.0, 2.0)), (-2.5, 4.0, 0.5 * math.pi)
+    assert fits_map(grid, points, pose, 0.5) is None
+    many = np.repeat(points, 10, axis=1)
+    assert fits_map(grid, many, pose, 0.75) is True
+    assert fits_map(grid, many, pose, 0.76) is False
+
+
+def test_a_field_is_what_is_known_of_a_map():
+    grid_map = LogOddsMap(HectorParams(map_width=5.0, map_height=5.0, num_levels=1, skip_exceeding=True), LIDAR)
+    assert Field.of(grid_map.grid).occupancy.tolist() == [[-1]]
+    ranges = np.full(LIDAR.num_beams, np.inf, dtype=np.float32)
+    ranges[90] = 1.0
+    grid_map.integrate(ranges, Pose2D(0.5, -0.3, 0.0))
+    field = Field.of(grid_map.grid)
+    rows, cols = np.nonzero(grid_map.grid.data >= 0)
+    assert field.occupancy.shape == (np.ptp(rows) + 1, np.ptp(cols) + 1)
+    np.testing.assert_allclose((field.x, field.y), grid_map.grid.centers([[rows.min(), cols.min()]])[0] - 0.025)
+    assert field.occupancy.max() == 90
+
+
+def test_hits_are_counted_by_what_they_fall_on():
+    occupancy = np.full((6, 8), -1, dtype=np.int8)
+    occupancy[:, :4] = 10
+    occupancy[2, 3] = 90
+    field = Field(occupancy, 1.0, 2.0, 0.5)
+    cells = [(2, 3), (1, 2), (3, 4), (0, 0), (5, 1), (5, 6), (-3, 2), (2, 90)]  # row, column
+    points = np.array([[1.0 + 0.5 * (q + 0.5), 2.0 + 0.5 * (r + 0.5)] for r, q in cells])
+    pose = Pose2D(0.3, -0.4, 0.8)
+    local = np.array([pose.inverse().compose(Pose2D(*point, 0.0))[:2] for point in points], dtype=np.float32)
+    shares = hit_shares(field, local, pose)
+    # On the wall, twice next to it; two free, one unknown, two outside.
+    assert shares == pytest.approx((0.9 / 8, 3 / 8, 2 / 8))
+    assert hit_shares(field, local[:0], pose) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shares", "accepted"),
+    [
+        (HitShares(0.7, 0.9, 0.05), True),
+        (HitShares(0.39, 0.9, 0.05), False),  # beside the walls
+        (HitShares(0.6, 0.45, 0.0), False),  # most is unknown
+        (HitShares(0.6, 0.8, 0.16), False),  # too many in free space
+        (HitShares(0.51, 0.52, 0.14), True),
+        (HitShares(0.51, 0.51, 0.15), True),
+    ],
+)
+def test_hits_must_agree_with_what_is_occupied_and_free(shares, accepted):
+    assert is_accepted(shares, LoopClosureParams()) is accepted
+    assert not is_accepted(shares, LoopClosureParams(min_agreement=0.99)) or shares.free == 0.0
