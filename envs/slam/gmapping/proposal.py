@@ -158,22 +158,13 @@ def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> N
         own[is_better] = other[is_better]
 
 
-@njit(cache=True, error_model="numpy")
-def draw_poses(proposals, noise, out):
+def draw_poses(proposals: Proposals, noise: np.ndarray) -> np.ndarray:
     """Draw a pose from each proposal distribution: mode + L z, with L L^T the covariance (Cholesky).
 
-    Args:
-        proposals: `Proposals`.
-        noise: shape (num_particles, 3), float64, standard normal: z; zeros take the mode.
-        out: shape (num_particles, 3), float64, written: poses, map frame [m, m, rad].
+    `noise` is z, shape (num_particles, 3), standard normal; zeros take the mode. Returns poses, shape (num_particles,
+    3), float64, map frame [m, m, rad].
     """
-    for p in range(out.shape[0]):
-        s, z = proposals.covariances[p], noise[p]
-        l_xx = math.sqrt(s[0, 0])
-        l_yx, l_tx = s[0, 1] / l_xx, s[0, 2] / l_xx
-        l_yy = math.sqrt(max(s[1, 1] - l_yx * l_yx, 0.0))
-        l_ty = (s[1, 2] - l_yx * l_tx) / l_yy if l_yy > 0.0 else 0.0
-        l_tt = math.sqrt(max(s[2, 2] - l_tx * l_tx - l_ty * l_ty, 0.0))
-        out[p, 0] = proposals.modes[p, 0] + l_xx * z[0]
-        out[p, 1] = proposals.modes[p, 1] + l_yx * z[0] + l_yy * z[1]
-        out[p, 2] = wrap_angle(proposals.modes[p, 2] + l_tx * z[0] + l_ty * z[1] + l_tt * z[2])
+    drawn = np.einsum("pij,pj->pi", np.linalg.cholesky(proposals.covariances), noise)
+    poses: np.ndarray = proposals.modes + drawn
+    poses[:, 2] = (poses[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    return poses

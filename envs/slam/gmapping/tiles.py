@@ -101,30 +101,21 @@ def own_tile(pool, index, tile, number):
     return slot
 
 
-@njit(cache=True, error_model="numpy")
-def copy_maps(pool, index, parents):
+def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
     """Replace maps by copies of others.
 
     Args:
-        pool: `TilePool`, written.
+        pool: written.
         index: shape (num_maps, num_tiles), int32: slots of the maps, written.
         parents: shape (num_maps,), int64: number of the map that each becomes a copy of.
     """
-    before = index.copy()
-    for p in range(index.shape[0]):
-        for tile in range(index.shape[1]):
-            slot = before[parents[p], tile]
-            index[p, tile] = slot
-            if slot != EMPTY:
-                pool.references[slot] += 1
-    for p in range(index.shape[0]):
-        for tile in range(index.shape[1]):
-            slot = before[p, tile]
-            if slot != EMPTY:
-                pool.references[slot] -= 1
-                if pool.references[slot] == 0:
-                    pool.free[pool.num_free[0]] = slot
-                    pool.num_free[0] += 1
+    index[:] = index[parents]
+    used = pool.references > 0
+    pool.references[:] = np.bincount(index.ravel(), minlength=len(used))
+    pool.references[EMPTY] = 0
+    freed = np.flatnonzero(used & (pool.references == 0))
+    pool.free[pool.num_free[0] : pool.num_free[0] + len(freed)] = freed
+    pool.num_free[0] += len(freed)
 
 
 class TileMap(NamedTuple):

@@ -44,8 +44,8 @@ SEARCH_SHARE = 0.8
 """Share of the least score from which on the search finds poses, before they are refined."""
 NEWEST = 2
 """Finished submaps that are not searched: the robot has not left them for long."""
-FIELD: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "max_log_odds": 12.0}
-"""What differs in the params of the maps that are searched from those of the submaps that are matched."""
+FIELD: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
+"""Params of the maps that are searched, other than those of the submaps that are matched: log odds of 2.2 and -0.41."""
 NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

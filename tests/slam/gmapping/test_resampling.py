@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.slam.gmapping.resampling import effective_sample_size, normalized_weights, spread, systematic_resample
+from envs.slam.gmapping.gmapping import effective_sample_size, normalized_weights, spread, systematic_resample
 
 
 def test_weights_from_logarithms_far_below_zero():
