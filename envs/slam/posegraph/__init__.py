@@ -3,14 +3,5 @@
 from .graph import Constraints, Graph, GrowingArray, PoseGraph, PoseGraphView
 from .optimise import chi_squares, drop_outliers, optimise, optimise_step
 
-__all__ = [
-    "Constraints",
-    "Graph",
-    "GrowingArray",
-    "PoseGraph",
-    "PoseGraphView",
-    "chi_squares",
-    "drop_outliers",
-    "optimise",
-    "optimise_step",
-]
+__all__ = ["Constraints", "Graph", "GrowingArray", "PoseGraph", "PoseGraphView"]
+__all__ += ["chi_squares", "drop_outliers", "optimise", "optimise_step"]

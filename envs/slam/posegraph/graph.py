@@ -57,15 +57,6 @@ class GrowingArray:
         self._count += 1
         return self._count - 1
 
-    def extend(self, rows: np.ndarray) -> None:
-        """Append several rows."""
-        needed = self._count + len(rows)
-        if needed > len(self._rows):
-            more = max(len(self._rows), needed - len(self._rows))
-            self._rows = np.concatenate([self._rows, np.zeros((more, *self._rows.shape[1:]), self._rows.dtype)])
-        self._rows[self._count : needed] = rows
-        self._count = needed
-
     @property
     def rows(self) -> np.ndarray:
         """View of the rows, valid until the next one is appended."""
@@ -79,15 +70,9 @@ class PoseGraph:
         """Make an empty graph with room for so many nodes before arrays are enlarged."""
         self._submaps = GrowingArray((3,), np.float64, capacity)
         self._nodes = GrowingArray((3,), np.float64, capacity)
-        columns = (
-            ((), np.int32),
-            ((), np.int32),
-            ((3,), np.float64),
-            ((3, 3), np.float64),
-            ((), np.bool_),
-            ((), np.bool_),
-        )
-        self._constraints = [GrowingArray(shape, dtype, 2 * capacity) for shape, dtype in columns]
+        shapes: list[tuple[int, ...]] = [(), (), (3,), (3, 3), (), ()]
+        kinds = (np.int32, np.int32, np.float64, np.float64, np.bool_, np.bool_)
+        self._constraints = [GrowingArray(shape, kind, 2 * capacity) for shape, kind in zip(shapes, kinds)]
 
     @property
     def arrays(self) -> Graph:
@@ -115,14 +100,7 @@ class PoseGraph:
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
     ) -> int:
-        """Add a constraint; return its index.
-
-        Args:
-            node: index of the node.
-            submap: index of the submap.
-            relative: pose of the node in the submap's frame [m, m, rad].
-            covariance: shape (3, 3), of `relative`, in the submap's frame [m^2, rad^2].
-            is_loop: whether it was found by a loop closure.
+        """Add a constraint; return its index. For the arguments see `Constraints`; `covariance` is that of `relative`.
 
         Raises:
             ValueError: there is no such node or submap, or the covariance is not positive definite.

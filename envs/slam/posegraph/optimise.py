@@ -15,6 +15,7 @@ from numba import njit
 from envs.geometry.pose import wrap_angle
 
 from ..matching.covariance import invert
+from .graph import Graph
 from .skyline import factorise, row_starts, solve
 
 
@@ -35,23 +36,11 @@ class Linearised(NamedTuple):
     """Shape (n, 2), float64: position of the node from the submap [m]."""
 
 
-class _Eliminated(NamedTuple):
-    """What is needed to find the nodes' changes after those of submaps."""
-
-    inverse: np.ndarray
-    """Shape (num_nodes, 3, 3), float64: inverse of the sum of a node's information."""
-    shift: np.ndarray
-    """Shape (num_nodes, 3), float64: `inverse` times the sum of its gradients."""
-
-
 @njit(cache=True, error_model="numpy")
 def residual(submap, node, relative):
     """Return the residual of a constraint, in the submap's frame, as (x, y, theta) [m, m, rad].
 
-    Args:
-        submap: shape (3,), float64, pose of the submap [m, m, rad].
-        node: shape (3,), float64, pose of the node [m, m, rad].
-        relative: shape (3,), float64, measured pose of the node in the submap's frame [m, m, rad].
+    `submap` and `node` are poses, map frame, `relative` is the measured one of the node in the submap's frame.
     """
     c, s = math.cos(submap[2]), math.sin(submap[2])
     dx, dy = node[0] - submap[0], node[1] - submap[1]
@@ -83,25 +72,6 @@ def robust_weight(chi2, phi):
 
 
 @njit(cache=True, error_model="numpy")
-def _sort_by_node(constraints, num_nodes):
-    """Return where the active constraints of each node start, and their indices in that order."""
-    starts = np.zeros(num_nodes + 1, dtype=np.int64)
-    for k in range(constraints.node.shape[0]):
-        if constraints.is_active[k]:
-            starts[constraints.node[k] + 1] += 1
-    for j in range(num_nodes):
-        starts[j + 1] += starts[j]
-    filled = starts[:-1].copy()
-    order = np.empty(starts[num_nodes], dtype=np.int64)
-    for k in range(constraints.node.shape[0]):
-        if constraints.is_active[k]:
-            j = constraints.node[k]
-            order[filled[j]] = k
-            filled[j] += 1
-    return starts, order
-
-
-@njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
     """Write weight B^T information B to `out`, shape (3, 3), where B turns axes of the map frame into a submap's."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
@@ -115,15 +85,13 @@ def _rotate_information(information, c, s, weight, out):
 
 
 @njit(cache=True, error_model="numpy")
-def linearise(graph, phi):
-    """Linearise the active constraints of a `Graph`; `phi` is that of `robust_weight`.
+def _linearise(graph, phi, order, starts):
+    """Linearise the constraints of a `Graph` in the order given; `phi` is that of `robust_weight`.
 
     With e the residual, B its derivative by the node's pose and (dx, dy) the lever, the derivative by the submap's pose
     is -B T with T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]].
     """
-    constraints = graph.constraints
-    starts, order = _sort_by_node(constraints, graph.nodes.shape[0])
-    n = order.shape[0]
+    constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
     information, product = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     for i in range(n):
@@ -146,7 +114,11 @@ def linearise(graph, phi):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return `_Eliminated` of all nodes; zeros for nodes without constraints, which therefore stay where they are."""
+    """Return what is needed to find the nodes' changes after those of submaps.
+
+    Shape (num_nodes, 3, 3), float64, the inverse of the sum of a node's information, and shape (num_nodes, 3), that
+    times the sum of its gradients; zeros for nodes without constraints, which therefore stay where they are.
+    """
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
         first, last = linearised.starts[j], linearised.starts[j + 1]
@@ -162,7 +134,7 @@ def _eliminate_nodes(linearised, num_nodes):
             for r in range(3):
                 for q in range(3):
                     shift[j, r] += inverse[j, r, q] * linearised.gradient[i, q]
-    return _Eliminated(inverse, shift)
+    return inverse, shift
 
 
 @njit(cache=True, error_model="numpy")
@@ -181,31 +153,25 @@ def _first_blocks(linearised, num_unknown):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_constraint(linearised, i, at, width, values):
-    """Add T^T information T of constraint i to the diagonal block of its submap, which starts at `at`."""
-    product, dx, dy = linearised.product[i], linearised.lever[i, 0], linearised.lever[i, 1]
-    for q in range(3):
-        values[at + q] += product[0, q]
-        values[at + width + q] += product[1, q]
-        values[at + 2 * width + q] += product[2, q] - dy * product[0, q] + dx * product[1, q]
-
-
-@njit(cache=True, error_model="numpy")
-def _reduce(linearised, eliminated, first, starts):
+def _reduce(linearised, inverses, shifts, first, starts):
     """Return matrix and right-hand side of the submaps' normal equations, after elimination of the nodes.
 
     The matrix is a skyline with `first` and `starts`, see `skyline.py`; the right-hand side has shape (3 num_unknown,).
     """
     values, rhs, half = np.zeros(starts[-1]), np.zeros(3 * first.shape[0]), np.empty((3, 3))
     for j in range(linearised.starts.shape[0] - 1):
-        inverse, shift = eliminated.inverse[j], eliminated.shift[j]
+        inverse, shift = inverses[j], shifts[j]
         for i in range(linearised.starts[j], linearised.starts[j + 1]):
             row = linearised.submap[i]
             if row < 0:
                 continue
             product, gradient = linearised.product[i], linearised.gradient[i]
-            width = 3 * (row + 1 - first[row])
-            _add_constraint(linearised, i, starts[row] + 3 * (row - first[row]), width, values)
+            dx, dy = linearised.lever[i, 0], linearised.lever[i, 1]
+            width, at = 3 * (row + 1 - first[row]), starts[row] + 3 * (row - first[row])
+            for q in range(3):
+                values[at + q] += product[0, q]
+                values[at + width + q] += product[1, q]
+                values[at + 2 * width + q] += product[2, q] - dy * product[0, q] + dx * product[1, q]
             for r in range(3):
                 rhs[3 * row + r] += gradient[r]
                 for q in range(3):
@@ -213,7 +179,7 @@ def _reduce(linearised, eliminated, first, starts):
                     half[r, q] = (
                         product[0, r] * inverse[0, q] + product[1, r] * inverse[1, q] + product[2, r] * inverse[2, q]
                     )
-            rhs[3 * row + 2] += linearised.lever[i, 0] * gradient[1] - linearised.lever[i, 1] * gradient[0]
+            rhs[3 * row + 2] += dx * gradient[1] - dy * gradient[0]
             for other in range(linearised.starts[j], linearised.starts[j + 1]):
                 col = linearised.submap[other]
                 if col < 0 or col > row:
@@ -237,7 +203,7 @@ def _move(poses, j, x, y, theta):
 
 
 @njit(cache=True, error_model="numpy")
-def _move_nodes(graph, linearised, eliminated, change):
+def _move_nodes(graph, linearised, inverses, shifts, change):
     """Move the nodes as follows from the changes of the submaps; return the largest change."""
     largest, pull = 0.0, np.empty(3)
     for j in range(graph.nodes.shape[0]):
@@ -248,7 +214,7 @@ def _move_nodes(graph, linearised, eliminated, change):
                 for r in range(3):
                     for q in range(3):
                         pull[r] += linearised.product[i, r, q] * change[3 * row + q]
-        inverse, shift = eliminated.inverse[j], eliminated.shift[j]
+        inverse, shift = inverses[j], shifts[j]
         x = inverse[0, 0] * pull[0] + inverse[0, 1] * pull[1] + inverse[0, 2] * pull[2] - shift[0]
         y = inverse[1, 0] * pull[0] + inverse[1, 1] * pull[1] + inverse[1, 2] * pull[2] - shift[1]
         theta = inverse[2, 0] * pull[0] + inverse[2, 1] * pull[1] + inverse[2, 2] * pull[2] - shift[2]
@@ -257,34 +223,36 @@ def _move_nodes(graph, linearised, eliminated, change):
 
 
 @njit(cache=True, error_model="numpy")
-def optimise_step(graph, phi):
-    """Move nodes and submaps by one iteration of Gauss-Newton; the first submap is fixed.
-
-    What no constraint determines stays where it is.
-
-    Args:
-        graph: `Graph`; its poses are written.
-        phi: chi^2 above which loop constraints weigh less, see `robust_weight`; inf for plain least squares.
-
-    Returns:
-        Largest change of a coordinate of a pose [m or rad].
-    """
-    linearised = linearise(graph, phi)
-    eliminated = _eliminate_nodes(linearised, graph.nodes.shape[0])
+def _step(graph, phi, order, starts):
+    """Do an iteration with the active constraints in the order of their nodes, those of each from `starts` on."""
+    linearised = _linearise(graph, phi, order, starts)
+    inverses, shifts = _eliminate_nodes(linearised, graph.nodes.shape[0])
     num_unknown = max(graph.submaps.shape[0] - 1, 0)
     first = _first_blocks(linearised, num_unknown)
-    starts = row_starts(first)
-    values, change = _reduce(linearised, eliminated, first, starts)
-    factorise(values, first, starts)
-    solve(values, first, starts, change)
-    largest = _move_nodes(graph, linearised, eliminated, change)
+    rows = row_starts(first)
+    values, change = _reduce(linearised, inverses, shifts, first, rows)
+    factorise(values, first, rows)
+    solve(values, first, rows, change)
+    largest = _move_nodes(graph, linearised, inverses, shifts, change)
     for k in range(num_unknown):
         largest = max(largest, _move(graph.submaps, k + 1, change[3 * k], change[3 * k + 1], change[3 * k + 2]))
     return largest
 
 
-@njit(cache=True, error_model="numpy")
-def optimise(graph, phi, max_iterations, tolerance):
+def optimise_step(graph: Graph, phi: float) -> float:
+    """Move nodes and submaps by one iteration of Gauss-Newton; the first submap is fixed.
+
+    What no constraint determines stays where it is. `phi` is the chi^2 above which loop constraints weigh less, see
+    `robust_weight`; inf for plain least squares. Returns the largest change of a coordinate of a pose [m or rad].
+    """
+    active = np.flatnonzero(graph.constraints.is_active)
+    order = active[np.argsort(graph.constraints.node[active], kind="stable")]
+    starts = np.searchsorted(graph.constraints.node[order], np.arange(len(graph.nodes) + 1))
+    largest: float = _step(graph, phi, order, starts)
+    return largest
+
+
+def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
     """Iterate `optimise_step` until no pose changes by `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
@@ -304,17 +272,9 @@ def chi_squares(graph):
     return values
 
 
-@njit(cache=True, error_model="numpy")
-def drop_outliers(graph, max_chi2):
-    """Drop the loop constraints of a `Graph` whose chi^2 exceeds `max_chi2`; return how many were dropped.
-
-    To be called after optimisation. What is dropped stays dropped.
-    """
+def drop_outliers(graph: Graph, max_chi2: float) -> int:
+    """Drop for good the loop constraints whose chi^2 exceeds `max_chi2` after an optimisation; return how many."""
     constraints = graph.constraints
-    values = chi_squares(graph)
-    count = 0
-    for k in range(values.shape[0]):
-        if constraints.is_loop[k] and constraints.is_active[k] and values[k] > max_chi2:
-            constraints.is_active[k] = False
-            count += 1
-    return count
+    is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
+    constraints.is_active[is_wrong] = False
+    return int(is_wrong.sum())
