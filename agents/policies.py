@@ -19,7 +19,7 @@ Level = Literal["twist", "decision"]
 def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     """Return what drives, made from an explorer, a policy, or a class or function that makes one.
 
-    - A frontier rule: a callable of two arguments, `rule(candidates, belief)`, which returns the index of a candidate.
+    - A frontier rule: a callable of two arguments, `rule(candidates, belief)`, which returns their scores.
     - An `Explorer`: has `reset` and `act(reading, belief)`, and may have `end_reason` and `plan`. In a team, each robot
       gets a copy, unless it has `is_team` and drives all of them.
     - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in

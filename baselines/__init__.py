@@ -8,25 +8,28 @@ import gymnasium
 from gymnasium import spaces
 
 from envs.files import resolve
+from envs.navigation import GoalNavigator, GoalParams
 
 from .explorer import Explorer, Omniscient, OnePerRobot, Policy
-from .frontier import explore_lite, next_best_view
-from .frontier.explore_lite import ExploreLiteExplorer, ExploreLiteParams
 from .frontier.explorer import RuleExplorer
-from .frontier.gain_over_cost import GainOverCostExplorer, GainOverCostParams
-from .frontier.greedy_gain import GreedyGainExplorer
-from .frontier.nearest import NearestExplorer, NearestParams
-from .frontier.next_best_view import NextBestViewExplorer, NextBestViewParams
 from .frontier.pursuit import PursuitExplorer
+from .frontier.rules import (
+    PUBLISHED,
+    ExploreLite,
+    ExploreLiteExplorer,
+    GainOverCostExplorer,
+    GreedyGainExplorer,
+    NearestExplorer,
+    NextBestViewExplorer,
+    NextBestViewParams,
+)
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
-from .navigation import GoalDriver, MapNavigatorParams
 from .oracle.explorer import OracleExplorer
 from .random import RandomChooser, RandomExplorer
 from .route_follower import RouteFollower
-from .rrt.explorer import RrtExplorer
-from .rrt.params import RrtParams
-from .rrt.team import RrtTeam
+from .rrt.detector import RrtParams
+from .rrt.team import RrtExplorer, RrtTeam
 from .wall_following import WallFollower
 
 EXPLORERS: dict[str, Callable[[], Explorer]] = {
@@ -35,12 +38,12 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "frontier": FrontierExplorer,
     "tour": TourExplorer,
     "explore_lite": ExploreLiteExplorer,
-    "explore_lite:published": partial(ExploreLiteExplorer, explore_lite.PUBLISHED),
+    "explore_lite:published": partial(ExploreLiteExplorer, PUBLISHED["explore_lite"]),
     "gain_over_cost": GainOverCostExplorer,
     "pursuit": PursuitExplorer,
     "greedy_gain": GreedyGainExplorer,
     "next_best_view": NextBestViewExplorer,
-    "next_best_view:published": partial(NextBestViewExplorer, next_best_view.PUBLISHED),
+    "next_best_view:published": partial(NextBestViewExplorer, PUBLISHED["next_best_view"]),
     "wall_follower": WallFollower,
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
@@ -52,7 +55,7 @@ ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
 """Of robots that are driven by twists, whatever their task."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
-    "goal": {"pursuit": GoalDriver, "dwb": partial(GoalDriver, MapNavigatorParams(local_planner="dwb"))},
+    "goal": {"pursuit": GoalNavigator, "dwb": partial(GoalNavigator, GoalParams(local_planner="dwb"))},
     "route": {"route_follower": RouteFollower},
 }
 """Of tasks that offer something: attributes of the task; see `policies_for`."""
@@ -95,16 +98,14 @@ def make_explorer(name: str) -> Explorer:
 __all__ = [
     "CLASSIC",
     "EXPLORERS",
+    "ExploreLite",
     "ExploreLiteExplorer",
-    "ExploreLiteParams",
     "Explorer",
     "FrontierExplorer",
     "FrontierParams",
     "GainOverCostExplorer",
-    "GainOverCostParams",
     "GreedyGainExplorer",
     "NearestExplorer",
-    "NearestParams",
     "NextBestViewExplorer",
     "NextBestViewParams",
     "Omniscient",

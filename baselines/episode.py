@@ -14,7 +14,7 @@ from gymnasium import spaces
 from envs.core import LidarEnv, lidar_env_of
 from envs.files import explain_unknown
 from envs.measures import Course, CourseRecorder, measures_of
-from envs.navigation.home import HomeNavigator
+from envs.navigation import HomeNavigator
 
 from .explorer import Omniscient, Policy, to_action
 
@@ -142,7 +142,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
     is_called_back = getattr(task, "return_home", False) and not _chooses(env)
-    home = HomeNavigator(inner.robot, inner.control_period) if is_called_back else None
+    home = HomeNavigator(inner.robot, inner.control_period, inner.np_random) if is_called_back else None
     action: Any = None
 
     def decide(observation: Observation) -> np.ndarray | np.integer | str:
@@ -150,7 +150,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
         if home is not None and task.is_returning:
             twist = home.act(inner.reading, inner.belief)
             inner.plan = home.plan
-            return home.end_reason or to_action(twist, inner.robot)
+            return home.home_reason or to_action(twist, inner.robot)
         if calls % repeats == 0:
             action = decide_once(observation)
         calls += 1

@@ -16,11 +16,10 @@ from rich.console import Console
 
 from baselines import make_explorer
 from baselines.episode import Info, begin_episode, decide_with, run, run_episode
-from baselines.navigation import GoalDriver, MapNavigatorParams
 from envs.command_line import run_command
 from envs.core import LidarEnv
 from envs.localization import load_preset
-from envs.navigation import crop_to_known
+from envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from envs.rendering.picture import Picture
 from envs.tasks.explore import Explore
 from envs.tasks.goals import draw_goal
@@ -118,7 +117,7 @@ def map_and_navigate(
         amcl=AMCL,
         time_limit=TIME_PER_GOAL * max(goals, 1),
     )
-    driver = GoalDriver(MapNavigatorParams(lost_time=0.5 * TIME_PER_GOAL))
+    driver = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL))
     observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
     decide = decide_with(driver, env)
     rng = np.random.default_rng([seed, 2])

@@ -34,5 +34,5 @@ class RandomChooser(RuleExplorer):
         super().reset(robot, control_period, rng)
         self._rng = rng
 
-    def _draw(self, candidates: Candidates, belief: Belief) -> int:
-        return int(self._rng.integers(len(candidates)))
+    def _draw(self, candidates: Candidates, belief: Belief) -> np.ndarray:
+        return np.arange(len(candidates)) == self._rng.integers(len(candidates))

@@ -3,8 +3,7 @@
 import numpy as np
 
 from envs.estimation import Belief
-from envs.navigation import FollowerParams, Navigator
-from envs.navigation.path_follower import PathFollower
+from envs.navigation import FollowerParams, Navigator, PathFollower
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.tasks.route import Route
@@ -38,4 +37,4 @@ class RouteFollower:
         navigator = self._navigator
         (navigator.sense if self._has_begun else navigator.reset)(reading)
         self._has_begun = True
-        return self._follower.command(belief.pose, Twist(navigator.v, navigator.w), navigator.obstacles)
+        return self._follower.command(belief.pose, navigator.velocity, navigator.obstacles)

@@ -51,8 +51,8 @@ class WallFollower:
         (navigator.sense if self._has_begun else navigator.reset)(reading)
         self._has_begun = True
         if reading.bumper and not navigator.is_recovering:
-            navigator.recover(backwards=navigator.is_forward)
-        self._turned += navigator.w * self._period
+            navigator.recover()
+        self._turned += navigator.velocity.w * self._period
         twist = navigator.command(ORIGIN) if navigator.is_recovering else self._command(navigator.obstacles)
         navigator.note_command(twist)
         return twist

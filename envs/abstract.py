@@ -12,7 +12,7 @@ from envs.arguments import check_positive, is_number
 from envs.estimation import ORIGIN
 from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
-from envs.navigation.records import DRIVING, FAILED, REACHED, SPUN, TIME_UP
+from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from envs.simulation import KinematicSimulator
 from envs.simulation.records import THETA, X
 from envs.simulation.sensors import sense

@@ -8,8 +8,7 @@ from numba import njit
 
 from envs.geometry import Pose2D
 from envs.navigation import Navigator
-from envs.navigation.navigator_kernels import check_progress, compute_velocity_command, update_obstacles
-from envs.navigation.records import DRIVING
+from envs.navigation.navigator_kernels import DRIVING, check_progress, compute_velocity_command, update_obstacles
 from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN
 from envs.simulation import records as at
 from envs.simulation.kinematic import step_robots
@@ -131,7 +130,7 @@ class FusedDrive:
         )
         v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
         robot.action = v / robot.params.max_v, w / robot.params.max_w
-        navigator.note_velocity(robot.twist)
+        navigator.velocity = robot.twist
         num_estimated, num_true, num_contacts = passed.counts.tolist()
         for x, y in passed.estimated[:num_estimated].tolist():
             robot.trail.append(Pose2D(x, y, 0.0))

@@ -11,8 +11,7 @@ from envs.arguments import check_positive, is_whole
 from envs.core import LidarEnv
 from envs.drive import UNCHECKED, FusedDrive
 from envs.estimation import Belief
-from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, robot_features
-from envs.navigation.home import HomeNavigator
+from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, HomeNavigator, robot_features
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robots import RobotParams
 from envs.simulation import Twist
@@ -298,16 +297,16 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Drive back to the start; return why the drive ended before the episode did, if so."""
         explore, robot = self.explore, self.explore.robots[0]
         self._task.call_back()
-        home = HomeNavigator(explore.robot, explore.control_period)
+        home = HomeNavigator(explore.robot, explore.control_period, explore.np_random)
         while not any(explore.is_over):
             twist = home.act(robot.reading, robot.belief)
-            if home.end_reason is not None:
+            if home.home_reason is not None:
                 break
             explore.plan = home.plan
             self._control(twist)
             self.navigator.integrate(robot.belief)
         self.navigator.look(robot.reading, robot.belief)
-        return home.end_reason
+        return home.home_reason
 
     def _advance_fused(self, fused: FusedDrive) -> str | None:
         """Do the same for as many control periods as a kernel can do."""

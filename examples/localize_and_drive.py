@@ -9,9 +9,8 @@ import tyro
 
 from baselines import make_explorer
 from baselines.episode import run_episode
-from baselines.navigation import GoalDriver, MapNavigatorParams
 from envs.core import LidarEnv
-from envs.navigation import crop_to_known
+from envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from envs.tasks.explore import Explore
 from envs.tasks.navigate import Navigate
 from envs.worlds import save_map
@@ -37,7 +36,7 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
     env = LidarEnv(
         Navigate, world=world, physics="kinematic", map=map_path, map_pose=exploration.map_pose, initial_pose="unknown"
     )
-    driven = run_episode(env, GoalDriver(MapNavigatorParams(lost_time=120.0)), seed + 1)
+    driven = run_episode(env, GoalNavigator(GoalParams(lost_time=120.0)), seed + 1)
     env.close()
     print(
         f"goal {driven.course.of('geodesic_distance')[0]:.1f} m away: {driven.end_reason} in {driven.duration:.0f} s, "

@@ -18,9 +18,9 @@ from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
 
-def largest(candidates: Candidates, belief: Belief) -> int:
-    """Return the index of the frontier with the most metres for its travel cost; the navigator drives there."""
-    return int(np.argmax(candidates.sizes / (1.0 + candidates.costs)))
+def largest(candidates: Candidates, belief: Belief) -> np.ndarray:
+    """Rate frontiers by their metres for the travel cost; the navigator drives to the highest."""
+    return candidates["size"] / (1.0 + candidates["cost"])
 
 
 class Circling:

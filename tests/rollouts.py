@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.navigation.candidate_features import COST, FAILURES
+from envs.navigation.candidates import COST, FAILURES
 
 
 def rollout(env, seed, steps):

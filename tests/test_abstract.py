@@ -6,9 +6,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import envs  # noqa: F401
-from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
+from envs.navigation import GainOverCost
 
 QUICK = {"world": "rooms", "world_size": (8.0, 8.0), "target_coverage": 0.95}
 
@@ -19,7 +19,7 @@ def explore(env, seed):
     env.reset(seed=seed)
     positions = [env.explore.truths[0].state.pose[:2]]
     while True:
-        _, _, terminated, truncated, info = env.step(np.int64(rule(env.candidates, env.belief)))
+        _, _, terminated, truncated, info = env.step(np.int64(rule(env.candidates, env.belief).argmax()))
         positions.append(env.explore.truths[0].state.pose[:2])
         if terminated or truncated:
             return info, np.array(positions)

@@ -19,7 +19,7 @@ from envs.core import LidarEnv
 from envs.estimation import Correction, MapUpdate, Window
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
-from envs.navigation.candidate_features import COST, FAILURES
+from envs.navigation.candidates import COST, FAILURES
 from envs.robots import load_robot
 from envs.simulation import Twist
 from envs.slam import (

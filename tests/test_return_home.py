@@ -95,7 +95,10 @@ def test_the_last_decision_drives_home():
 
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
-    [("tasks.explore.HOME_RADIUS", 0.0, "arrived_home"), ("navigation.home.HOME", (40.0, 0.0), "no_path_home")],
+    [
+        ("tasks.explore.HOME_RADIUS", 0.0, "arrived_home"),
+        ("navigation.goal_navigator.HOME", (40.0, 0.0), "no_path_home"),
+    ],
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
     """It believes to be back, but is farther off than allowed; or its map shows no path."""

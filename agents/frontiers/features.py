@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from baselines.frontier.gain_over_cost import GainOverCostParams
-from envs.navigation import candidate_features as given
-from envs.navigation.candidate_views import NUM_SECTORS
+from envs.navigation import GainOverCost
+from envs.navigation import candidates as given
+from envs.navigation.views import NUM_SECTORS
 
 _NAMES = """
 log_visible minus_log_cost log_visible_3 minus_log_cost_half minus_cost cost_ratio unknown_1m unknown_2m unknown_4m
@@ -19,7 +19,7 @@ left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 NAMES = tuple(_NAMES.split())
 """Features of a candidate."""
 NUM_FEATURES = len(NAMES)
-LEAST_GAIN, LEAST_COST = GainOverCostParams().least_gain, GainOverCostParams().least_cost
+LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
 """Of the rule that scores start from."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
 """Weights of the rule `gain_over_cost`."""

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from agents.networks import PATCH, JointPolicy, MapPatches, Tensors
-from envs.navigation import GainOverCostParams
-from envs.navigation.candidate_features import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
+from envs.navigation import GainOverCost
+from envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .features import NUM_FEATURES
 from .score import FAILED, FrontierScore
@@ -70,7 +70,7 @@ class FrontierNetwork(nn.Module):
                 f"lacks {missing}; it has {sorted(observation_space.spaces)}"
             )
         shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
-        self._heads, self._prior, self._rule = heads, prior, GainOverCostParams()
+        self._heads, self._prior, self._rule = heads, prior, GainOverCost()
         # Part of the weights that are saved: a checkpoint does not need the policy that it started from.
         self.register_buffer("score", torch.zeros(NUM_FEATURES, dtype=torch.float64) if has_score else None)
         self.map = MapPatches(shapes["map"], MAP_CHANNELS)

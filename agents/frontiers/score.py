@@ -11,8 +11,8 @@ from safetensors.numpy import load_file, save
 
 from agents.run_folder import CheckpointError
 from baselines.frontier.explorer import RuleExplorer
-from baselines.frontier.nearest import nearest
 from baselines.frontier.pursuit import PursuitDriving
+from baselines.frontier.rules import nearest
 from envs.estimation import Belief
 from envs.files import write_folder
 from envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
@@ -113,16 +113,11 @@ class ScoreExplorer(RuleExplorer):
         super().reset(robot, control_period, rng)
         self._observation["robot"] = robot_features(robot)
 
-    @property
-    def scores(self) -> np.ndarray | None:
-        """Scores of the candidates at the last choice, shape (k,), float64."""
-        return self.score.rate(self._observation)[1]
-
-    def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
+    def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
         seen = self._observation
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
         seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
-        return int(self.score(seen))
+        return self.score.rate(seen)[1]
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):

@@ -8,9 +8,8 @@ import math
 import numpy as np
 
 from baselines.frontier.explorer import RuleExplorer
-from baselines.frontier.gain_over_cost import GainOverCost
 from envs.estimation import Belief
-from envs.navigation.obstacles import free_distance
+from envs.navigation import GainOverCost, free_distance
 from envs.observations.plan import LOOKAHEADS, look_ahead
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.frontier.explorer import RuleExplorer
-from baselines.frontier.nearest import CELL
 from baselines.frontier.open_tour import best_tours
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid
@@ -35,8 +34,6 @@ PERIOD = 2.0
 class TourParams:
     """How to place viewpoints and to keep to a tour."""
 
-    sizes: tuple[int, ...] = (16, 8, 3)
-    """See `NearestParams`. A corner that furniture hides has few cells, is worth little, often lies on a later path."""
     cover: float = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
     max_cover: float = 3.0
@@ -47,8 +44,6 @@ class TourParams:
     """How much shorter a tour must be for the robot to turn away from the frontier that it is going to see [m]."""
 
     def __post_init__(self) -> None:
-        if not self.sizes or min(self.sizes) < 1:
-            raise ValueError(f"sizes must be at least 1, got {self.sizes}")
         if not self.max_stops >= 1:
             raise ValueError(f"max_stops must be at least 1, got {self.max_stops}")
         for name in ("cover", "max_cover", "hysteresis"):
@@ -57,7 +52,7 @@ class TourParams:
 
 
 class Tour:
-    """Takes the first stop of a short tour past the frontiers."""
+    """Prefers the frontier with which a short tour past all of them is shortest."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
         self._params = params
@@ -66,35 +61,37 @@ class Tour:
         self._cover = min(self._params.cover * robot.lidar.range_max, self._params.max_cover)
         self._last: np.ndarray | None = None
 
-    def __call__(self, candidates: Candidates, belief: Belief) -> int:
-        stops = self._stops(candidates)
-        _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates.viewpoints[stops]))
+    def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
+        stops, frontiers = self._stops(candidates), candidates["frontier"]
+        _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates["viewpoint"][stops]))
         if self._last is not None:
-            gaps = np.hypot(*(candidates.frontiers[stops] - self._last).T)
+            gaps = np.hypot(*(frontiers[stops] - self._last).T)
             same = int(np.argmin(gaps))
             if gaps[same] <= self._cover:
                 totals[same] -= self._params.hysteresis
-        choice = int(stops[np.argmin(totals)])
-        self._last = candidates.frontiers[choice]
-        return choice
+        self._last = frontiers[stops[np.argmin(totals)]]
+        scores = np.full(len(candidates), -np.inf)
+        scores[stops] = -totals
+        return scores
 
     def _stops(self, candidates: Candidates) -> np.ndarray:
         """Cover the frontiers with candidates; those that failed only where there is nothing else. Returns indices."""
-        left = candidates.failures == candidates.failures.min()
+        frontiers, groups = candidates["frontier"], candidates["group"]
+        left = candidates["failures"] == candidates["failures"].min()
         stops: list[int] = []
         for k in range(len(candidates)):
             if left[k] and len(stops) < self._params.max_stops:
                 stops.append(k)
-                gaps = np.hypot(*(candidates.frontiers - candidates.frontiers[k]).T)
-                left[(candidates.groups == candidates.groups[k]) & (gaps <= self._cover)] = False
+                gaps = np.hypot(*(frontiers - frontiers[k]).T)
+                left[(groups == groups[k]) & (gaps <= self._cover)] = False
         return np.array(stops)
 
 
 class TourExplorer(RuleExplorer):
-    """Goes where `Tour` says."""
+    """Goes where `Tour` says. A corner that furniture hides is short, worth little, and often lies on a later path."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        planning = PlanningParams(min_lengths=tuple(CELL * size for size in params.sizes), max_extent=SPACING)
+        planning = PlanningParams(min_lengths=(0.8, 0.4, 0.15), max_extent=SPACING)
         super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 

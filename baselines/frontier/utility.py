@@ -24,11 +24,12 @@ import numpy as np
 from sklearn.cluster import DBSCAN
 
 from baselines.frontier.explorer import COMMITTED, RuleExplorer
-from baselines.frontier.nearest import CELL
+from baselines.frontier.rules import CELL
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid
-from envs.navigation import Candidates, count_unknown, crop_to_known
-from envs.navigation.frontiers import FREE_BELOW
+from envs.navigation import Candidates, crop_to_known
+from envs.navigation.costmap import OCCUPIED_FROM
+from envs.navigation.frontiers import information_gain
 from envs.robots import RobotParams
 
 LOGGER = logging.getLogger(__name__)
@@ -80,6 +81,11 @@ class FrontierParams:
         if self.max_blacklist_size < 1:
             raise ValueError(f"max_blacklist_size must be at least 1, got {self.max_blacklist_size}")
 
+    def gain_radius(self, grid: OccupancyGrid) -> float:
+        """Return the radius in which unknown cells of a map are counted [m]."""
+        diagonal = math.hypot(*grid.data.shape) * grid.resolution
+        return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
+
     def relaxed(self) -> list["FrontierParams"]:
         """Return these params and those after each relaxation step.
 
@@ -127,24 +133,26 @@ class FrontierUtility:
         self.status = FrontierStatus(0.0, None, np.empty((0, 2)), 0, 0)
         """State of the exploration at the last choice."""
 
-    def __call__(self, candidates: Candidates, belief: Belief) -> int:
+    def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         if candidates.last_failed and self.status.goal is not None:
             self._blacklist.append(self.status.goal)
             del self._blacklist[: -self._params.max_blacklist_size]
         grid = crop_to_known(candidates.costmap.grid)
-        share = np.count_nonzero((grid.data >= 0) & (grid.data < FREE_BELOW)) / grid.data.size
+        share = np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)) / grid.data.size
         for step in range(len(self._steps)):
             choice, centroids = self._best(candidates, grid, belief, self._steps[step], share)
             if choice is not None:
                 break
         choice = choice or 0
-        x, y = candidates.frontiers[choice].tolist()
+        x, y = candidates["frontier"][choice].tolist()
         self.status = FrontierStatus(share, (x, y), centroids, step, len(self._blacklist))
         LOGGER.info(
             "%.0f %% explored, goal (%.2f, %.2f), %d candidates at relaxation %d, %d blacklisted",
             *(100.0 * share, x, y, len(centroids), step, len(self._blacklist)),
         )
-        return choice
+        scores = np.full(len(candidates), -np.inf)
+        scores[choice] = 0.0
+        return scores
 
     def _best(
         self, candidates: Candidates, grid: OccupancyGrid, belief: Belief, params: FrontierParams, share: float
@@ -162,9 +170,9 @@ class FrontierUtility:
             near = self._is_blacklisted(centroids, params.blacklist_radius)
         distances = np.hypot(*(centroids - belief.pose[:2]).T)
         keep = keep[~near[keep] & (distances[keep] >= params.min_goal_distance)]
-        gains = np.array([information_gain(grid, centroids[k], params) for k in keep])
+        gains = information_gain(grid, centroids[keep], params.gain_radius(grid))
         keep = keep[np.argsort(-gains / (distances[keep] + 0.1), kind="stable")]
-        gaps = np.hypot(*(candidates.viewpoints - candidates.frontiers).T)
+        gaps = np.hypot(*(candidates["viewpoint"] - candidates["frontier"]).T)
         is_near_enough = gaps <= params.goal_tolerance + candidates.costmap.grid.resolution
         for k in keep:
             own = np.flatnonzero((labels == k) & is_near_enough[owners])
@@ -223,12 +231,3 @@ def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) ->
         rows, cols = np.nonzero(window > params.obstacle_above)
         clear[k] = not ((rows + top - row) ** 2 + (cols + left - col) ** 2 <= reach**2).any()
     return clear
-
-
-def information_gain(grid: OccupancyGrid, point: np.ndarray, params: FrontierParams) -> int:
-    """Count the unknown cells around a point [m]."""
-    radius = params.information_gain_radius
-    if params.scale_radius_with_map:
-        radius *= min(2.0, math.hypot(*grid.data.shape) * grid.resolution / 20.0)
-    row, col = grid.cells(point)
-    return int(count_unknown(grid.data, row, col, radius / grid.resolution))

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from baselines.frontier.nearest import NearestExplorer
+from baselines.frontier.rules import NearestExplorer
 from baselines.oracle.cover_planner import CoverPlanner
 from baselines.oracle.cover_viewpoints import find_viewpoints
 from baselines.oracle.true_map import TrueMap
@@ -16,8 +16,7 @@ from envs.estimation import Belief
 from envs.geometry import Pose2D
 from envs.geometry.polyline import resample
 from envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
-from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN
-from envs.navigation.tables import costmap_params
+from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 from envs.tasks.coverage import Coverage
@@ -128,7 +127,7 @@ class OracleExplorer:
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:
-            costmap = make_costmap(walls, costmap_params(planning.params, tables.robot_radius))
+            costmap = make_costmap(walls, planning.params.costmap(tables.robot_radius))
             viewpoints = find_viewpoints(costmap, (x, y))
             if viewpoints is None:
                 continue

@@ -1,17 +1,24 @@
-"""One robot that explores by frontier points: drives to the point that it is assigned, yields, and waits."""
+"""One robot that explores by frontier points: its navigator, the right of way, and how it drives, yields and waits."""
+
+import math
 
 import numpy as np
 
-from baselines.rrt.navigator import PointNavigator
-from baselines.rrt.params import RrtParams
-from baselines.rrt.right_of_way import find_waiting_cell, is_beside
+from baselines.rrt.detector import RrtParams
 from envs.estimation import Belief
 from envs.geometry import Pose2D
-from envs.navigation import NO_POINTS, travel_field
-from envs.navigation.records import DRIVING, REPLAN
+from envs.geometry.distance_transform import squared_distances
+from envs.geometry.polyline import lengths_along
+from envs.navigation import COST_MAX_FREE, COST_UNKNOWN, NO_POINTS, FrontierNavigator, TravelField, travel_field
+from envs.navigation.navigator_kernels import DRIVING, REPLAN
+from envs.navigation.planning_map import CostLayer
 from envs.robots import RobotParams
 from envs.simulation import Reading
 
+PASSING_CLEARANCE = 0.15
+"""Gap between the footprints of a robot that passes and of one that waits [m]."""
+OUTLINE_POINTS = 16
+"""Points on the outline of a peer."""
 PAUSE_TIME = 1.0
 """Time between two searches for a point, while a robot has none and others have [s]."""
 BLOCKED_TIME = 1.0
@@ -20,6 +27,107 @@ PASSED_CLEARANCE = 0.5
 """Gap between the footprint of a waiting robot and the path of the other one from which that one has passed [m]."""
 MAX_WAIT = 15.0
 """Longest time to wait [s]."""
+
+
+def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
+    """Return the outline of a peer, of a radius [m], as obstacles: shape (16, 2), float64, the robot's base frame [m].
+
+    The poses of the robot and of the peer are those in the map frame.
+    """
+    away = pose.between(peer)
+    angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
+    return np.array(away[:2]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
+    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
+    if len(path) == 0:
+        return False
+    near = path[lengths_along(path) <= reach]
+    return bool(np.hypot(*(near - position).T).min() < gap)
+
+
+def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
+    """Find where a robot waits for another one to pass: the cell (row, column) off its path that is cheapest to get to.
+
+    `field` is the travel of the waiting robot, with the other one as an obstacle, and `path`, shape (n, 2), n > 0, that
+    of the other one from its position, map frame [m]; both footprints have a radius [m]. None if there is no such cell.
+    """
+    grid = field.costmap.grid
+    cells = grid.cells(path)
+    cells = cells[grid.contains(cells)]
+    on_path = np.zeros(grid.data.shape, dtype=np.bool_)
+    on_path[cells[:, 0], cells[:, 1]] = True
+    reach = math.ceil((2.0 * radius + PASSING_CLEARANCE) / grid.resolution)
+    off_path = np.argwhere(squared_distances(on_path, reach) > reach**2)
+    costs = field.cost(off_path)
+    if len(costs) == 0 or math.isinf(costs.min()):
+        return None
+    row, col = off_path[np.argmin(costs)]
+    return int(row), int(col)
+
+
+def _on_ros_scale(costs: np.ndarray) -> np.ndarray:
+    """Return a costmap's costs on the scale on which ROS publishes costmaps, float64.
+
+    1 to 98 near obstacles, 99 where the footprint touches one and beyond; 0 where it is free or unknown.
+    """
+    near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
+    return np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
+
+
+class PointNavigator(FrontierNavigator):
+    """Offers, for each valid frontier point, the frontier cell nearest to it."""
+
+    def __init__(self, robot: RobotParams, control_period: float, params: RrtParams) -> None:
+        """Prepare for a robot that is updated every `control_period` seconds.
+
+        Of `params` it reads `max_cost`, beyond which a point is invalid, and `bandwidth`, up to which a frontier cell
+        belongs to a point.
+        """
+        super().__init__(robot, control_period)
+        self._params = params
+        self.points = np.empty((0, 2))
+        """Frontier points, shape (n, 2), float64, map frame [m]."""
+
+    def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
+        """Return frontier cells, shape (k, 2), and one part for each, shape (k, 4); see `split_groups`."""
+        planning, side = self.map, self.map.side
+        positions = (self.points[:, ::-1] - planning.origin[::-1]) / side  # row, column
+        cells = np.floor(positions).astype(np.int64)
+        is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
+        costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
+        costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
+        is_valid = _on_ros_scale(costs) <= self._params.max_cost
+        nearest = self._nearest_frontier(positions[is_valid])
+        first = np.arange(len(nearest))
+        # Of no group: no point is left out because its frontier is short.
+        return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
+
+    def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
+        """Return the frontier cell (row, column) nearest to each point; nothing for points farther than the bandwidth.
+
+        `positions`, shape (n, 2), are in cells: cell c holds [c, c + 1).
+        """
+        frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
+        reach = int(np.ceil(radius))
+        window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
+        around = np.floor(positions).astype(np.int64)[:, None] + window
+        gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
+        inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
+        rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
+        gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
+        nearest = np.arange(len(gaps)), gaps.argmin(axis=1)
+        return around[nearest][np.isfinite(gaps[nearest])]
+
+    def _replan(self, pose: Pose2D) -> bool:
+        """Plan the path anew; through peers where none leads around them: they move on, or are made to yield."""
+        if super()._replan(pose):
+            return True
+        bodies, self.bodies = self.bodies, NO_POINTS
+        has_path = len(bodies) > 0 and super()._replan(pose)
+        self.bodies = bodies
+        return has_path
 
 
 class RrtRobot:
@@ -63,7 +171,7 @@ class RrtRobot:
         if not self._has_begun:
             return False
         drive = self.navigator.navigator
-        return drive.has_goal and not drive.is_recovering and drive.still_steps * self._period > BLOCKED_TIME
+        return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
 
     @property
     def is_idle(self) -> bool:
@@ -87,11 +195,11 @@ class RrtRobot:
             return True
         if self.yielding_to is not None:
             if navigator.drive(reading, belief, others) not in (DRIVING, REPLAN):
-                navigator.stop()
+                navigator.navigator.stop()
             if not self._has_passed(self.yielding_to, belief.pose):
                 return False
             self.yielding_to = None
-            navigator.stop()
+            navigator.navigator.stop()
         elif self.is_idle and self._pause_steps > 0 and not is_asked:
             navigator.drive(reading, belief, others)
             return False
@@ -109,10 +217,10 @@ class RrtRobot:
         indices among the candidates.
         """
         candidates = self.navigator.candidates
-        indices = np.flatnonzero(candidates.failures == 0)
+        indices = np.flatnonzero(candidates["failures"] == 0)
         if len(indices) == 0:
             indices = np.arange(len(candidates))
-        return candidates.frontiers[indices], candidates.costs[indices], indices
+        return candidates["frontier"][indices], candidates["cost"][indices], indices
 
     def choose(self, index: int) -> None:
         """Drive to a candidate of the navigator."""
@@ -122,7 +230,7 @@ class RrtRobot:
     def wait(self) -> None:
         """Stop for a while, since others have all the points."""
         self._has_looked_around, self.end_reason = False, None
-        self.navigator.stop()
+        self.navigator.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
 
     def look_around_or_end(self, patience: int) -> None:
@@ -132,7 +240,7 @@ class RrtRobot:
             self.navigator.look_around()
         elif self.idle_steps >= patience:
             self.end_reason = self.navigator.end_reason
-            self.navigator.stop()
+            self.navigator.navigator.stop()
 
     def yield_to(self, other: "RrtRobot", pose: Pose2D) -> bool:
         """Drop the own goal and drive off the path of another robot; False if there is nowhere to go."""

@@ -1,29 +1,44 @@
-"""The explorer of Nguyen et al. (2022) for several robots with one map.
+"""The explorers of Nguyen et al. (2022): random trees find frontiers, a filter clusters them, revenue assigns them.
 
-Each robot has a local tree; all share a global tree, the filter and the assigner. After Umari and Mukhopadhyay,
-"Autonomous Robotic Exploration Based on Multiple Rapidly-exploring Randomized Trees" (2017), with two and
-three robots. What `baselines.rrt.explorer` says of one robot holds for each; `docs/team.md` says how they share the
-work and who has the right of way. Where a peer that is to yield has nowhere to go, the robot yields to it; if neither
-can, the goal has failed. Peers are removed from scans before these are remembered; their footprints replace them, which
-move with them and are known also where the lidar is blind.
+Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), after Umari and Mukhopadhyay, "Autonomous Robotic Exploration
+Based on Multiple Rapidly-exploring Randomized Trees" (2017). Where the report leaves something open, its launch file
+and the program behind it decide, with these exceptions:
+
+- *The region.* That program has a person click the corners of the region to sample. Ours is the rectangle around
+  everything observed and a margin.
+- *Navigation cost.* The report asks for the path that the robot is expected to drive; the program takes the straight
+  distance. We take the path, weighted by nearness to obstacles.
+- *Invalid points.* The report drops points that no path leads to, the program those in costly cells; we do both. A
+  point's goal is the frontier cell nearest to it, because the mean of points along a bend lies beside the frontier.
+  What the robot could not see from the viewpoint that it took for it is no frontier any more.
+- *The end.* The program never ends. Here exploration is over when the robot has turned once around, and the trees have
+  grown for `patience` steps, without any point that could be assigned. Trees are random, so more may be left than by an
+  explorer that lists all frontier cells.
+
+The robot keeps its point until it is there, or the frontier around it is gone. Each robot of a team has a local tree;
+all share a global tree, the filter and the assigner; `docs/team.md` says who has the right of way. Where a peer that is
+to yield has nowhere to go, the robot yields to it; if neither can, the goal has failed. Peers are removed from scans
+before these are remembered; their footprints replace them, which move with them and are known also where the lidar is
+blind.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from baselines.rrt.assigner import UNASSIGNED, assign
-from baselines.rrt.detector import RrtDetector
-from baselines.rrt.params import TEAM_PARAMS, RrtParams
-from baselines.rrt.right_of_way import is_beside, outline
-from baselines.rrt.robot import RrtRobot
+from baselines.rrt.detector import TEAM_PARAMS, RrtDetector, RrtParams
+from baselines.rrt.robot import RrtRobot, is_beside, outline
 from envs.estimation import Belief
 from envs.estimation.peers import PeerFilter
-from envs.geometry import Pose2D
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import NO_POINTS
+from envs.navigation.frontiers import information_gain
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
+UNASSIGNED = -1
+"""In place of a point, for a robot that gets none."""
 BLOCKING_REACH = 1.5
 """How far ahead on its path a robot is blocked by a peer [m]."""
 PEER_CLEARANCE = 0.05
@@ -32,6 +47,55 @@ PREDICTION_TIME = 0.5
 """A peer is an obstacle also where it will be after this time [s]."""
 SAME_POINT = 0.4
 """Points this near to one that another robot drives to are not assigned [m]."""
+
+
+def assign(
+    grid: OccupancyGrid,
+    robots: np.ndarray,
+    points: np.ndarray,
+    costs: np.ndarray,
+    params: RrtParams,
+    taken: np.ndarray = NO_POINTS,
+) -> np.ndarray:
+    """Assign points: again and again the robot and the point of the highest revenue, until either is used up.
+
+    The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with lambda = `info_multiplier`, and h = `hysteresis_gain`
+    within `hysteresis_radius` and 1 beyond, so that a robot finishes what is around it first. What a robot will see at
+    its point is no gain for the others: unknown cells within `info_radius` of both points do not count any more.
+
+    Args:
+        grid: the map that the robots share.
+        robots: shape (n, 2), float64, positions x_r, map frame [m].
+        points: shape (m, 2), float64, frontier points x_fp, map frame [m].
+        costs: shape (n, m), float64, navigation costs N [m]; inf where a robot cannot reach a point.
+        params: of the revenue.
+        taken: shape (k, 2), float64, points that other robots have already, map frame [m].
+
+    Returns:
+        Shape (n,), int64: index of each robot's point; `UNASSIGNED` where none is left that it can reach.
+
+    Raises:
+        ValueError: `costs` does not have a row for each robot and a column for each point.
+    """
+    if costs.shape != (len(robots), len(points)):
+        raise ValueError(f"costs must have the shape {(len(robots), len(points))} (robots, points), got {costs.shape}")
+    chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
+    gains = information_gain(grid, points, params.info_radius)
+    for point in taken:
+        gains = gains - information_gain(grid, points, params.info_radius, shared_with=point)
+    gaps = robots[:, None] - points[None]
+    is_near = np.hypot(gaps[..., 0], gaps[..., 1]) <= params.hysteresis_radius
+    factors = params.info_multiplier * np.where(is_near, params.hysteresis_gain, 1.0)
+    open_costs = costs.astype(np.float64)
+    for _ in range(min(len(robots), len(points))):
+        revenues = factors * gains - open_costs
+        robot, point = np.unravel_index(np.argmax(revenues), revenues.shape)
+        if math.isinf(revenues[robot, point]):
+            break
+        chosen[robot] = point
+        gains = gains - information_gain(grid, points, params.info_radius, shared_with=points[point])
+        open_costs[robot] = open_costs[:, point] = np.inf
+    return chosen
 
 
 class RrtTeam:
@@ -151,7 +215,7 @@ class RrtTeam:
         obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
         for peer in peers:
             here = self._poses[peer.index]
-            ahead = here.compose(Pose2D(peer.navigator.navigator.v * PREDICTION_TIME, 0.0, 0.0))
+            ahead = here.compose(Pose2D(peer.navigator.navigator.velocity.v * PREDICTION_TIME, 0.0, 0.0))
             obstacles[peer.precedence > robot.precedence] += [
                 outline(pose, here, radius),
                 outline(pose, ahead, radius),
@@ -174,3 +238,31 @@ class RrtTeam:
             if not (peer.yield_to(robot, self._poses[peer.index]) or robot.yield_to(peer, self._poses[robot.index])):
                 robot.navigator.fail()
             return
+
+
+class RrtExplorer:
+    """Drives to the frontier point of the highest revenue that two random trees have found: a team of one robot."""
+
+    def __init__(self, params: RrtParams = RrtParams()) -> None:
+        self._team = RrtTeam(params)
+
+    @property
+    def end_reason(self) -> str | None:
+        """Why no point is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
+        return self._team.end_reason
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        return next(iter(self._team.plans), None)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
+        return self._team.points
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        self._team.reset(robot, control_period, rng)
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        return self._team.act([reading], [belief])[0]

@@ -20,7 +20,7 @@ from numba import njit
 
 from envs.geometry import OccupancyGrid
 from envs.geometry.lines import next_cell, start_walk
-from envs.navigation.frontiers import FREE_BELOW
+from envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
 """GridCheck: the step enters unknown space before it meets an obstacle, an obstacle comes first, all cells are free."""
@@ -77,7 +77,7 @@ def grid_check(data, u0, v0, u1, v1):
         row, col = walk.row, walk.col
         if row < 0 or row >= height or col < 0 or col >= width or data[row, col] < 0:
             return UNKNOWN_AHEAD, col + 0.5, row + 0.5
-        if data[row, col] >= FREE_BELOW:
+        if data[row, col] >= OCCUPIED_FROM:
             return BLOCKED, col + 0.5, row + 0.5
     return CLEAR, u1, v1
 

@@ -10,7 +10,8 @@ from envs.arguments import choose_robot
 from envs.geometry.polyline import lengths_along
 from envs.navigation import (
     CostmapParams,
-    LayeredCostmap,
+    PlanningMap,
+    PlanningParams,
     is_path_valid,
     make_costmap,
     plan_path,
@@ -44,7 +45,8 @@ def planning_costs(name: str) -> Row:
     area = explorable_area(world, robot, RESOLUTION)
     grid = known_map(area)
     params = CostmapParams(robot.radius + 0.03, robot.radius + 0.48, 4.0)
-    costmap, layers = make_costmap(grid, params), LayeredCostmap(grid, params)
+    costmap, planning = make_costmap(grid, params), PlanningMap(robot, grid.resolution, PlanningParams(cell=0.05))
+    planning.update(grid, None)
     rng = np.random.default_rng(0)
     # The two cells of this map that are farthest from each other: farthest from anywhere, then farthest from there.
     ends = [world.spawns[0][:2]]
@@ -69,5 +71,5 @@ def planning_costs(name: str) -> Row:
         "smooth_across_us": _least(lambda: smooth_path(costmap, across)),
         "is_path_valid_us": _least(lambda: is_path_valid(costmap, across)),
         "inflate_whole_map_us": _least(lambda: make_costmap(grid, params)),
-        "take_a_scan_us": _least(lambda: (layers.update(pose, ranges, robot.lidar), layers.costmap)),
+        "take_a_scan_us": _least(lambda: (planning.integrate(pose, ranges, robot.lidar), planning.layer(0, pose))),
     }

@@ -1,8 +1,6 @@
-"""Costmaps, frontiers and path planning on the estimated map."""
+"""Costmaps, frontiers, path planning and driving on the estimated map."""
 
-from .candidate_features import FEATURES, Candidates, robot_features
-from .candidate_views import NUM_SECTORS
-from .checks import check_goal, is_path_valid
+from .candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, failed_last, robot_features
 from .costmap import (
     COST_FREE,
     COST_INSCRIBED,
@@ -16,19 +14,18 @@ from .costmap import (
 )
 from .dwb import DwbParams, DwbPlanner
 from .frontier_navigator import FrontierNavigator
-from .frontiers import count_unknown, frontier_mask
-from .layers import LayeredCostmap, ObstacleParams
-from .local_planner import LocalPlanner
+from .frontiers import frontier_mask
+from .goal_navigator import GoalNavigator, GoalParams, HomeNavigator
 from .navigator import Navigator
-from .obstacles import NO_POINTS, free_distance, mark_missing
+from .obstacles import NO_POINTS, free_distance
 from .params import NavigatorParams, PlanningParams
-from .paths import TravelField, plan_path, travel_field
+from .paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
 from .planning_map import PlanningMap
-from .pursuit import FollowerParams
-from .rating import GainOverCostParams, gain_over_cost
-from .smoothing import smooth_path
+from .pursuit import FollowerParams, PathFollower
+from .views import NUM_SECTORS
 
 __all__ = [
+    "CANDIDATE",
     "COST_FREE",
     "COST_INSCRIBED",
     "COST_LETHAL",
@@ -44,24 +41,22 @@ __all__ = [
     "DwbPlanner",
     "FollowerParams",
     "FrontierNavigator",
-    "GainOverCostParams",
-    "LayeredCostmap",
-    "LocalPlanner",
+    "GainOverCost",
+    "GoalNavigator",
+    "GoalParams",
+    "HomeNavigator",
     "Navigator",
     "NavigatorParams",
-    "ObstacleParams",
+    "PathFollower",
     "PlanningMap",
     "PlanningParams",
     "TravelField",
-    "check_goal",
-    "count_unknown",
     "crop_to_known",
+    "failed_last",
     "free_distance",
     "frontier_mask",
-    "gain_over_cost",
     "is_path_valid",
     "make_costmap",
-    "mark_missing",
     "plan_path",
     "robot_features",
     "smooth_path",

@@ -19,8 +19,8 @@ COST_LETHAL = 254
 """The cell itself is occupied."""
 COST_UNKNOWN = 255
 """Never observed, and no known obstacle's footprint reaches it."""
-
-
+OCCUPIED_FROM = 50
+"""Least occupancy of a cell that is an obstacle, and blocks the view [percent]; known cells below are free."""
 Window = tuple[int, int, int, int]
 """A rectangle of cells: first row, first column, row after the last, column after the last."""
 
@@ -42,8 +42,6 @@ class CostmapParams:
     """Distance up to which nearness to an obstacle costs [m]."""
     cost_scaling_factor: float = 3.0
     """Rate at which the cost decays with the distance [1/m]."""
-    occupied_from: int = 50
-    """Least occupancy that is an obstacle [percent]."""
 
     def __post_init__(self) -> None:
         if not self.robot_radius > 0:
@@ -52,8 +50,6 @@ class CostmapParams:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
         if not self.cost_scaling_factor >= 0:
             raise ValueError(f"cost_scaling_factor must not be negative, got {self.cost_scaling_factor}")
-        if not 0 < self.occupied_from <= 100:
-            raise ValueError(f"occupied_from must lie in 1..100, got {self.occupied_from}")
 
     def cost(self, distance: float) -> int:
         """Return Nav2's cost of a cell at `distance` [m] from the nearest obstacle's cell, centre to centre."""
@@ -64,6 +60,25 @@ class CostmapParams:
         if distance > self.inflation_radius:
             return COST_FREE
         return int(COST_MAX_FREE * math.exp(-self.cost_scaling_factor * (distance - self.robot_radius)))
+
+    def reach(self, resolution: float) -> int:
+        """Return how many cells of a side [m] the inflation radius spans.
+
+        Raises:
+            ValueError: if these are less than one or more than 180.
+        """
+        reach = math.floor(self.inflation_radius / resolution + 1e-9)
+        if not 1 <= reach <= 180:
+            raise ValueError(
+                f"inflation_radius must span 1 to 180 cells, got {self.inflation_radius} m at {resolution} m a cell"
+            )
+        return reach
+
+    def table(self, resolution: float) -> np.ndarray:
+        """Return costs by the squared distance to the nearest obstacle [cells2]: shape ((reach + 1)**2 + 1,), uint8."""
+        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as slightly more.
+        distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
+        return np.array([self.cost(distance) for distance in distances], dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,72 +94,33 @@ class Costmap:
 
 
 @njit(cache=True, error_model="numpy")
-def inflate(data, occupied_from, reach, cost_of_squared):
-    """Turn occupancy (int8) into costs (uint8) by a table; the arguments beside `data` are those of `Inflation`."""
+def inflate(data, reach, table):
+    """Turn occupancy (int8) into costs (uint8), both of shape (height, width); see `CostmapParams.table`."""
     height, width = data.shape
-    squared = squared_distances(data >= occupied_from, reach)
-    limit = np.uint16(len(cost_of_squared) - 1)
+    squared = squared_distances(data >= OCCUPIED_FROM, reach)
+    limit = np.uint16(len(table) - 1)
     costs = np.empty((height, width), dtype=np.uint8)
     for row in range(height):
         for col in range(width):
-            cost = cost_of_squared[min(squared[row, col], limit)]
+            cost = table[min(squared[row, col], limit)]
             costs[row, col] = COST_UNKNOWN if data[row, col] < 0 and cost < COST_INSCRIBED else cost
     return costs
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Inflation:
-    """How obstacles spread on a raster of one resolution."""
-
-    occupied_from: int
-    """Least occupancy that is an obstacle [percent]."""
-    reach: int
-    """Distance up to which nearness to an obstacle costs [cells]."""
-    cost_of_squared: np.ndarray
-    """Shape ((reach + 1)**2 + 1,), uint8: cost by the squared distance to the nearest obstacle [cells2]."""
-
-    @classmethod
-    def of(cls, params: CostmapParams, resolution: float) -> "Inflation":
-        """Tabulate the costs for cells of a side [m].
-
-        Raises:
-            ValueError: if the inflation radius spans less than one cell or more than 180.
-        """
-        reach = math.floor(params.inflation_radius / resolution + 1e-9)
-        if not 1 <= reach <= 180:
-            raise ValueError(
-                f"inflation_radius must span 1 to 180 cells, got {params.inflation_radius} m at {resolution} m a cell"
-            )
-        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as slightly more.
-        distances = np.round(np.sqrt(np.arange((reach + 1) ** 2 + 1)) * resolution, 9)
-        table = np.array([params.cost(distance) for distance in distances], dtype=np.uint8)
-        return cls(params.occupied_from, reach, table)
-
-    def costs(self, data: np.ndarray) -> np.ndarray:
-        """Return the costs (uint8) of occupancy (int8), both of shape (height, width)."""
-        costs: np.ndarray = inflate(data, self.occupied_from, self.reach, self.cost_of_squared)
-        return costs
 
 
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
     """Inflate the obstacles of a grid.
 
-    Unknown space is tracked: cells never observed stay unknown, unless a known obstacle is so near that the robot would
-    touch it whatever they hold.
-
-    Args:
-        grid: the map.
-        params: how obstacles spread.
+    Cells never observed stay unknown, unless a known obstacle is so near that the robot would touch it whatever they
+    hold.
     """
-    return Costmap(Inflation.of(params, grid.resolution).costs(grid.data), grid, params)
+    return Costmap(inflate(grid.data, params.reach(grid.resolution), params.table(grid.resolution)), grid, params)
 
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return the first row and column and the last row and column that hold an observed cell.
+    """Return the first row and column and the last row and column of occupancy (int8) that hold an observed cell.
 
-    Args:
-        data: shape (height, width), int8, occupancy. Where nothing has been observed, the window is all of it.
+    Where nothing has been observed, the window is all of it.
     """
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
@@ -161,15 +137,7 @@ def known_window(data):
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
-    """Return the part of a map that has been observed, so that planning does not pay for empty memory.
-
-    Args:
-        grid: the map.
-        margin: unknown cells kept around the observed ones.
-
-    Returns:
-        A view of the same cells; the whole grid where nothing has been observed.
-    """
+    """Return a view of the part of a map that has been observed, and `margin` cells around it; all if nothing has."""
     top, left, bottom, right = known_window(grid.data)
     top, left = max(top - margin, 0), max(left - margin, 0)
     x, y = grid.origin

@@ -17,7 +17,7 @@ from envs.geometry.polyline import lengths_along
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
-from .costmap import CostmapParams, Inflation
+from .costmap import CostmapParams, inflate
 from .critics import NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
 
 
@@ -120,7 +120,7 @@ class DwbPlanner:
         half = math.ceil(max(0.5 * params.size, self._horizon + robot.radius) / params.resolution)
         self._side = 2 * half + 1
         costmap = CostmapParams(robot.radius, robot.radius + params.inflation, params.cost_scaling_factor)
-        self._inflation = Inflation.of(costmap, params.resolution)
+        self._reach, self._table = costmap.reach(params.resolution), costmap.table(params.resolution)
         # Scores of rasters count cells; half a cell's side per step, as Nav2 has it.
         per_step = 0.5 * params.resolution
         steps = params.goal_align, params.path_align, params.path_dist, params.goal_dist
@@ -198,7 +198,7 @@ class DwbPlanner:
         cells = np.floor(obstacles / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data[cells[:, 1], cells[:, 0]] = OCCUPIED
-        return self._inflation.costs(data), squared_distances(data > 0, self._inflation.reach)
+        return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
         """Fill the rasters of steps to the path, its end in reach, and beyond; return the distance to the goal [m]."""

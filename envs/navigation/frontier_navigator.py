@@ -9,34 +9,22 @@ import math
 
 import numpy as np
 
-from envs.estimation import Belief, Correction
+from envs.estimation import Belief
 from envs.geometry import Pose2D
-from envs.navigation.candidate_features import Candidates, describe, fill_features
-from envs.navigation.candidates import FOUND, find_candidates
+from envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
 from envs.navigation.costmap import COST_INSCRIBED, Costmap
-from envs.navigation.frontiers import frontier_groups, split_groups
+from envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
 from envs.navigation.navigator import NOTHING, Navigator
+from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import NavigatorParams, PlanningParams
-from envs.navigation.paths import SHORTCUT, nearest_cell
-from envs.navigation.planned_paths import search_goal, write_path
+from envs.navigation.paths import nearest_cell, search_goal, write_path
 from envs.navigation.planning_map import CostLayer, PlanningMap
-from envs.navigation.records import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
-from envs.navigation.tables import costmap_params
-from envs.navigation.viewpoints import frontier_in_sight, frontier_near
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
-MAX_POINTS = 1024
-"""Points of a path; the rest of a longer one is left to the next plan."""
-ARRIVED, FRONTIER_GONE, DRIVE_FAILED, DRIVE_TIME_UP, LOOKED_AROUND = (
-    "arrived",
-    "frontier_gone",
-    "failed",
-    "time_up",
-    "looked_around",
-)
-OUTCOMES = {REACHED: ARRIVED, FAILED: DRIVE_FAILED, TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
+ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
+OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 """How a drive ends, by its progress; `FRONTIER_GONE` beside them."""
 
 
@@ -70,7 +58,6 @@ class FrontierNavigator:
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
-        self._path = np.empty((MAX_POINTS, 2))
         self.bodies = NO_POINTS
         """Shape (n, 2), float64, base frame [m]: what plans lead around and no map shows, such as other robots."""
 
@@ -79,7 +66,6 @@ class FrontierNavigator:
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
         """Planning cells."""
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
-        self._shortcut = max(2, round(SHORTCUT / self.map.side))
         self.navigator.reset(reading)
         self._level = 0
         self._seen = np.empty((0, 3))
@@ -109,22 +95,20 @@ class FrontierNavigator:
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
         """Write what policies see of the candidates; see `fill_features`."""
-        chosen, max_failures = self.candidates.chosen, self.params.max_failures
-        fill_features(self._table, chosen, *pose, max_failures, features, sectors, gaps)
+        candidates, max_failures = self.candidates, self.params.max_failures
+        fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
     def choose(self, index: int) -> None:
         """Begin a drive to a candidate."""
         self._has_changed = True
-        count = self._write_candidate_path(index, self._path)
-        view = self.candidates.frontiers[index].tolist()
-        self.target = (view[0], view[1])
-        goal = self.candidates.viewpoints[index].tolist()
-        self.navigator.drive_to(self._path, (goal[0], goal[1]), view=self.target, num_points=count)
+        path, candidate = self.path_to(index), self.candidates.table[index]
+        self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
+        self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view)
 
     def path_to(self, index: int) -> np.ndarray:
         """Return the path to a candidate, shape (n, 2), float64, map frame [m]; to be asked when a choice is due."""
-        path = np.empty((MAX_POINTS, 2))
-        return path[: self._write_candidate_path(index, path)]
+        row, col = self.candidates["goal"][index].tolist()
+        return self._path(self.candidates.costmap.costs, (row, col))
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
@@ -185,10 +169,6 @@ class FrontierNavigator:
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 
-    def stop(self) -> None:
-        """Drop the goal, and stop."""
-        self.navigator.stop()
-
     def fail(self) -> None:
         """Drop the goal as one that cannot be reached."""
         self._fail()
@@ -207,26 +187,23 @@ class FrontierNavigator:
         """Take note of what the last scan has changed in the map; also that of another robot with the same map."""
         update = belief.update
         if update.redrawn:
-            if update.correction is not None:
-                self._carry(update.correction)
+            if (correction := update.correction) is not None:
+                # What is remembered of the map moves with it; obstacles lie in the base frame.
+                self._failures = correction.carry(self._failures)
+                self._seen[:, :2] = correction.carry(self._seen[:, :2])
+                self.map.ignored_points = correction.carry(self.map.ignored_points)
+                if self.target is not None:
+                    x, y = correction.carry(np.array([self.target]))[0].tolist()
+                    self.target = (x, y)
+                self.navigator.carry(correction)
             self.navigator.plan_anew()
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         self._has_changed |= update.window is not None or update.redrawn
 
-    def _carry(self, correction: Correction) -> None:
-        """Move what is remembered of the map with a correction of it; obstacles lie in the base frame."""
-        self._failures = correction.carry(self._failures)
-        self._seen[:, :2] = correction.carry(self._seen[:, :2])
-        self.map.ignored_points = correction.carry(self.map.ignored_points)
-        if self.target is not None:
-            x, y = correction.carry(np.array([self.target]))[0].tolist()
-            self.target = (x, y)
-        self.navigator.carry(correction)
-
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
         """Return how the drive has ended, and draw the conclusions; None while it goes on."""
         navigator = self.navigator
-        is_due = self._has_changed and navigator.steps >= self._min_steps
+        is_due = self._has_changed and navigator.record["steps"] >= self._min_steps
         if is_due and navigator.has_goal and not navigator.is_recovering:
             self._has_changed = False
             if not self._is_frontier_left():
@@ -249,10 +226,11 @@ class FrontierNavigator:
         assert self.target is not None
         return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
-    def _start_cell(self, costs: np.ndarray, level: int, pose: Pose2D) -> tuple[int, int]:
+    def _start_cell(self, layer: CostLayer, pose: Pose2D) -> tuple[int, int]:
         """Return the robot's cell, or the nearest traversable one; (-1, -1) for none."""
-        tables = self.map.tables[level]
-        return nearest_cell(costs, tables.weights, *self.map.cell(pose.x, pose.y), tables.radius, COST_INSCRIBED)
+        tables, cell = layer.tables, self.map.cell(pose.x, pose.y)
+        row, col = nearest_cell(layer.costs, tables.weights, *cell, tables.radius, COST_INSCRIBED)
+        return row, col
 
     def _find(self, pose: Pose2D) -> None:
         """Find the candidates; smaller footprints, and shorter frontiers, only count where there is nothing else."""
@@ -263,91 +241,54 @@ class FrontierNavigator:
         self._has_start = False
         for level in range(planning.max_level + 1):
             layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
-            groups, parts = self._frontiers(layer)
-            start = self._start_cell(layer.costs, level, pose)
-            found = np.empty(0, dtype=FOUND)
+            cells, parts = self._frontiers(layer)
+            start = self._start_cell(layer, pose)
+            table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
                 self._has_start = True
-                found, planning.entries = find_candidates(
-                    planning.joined,
-                    (layer.costs, layer.open_weights),
-                    planning.expansion,
-                    planning.entries,
-                    start,
-                    (groups, parts),
-                    self._lengths,
-                    self._max_candidates,
-                    layer.tables,
+                workspace = planning.expansion, planning.entries
+                costs, frontier = (layer.costs, layer.open_weights), (cells, parts)
+                limits = self._lengths, self._max_candidates
+                table, planning.entries = find_candidates(
+                    planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
                 )
-            if len(found):
+            if len(table):
                 break
-        self._level, self._found = level, found
-        self._describe(pose, groups, parts)
+        self._level = level
+        height, width = planning.joined.shape
+        raster = planning.joined, planning.expansion.predecessor.reshape(height + 2, width + 2)
+        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
+        frame = *planning.origin, planning.side
+        self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
+        self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
+        """What there is to choose from."""
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
         """Return the frontier cells that may become candidates, shape (n, 2), and their parts; see `split_groups`."""
-        groups, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
-        return groups, split_groups(groups, starts, layer.tables.max_extent, min(self._lengths))
-
-    def _describe(self, pose: Pose2D, groups: np.ndarray, parts: np.ndarray) -> None:
-        """Make the record of the candidates that were found."""
-        planning, found = self.map, self._found
-        tables = planning.tables[self._level]
-        height, width = planning.joined.shape
-        predecessor = planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
-        raster, frame = (planning.joined, predecessor), (*planning.origin, planning.side)
-        table, self._seen, chosen = describe(raster, found, tables, frame, pose.theta, self._now, past)
-        self._table = table
-        own = parts[found["part"]]
-        costs = planning._layers[self._level].costs
-        self.candidates = Candidates(
-            viewpoints=table["viewpoint"],
-            frontiers=table["frontier"],
-            costs=table["cost"],
-            sizes=table["size"],
-            groups=own[:, 3],
-            group_sizes=own[:, 2] * planning.side,
-            visible=table["visible"],
-            unknown=table["unknown"],
-            sectors=table["sectors"],
-            clearances=table["clearance"],
-            turns=table["turn"],
-            ages=table["age"],
-            failures=table["failures"],
-            chosen=int(chosen),
-            last_failed=self._last_failed,
-            frontier_cells=groups,
-            spans=own[:, :2],
-            costmap=Costmap(costs, planning.grid, costmap_params(planning.params, tables.robot_radius)),
-        )
-        """What there is to choose from."""
+        cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
+        return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path to the goal anew; False if there is none any more."""
-        planning, tables = self.map, self.map.tables[self._level]
+        planning = self.map
         layer = planning.layer(self._level, pose, self.navigator.obstacles, self.bodies)
-        start = self._start_cell(layer.costs, self._level, pose)
+        start = self._start_cell(layer, pose)
         if start[0] < 0:
             return False
         slack = math.floor(self.navigator.numbers["goal_tolerance"] / planning.side + 1e-9)
-        goal = planning.cell(*self.navigator.goal)
-        weights, arrays = tables.weights, (layer.costs, layer.open_weights)
-        end, planning.entries = search_goal(arrays, weights, planning.expansion, planning.entries, start, goal, slack)
+        goal, arrays = planning.cell(*self.navigator.goal), (layer.costs, layer.open_weights)
+        workspace = planning.expansion, planning.entries
+        end, planning.entries = search_goal(arrays, layer.tables.weights, *workspace, start, goal, slack)
         if end[0] < 0:
             return False
-        self.navigator.follow(self._path, num_points=self._write_path(layer.costs, end, self._path))
+        self.navigator.follow(self._path(layer.costs, end))
         return True
 
-    def _write_candidate_path(self, index: int, path: np.ndarray) -> int:
-        cell = tuple(self._found["goal"][index].tolist())
-        return self._write_path(self.candidates.costmap.costs, cell, path)
-
-    def _write_path(self, costs: np.ndarray, cell: tuple[int, ...], path: np.ndarray) -> int:
-        """Write the path of the last search to a cell to `path`, and return how many points it has."""
-        planning = self.map
-        frame, weights = (*planning.origin, planning.side), planning.tables[self._level].weights
-        return int(write_path(costs, weights, planning.expansion, cell, self._shortcut, frame, path))
+    def _path(self, costs: np.ndarray, cell: tuple[int, int]) -> np.ndarray:
+        """Return the path of the last search to a cell, shape (n, 2), float64, map frame [m]."""
+        planning, weights = self.map, self.map.tables[self._level].weights
+        path: np.ndarray = write_path(costs, weights, planning.expansion, cell, planning.side, planning.origin)
+        return path
 
     def _fail(self) -> None:
         """Take note that the robot did not get to where it should look at a frontier."""

@@ -1,18 +1,21 @@
-"""Frontiers: where what is known to be free borders on what is unknown (Yamauchi, 1997).
+"""Frontiers: where what is known to be free borders on what is unknown (Yamauchi, 1997), and what is seen of them.
 
 Kernels share four arrays: `joined`, shape (height, width), int8, occupancy; `ignored` and `frontier`, same shape, bool;
 and `tile_counts`, shape (tile rows, tile columns), int32, the number of frontier cells in each tile, kept up to date.
+Cells are (row, column), distances count cells.
 """
+
+import math
 
 import numpy as np
 from numba import njit
 
 from envs.geometry import OccupancyGrid
+from envs.geometry.lines import cell_along
+from envs.geometry.pose import wrap_angle
+from envs.navigation.costmap import OCCUPIED_FROM
+from envs.navigation.planning_kernels import join_cells
 
-FREE_BELOW = 50
-"""Occupancy from which a cell no longer counts as free [percent]."""
-OCCUPIED_FROM = 50
-"""Least occupancy of a planning cell that is an obstacle, and blocks the view [percent]."""
 TILE = 32
 """Side of the tiles in which frontier cells are counted [cells]."""
 
@@ -35,7 +38,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
         for col in range(left, right):
             k = col - first
             near = min(lowest[k], lowest[k + 1], lowest[k + 2])
-            is_frontier = (middle[k] >= 0) & (middle[k] < FREE_BELOW) & (near < 0) & (not ignored[row, col])
+            is_frontier = (middle[k] >= 0) & (middle[k] < OCCUPIED_FROM) & (near < 0) & (not ignored[row, col])
             if is_frontier != frontier[row, col]:
                 frontier[row, col] = is_frontier
                 tile_counts[row // TILE, col // TILE] += 1 if is_frontier else -1
@@ -176,24 +179,98 @@ def split_groups(cells, starts, extent, least):
 
 
 @njit(cache=True, error_model="numpy")
-def count_unknown(data, row, col, radius):
-    """Count the unknown cells (-1) within a disc; what lies outside the array has not been observed either.
+def _count_unknown(data, cells, others, radius):
+    """Count the unknown cells within `radius` cells of both cells of a pair; outside of `data` all are unknown.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        row: row of the centre.
-        col: column of the centre.
-        radius: radius of the disc [cells].
+    `cells` and `others` have the shape (n, 2), int64, (row, column); what is returned has the shape (n,), int64.
     """
     height, width = data.shape
-    count = 0
+    counts = np.zeros(len(cells), dtype=np.int64)
     reach = int(radius)
-    for d_row in range(-reach, reach + 1):
-        r = row + d_row
-        half = int(np.sqrt(radius * radius - d_row * d_row))
-        if r < 0 or r >= height:
-            count += 2 * half + 1
-            continue
-        for c in range(col - half, col + half + 1):
-            count += c < 0 or c >= width or data[r, c] < 0
-    return count
+    for k in range(len(cells)):
+        row0, col0 = cells[k]
+        row1, col1 = others[k]
+        for row in range(max(row0, row1) - reach, min(row0, row1) + reach + 1):
+            half0 = int(np.sqrt(radius * radius - (row - row0) ** 2))
+            half1 = int(np.sqrt(radius * radius - (row - row1) ** 2))
+            for col in range(max(col0 - half0, col1 - half1), min(col0 + half0, col1 + half1) + 1):
+                counts[k] += row < 0 or row >= height or col < 0 or col >= width or data[row, col] < 0
+    return counts
+
+
+def information_gain(
+    grid: OccupancyGrid, points: np.ndarray, radius: float, shared_with: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the unknown area within `radius` [m] of points, shape (n, 2), map frame [m]: shape (n,), float64 [m2].
+
+    What lies outside the map is unknown. With `shared_with`, shape (2,), map frame [m], only what lies within the
+    radius of that point as well counts.
+    """
+    cells = grid.cells(points)
+    others = cells if shared_with is None else np.broadcast_to(grid.cells(shared_with), cells.shape)
+    areas: np.ndarray = _count_unknown(grid.data, cells, others, radius / grid.resolution) * grid.resolution**2
+    return areas
+
+
+@njit(cache=True, error_model="numpy")
+def is_visible(data, row0, col0, row1, col1):
+    """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
+    steps = max(abs(row1 - row0), abs(col1 - col0))
+    d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
+    for k in range(1, steps):
+        row, col = cell_along(row0, col0, d_row, d_col, k)
+        if data[row, col] >= OCCUPIED_FROM:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def is_frontier_near(data, block, ignored, row, col, reach):
+    """Tell whether there is a frontier cell within `reach` of a planning cell, on the map as it is now.
+
+    `data`, shape (rows, cols), int8, is the map itself, with `block` x `block` of its cells in a planning cell.
+    """
+    height, width = ignored.shape
+    top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
+    bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
+    if top >= bottom or left >= right:
+        return False
+    window = (0, 0, bottom - top, right - left)
+    shape = window[2:]
+    around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
+    join_cells(data[top * block :, left * block :], block, around, window)
+    tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
+    update_frontier(around, ignored[top:bottom, left:right], frontier, tile_counts, window)
+    return len(frontier_near(frontier, row - top, col - left, reach)) > 0
+
+
+@njit(cache=True, error_model="numpy")
+def frontier_near(frontier, row, col, reach):
+    """Return the frontier cells within `reach` of (row, col): shape (k, 2), int64."""
+    height, width = frontier.shape
+    cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
+    count = 0
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+            if frontier[r, c] and (r - row) ** 2 + (c - col) ** 2 <= reach * reach:
+                cells[count, 0], cells[count, 1] = r, c
+                count += 1
+    return cells[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def frontier_in_sight(joined, frontier, at, view, reach):
+    """Return the frontier cells within `reach` that are in view with no obstacle between: shape (k, 2), int64.
+
+    `at` is the viewpoint (row, column), with fractions; `view` its middle and half of the angle in view [rad].
+    """
+    row, col = math.floor(at[0]), math.floor(at[1])
+    cells = frontier_near(frontier, row, col, reach)
+    count = 0
+    for k in range(len(cells)):
+        bearing = math.atan2(cells[k, 0] + 0.5 - at[0], cells[k, 1] + 0.5 - at[1])
+        is_ahead = abs(wrap_angle(bearing - view[0])) <= view[1]
+        if is_ahead and is_visible(joined, row, col, cells[k, 0], cells[k, 1]):
+            cells[count, 0], cells[count, 1] = cells[k, 0], cells[k, 1]
+            count += 1
+    return cells[:count]

@@ -1,7 +1,7 @@
 """The one navigator: drives a robot along paths, recovers when there is no progress, and reports the progress.
 
 Each control period: `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
-turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended (see `envs.navigation.records`).
+turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended.
 
     navigator = Navigator(robot, control_period)
     navigator.reset(reading)
@@ -19,8 +19,10 @@ from envs.estimation import Correction
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation.navigator_kernels import (
+    NAVIGATOR,
     check_progress,
     compute_velocity_command,
+    navigator_numbers,
     recover,
     set_goal,
     update,
@@ -29,7 +31,6 @@ from envs.navigation.navigator_kernels import (
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
 from envs.navigation.params import NavigatorParams
 from envs.navigation.pursuit import as_record
-from envs.navigation.records import NAVIGATOR, navigator_numbers
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
@@ -68,7 +69,6 @@ class Navigator:
             params: how to drive.
             max_time: longest drive, but for a recovery, which is finished [s].
         """
-        self.params = params
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         """Robot and params as scalars, see `navigator_numbers`."""
@@ -79,10 +79,8 @@ class Navigator:
         self._obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
         self._period = control_period
-        self.v = 0.0
-        """Forward speed by odometry [m/s]."""
-        self.w = 0.0
-        """Yaw rate by odometry [rad/s]."""
+        self.velocity = Twist(0.0, 0.0)
+        """Velocity by odometry."""
 
     def reset(self, reading: Reading) -> None:
         """Begin an episode with its first reading."""
@@ -104,18 +102,10 @@ class Navigator:
         """The same, path, obstacles and constants, for kernels that drive."""
         return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
 
-    def note_velocity(self, twist: Twist) -> None:
-        """Take note of the velocity by odometry after readings that kernels have processed."""
-        self.v, self.w = twist
-
-    def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
-        return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
-
     @property
     def plan(self) -> np.ndarray | None:
         """What is left of the path, shape (n, 2), map frame [m]; None without one."""
-        return self._path[self.record["index"] : self.record["num_points"]] if self.has_goal else None
+        return self._path[self.record["index"] :] if self.has_goal else None
 
     @property
     def has_goal(self) -> bool:
@@ -128,37 +118,13 @@ class Navigator:
         return float(self.record["goal_x"]), float(self.record["goal_y"])
 
     @property
-    def steps(self) -> int:
-        """Control periods of this drive."""
-        return int(self.record["steps"])
-
-    @property
     def is_recovering(self) -> bool:
         """Whether the robot backs up or spins, and no goal can change that."""
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
-    @property
-    def num_recoveries(self) -> int:
-        """Recovery behaviors of this drive."""
-        return int(self.record["recoveries"])
-
-    @property
-    def is_forward(self) -> bool:
-        """Whether the last command was not backwards."""
-        return bool(self.record["forward"])
-
     def note_command(self, twist: Twist) -> None:
         """Take note of a twist that is commanded in place of what `command` returns."""
         self.record["forward"] = int(twist.v >= 0.0)
-
-    @property
-    def still_steps(self) -> int:
-        """Control periods for which the robot has not moved or turned while driving to a goal."""
-        return int(self.record["stall_steps"])
-
-    def restart_progress(self) -> None:
-        """Measure progress anew from here."""
-        self.record["stall_steps"] = -1
 
     @property
     def obstacles(self) -> np.ndarray:
@@ -171,7 +137,6 @@ class Navigator:
         goal: tuple[float, float] | None = None,
         *,
         view: tuple[float, float] = NOTHING,
-        num_points: int | None = None,
         keep_clocks: bool = False,
     ) -> None:
         """Begin a drive.
@@ -180,28 +145,23 @@ class Navigator:
             path: shape (n, 2), float64, n > 0, map frame [m].
             goal: where to go (x, y), map frame [m]; the end of the path if not given.
             view: what to have in the lidar's view in the end (x, y), map frame [m].
-            num_points: how many points of the path count; all if not given.
             keep_clocks: whether this is the same drive with another plan: the time for which the robot has got nowhere
                 goes on, or goals that change faster than that is noticed would keep it there for ever.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
-        count = len(path) if num_points is None else num_points
-        end = goal or (float(path[count - 1, 0]), float(path[count - 1, 1]))
-        set_goal(self._records, count, end, view, keep_clocks)
+        set_goal(self._records, goal or (float(path[-1, 0]), float(path[-1, 1])), view, keep_clocks)
 
-    def follow(self, path: np.ndarray, *, num_points: int | None = None) -> None:
-        """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]; see `drive_to`."""
+    def follow(self, path: np.ndarray) -> None:
+        """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]."""
         self._path = np.ascontiguousarray(path, dtype=np.float64)
-        self.record["num_points"] = len(path) if num_points is None else num_points
         self.record["index"] = 0
 
     def carry(self, correction: Correction) -> None:
         """Move path, goal and view with a correction of the map."""
         if not self.has_goal:
             return
-        record, rest = self.record, slice(int(self.record["index"]), int(self.record["num_points"]))
-        self._path = self._path.copy()
-        self._path[rest] = correction.carry(self._path[rest])
+        record, first = self.record, int(self.record["index"])
+        self._path = np.concatenate([self._path[:first], correction.carry(self._path[first:])])
         for x, y in (("goal_x", "goal_y"), ("view_x", "view_y")):
             if math.isfinite(record[x]):
                 record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
@@ -209,6 +169,10 @@ class Navigator:
     def plan_anew(self) -> None:
         """Let the next check of progress ask for another plan, since the map has changed as a whole."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
+
+    def restart_progress(self) -> None:
+        """Measure progress anew from here."""
+        self.record["stall_steps"] = -1
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
@@ -218,9 +182,10 @@ class Navigator:
         self.record["turn_w"] = rate
         self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
-    def recover(self, *, backwards: bool = True) -> None:
-        """Back up (or drive on, where there is more room) and spin a little."""
-        recover(self._records, self._obstacles[: self.record["num_obstacles"]], backwards, self._numbers)
+    def recover(self) -> None:
+        """Back away from where the last command led (or drive on, where there is more room) and spin a little."""
+        record = self.record
+        recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 
     def stop(self) -> None:
         """Cancel the goal and any recovery behavior, and stop."""
@@ -251,14 +216,17 @@ class Navigator:
         state = self._records, self._obstacles
         return int(update(*state, *sensors, others[:MAX_OTHERS], tuple(pose), self._numbers))
 
+    def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
+        """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
+        return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
+
     def _sensors(self, reading: Reading) -> tuple[Any, Any]:
         """Return the sensors' part of the arguments of kernels, and take note of the velocity."""
         motion = self._odometry.update(reading)
-        self.v, self.w = motion.x / self._period, motion.theta / self._period
+        self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
         return (reading.ranges, self._directions, reading.bumper), tuple(motion)
 
     def command(self, pose: Pose2D) -> Twist:
         """Return the twist for the next control period, from the pose estimate."""
-        return Twist(
-            *compute_velocity_command(self._records, self._path, self._obstacles, tuple(pose), self.v, self._numbers)
-        )
+        state = self._records, self._path, self._obstacles
+        return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

@@ -141,31 +141,3 @@ def free_distance(points, curvature, radius, distance):
             if squared < radius * radius and math.sqrt(squared) < math.hypot(points[k, 0], points[k, 1]) - 1e-3:
                 return abs(distance) * (step - 1) / num_steps
     return abs(distance)
-
-
-@njit(cache=True, error_model="numpy")
-def mark_missing(data, cells, reach, occupied_from):
-    """Mark obstacles that the map lacks.
-
-    Args:
-        data: shape (height, width), int8, occupancy.
-        cells: shape (n, 2), int64, (row, column) of obstacles, also outside the map.
-        reach: distance up to which an occupied cell accounts for an obstacle [cells].
-        occupied_from: least occupancy that is an obstacle [percent].
-
-    Returns:
-        A copy with 100 in the cells of those that no occupied cell accounts for.
-    """
-    height, width = data.shape
-    marked = data.copy()
-    for k in range(cells.shape[0]):
-        row, col = cells[k]
-        if row < 0 or col < 0 or row >= height or col >= width:
-            continue
-        is_known = False
-        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
-            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-                is_known |= data[r, c] >= occupied_from
-        if not is_known:
-            marked[row, col] = 100
-    return marked

@@ -1,6 +1,8 @@
-"""Parameters of the navigation stack: every number once, for all explorers and the decision level."""
+"""Parameters of planning and of drives: every number once, for all explorers, goals and the decision level."""
 
 from dataclasses import dataclass
+
+from envs.navigation.costmap import CostmapParams
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,8 @@ class PlanningParams:
     marking_range: float = 2.5
     """Obstacles seen this near are marked in plans where the map misses them [m] (Nav2's `obstacle_max_range`): legs of
     chairs are too thin to last in a map."""
+    clearing_range: float = 3.0
+    """Beams clear the marks that they pass up to this range [m] (Nav2's `raytrace_max_range`)."""
     same_obstacle: float = 0.15
     """Distance up to which an occupied cell of the map accounts for an obstacle in the scan [m]."""
     min_lengths: tuple[float, ...] = (0.4, 0.15)
@@ -36,6 +40,10 @@ class PlanningParams:
     """Unknown area in view of a viewpoint is counted up to this distance, where the lidar sees as far [m]."""
     heading_distance: float = 0.6
     """Heading changes are those towards the point of the path this far from its start [m]."""
+
+    def costmap(self, robot_radius: float) -> CostmapParams:
+        """Return how obstacles spread for a footprint of a radius [m]."""
+        return CostmapParams(robot_radius, robot_radius + self.inflation, self.cost_scaling_factor)
 
 
 @dataclass(frozen=True, slots=True)

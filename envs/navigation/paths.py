@@ -1,4 +1,4 @@
-"""Paths over a costmap, from the searches of `astar`."""
+"""Paths over a costmap: from the searches of `astar` to points that are straight, and round where they bend."""
 
 import math
 from dataclasses import dataclass
@@ -7,11 +7,33 @@ import numpy as np
 from numba import njit
 
 from envs.geometry.polyline import resample
-from envs.navigation.astar import COST_WEIGHT, NO_STEP, SCALE, STEPS, STRAIGHT, UNREACHED, search, step_weights
-from envs.navigation.costmap import COST_INSCRIBED, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from envs.navigation.astar import (
+    COST_WEIGHT,
+    NO_STEP,
+    SCALE,
+    STEPS,
+    STRAIGHT,
+    UNREACHED,
+    begin,
+    expand,
+    octile,
+    search,
+    step_weights,
+)
+from envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
 
 SHORTCUT = 4.0
 """Longest stretch of a path that one straight line replaces [m]."""
+MAX_POINTS = 1024
+"""Points of a path of `write_path`; the rest of a longer one is left to the next plan."""
+DATA_WEIGHT = 0.2
+"""Pull of each point to where it was before (Nav2's `w_data`)."""
+SMOOTH_WEIGHT = 0.3
+"""Pull of each point to the middle between its neighbours (Nav2's `w_smooth`)."""
+NUM_SWEEPS = 100
+"""Most sweeps over the path."""
+SETTLED = 1e-4
+"""A sweep that moves no point by more than this ends the smoothing [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,6 +120,54 @@ def nearest_cell(costs, weights, row, col, reach, max_cost):
             if squared < best and weights[cost] > 0 and (cost <= max_cost or cost == COST_UNKNOWN):
                 best_row, best_col, best = r, c, squared
     return best_row, best_col
+
+
+@njit(cache=True, error_model="numpy")
+def write_path(costs, weights, expansion, cell, side, origin):
+    """Return the path to a cell that a search has reached as points at most half a planning cell apart.
+
+    `expansion` is that of the search, `side` the side of a cell [m], and `origin` where the first column and the first
+    row begin, map frame [m]. Shape (n, 2), float64, map frame [m]; what is longer than `MAX_POINTS` is cut off.
+    """
+    left, low = origin
+    shape = (costs.shape[0] + 2, costs.shape[1] + 2)
+    travel, predecessor = expansion.travel.reshape(shape), expansion.predecessor.reshape(shape)
+    reach = max(2, round(SHORTCUT / side))
+    corners = shorten(costs, weights, travel, walk_back(predecessor, cell[0], cell[1]), reach)
+    path = np.empty((MAX_POINTS, 2))
+    path[0, 0], path[0, 1] = left + (corners[0, 1] + 0.5) * side, low + (corners[0, 0] + 0.5) * side
+    count = 1
+    for k in range(1, corners.shape[0]):
+        x0, y0 = left + (corners[k - 1, 1] + 0.5) * side, low + (corners[k - 1, 0] + 0.5) * side
+        dx, dy = (corners[k, 1] - corners[k - 1, 1]) * side, (corners[k, 0] - corners[k - 1, 0]) * side
+        num_steps = math.ceil(2.0 * math.hypot(dx, dy) / side - 1e-9)
+        for step in range(1, num_steps + 1):
+            if count == MAX_POINTS:
+                return path
+            path[count, 0], path[count, 1] = x0 + dx * step / num_steps, y0 + dy * step / num_steps
+            count += 1
+    return path[:count].copy()
+
+
+@njit(cache=True, error_model="numpy")
+def search_goal(layer, weights, expansion, entries, start, goal, slack):
+    """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
+
+    `layer` holds costs and the `open_weights` of `_expand`; `expansion` and `entries` are workspace, see `begin`. The
+    path may end up to `slack` cells beside the goal.
+    Returns the cell where it ends, (-1, -1) without one; and `entries`.
+    """
+    costs, open_weights = layer
+    row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
+    if row < 0:
+        return (-1, -1), entries
+    stride, touching = np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
+    level = octile(row - start[0], col - start[1])
+    begin(expansion, entries, stride, start[0], start[1], costs[start[0], start[1]] == COST_LETHAL, level)
+    entries = expand(expansion, entries, open_weights, stride, touching, (row, col), np.int64(UNREACHED))
+    if expansion.travel[(row + 1) * np.int64(stride) + col + 1] == UNREACHED:
+        return (-1, -1), entries
+    return (row, col), entries
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,3 +278,77 @@ def plan_path(
         return None
     field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown)
     return None if field is None else field.path(*cell)
+
+
+@njit(cache=True, error_model="numpy")
+def relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
+    """Return a copy of a path with points pulled between their neighbours and back to where they were.
+
+    A point never moves into a cell that is not traversable; its two ends stay. After the simple smoother of Nav2,
+    with the points updated in place (Gauss-Seidel).
+
+    Args:
+        points: shape (n, 2), float64 [m].
+        costs: shape (height, width), uint8.
+        origin_x: x of the outer corner of cell (0, 0) [m].
+        origin_y: y of the same [m].
+        resolution: side of a cell [m].
+        allow_unknown: whether points may move into unknown cells.
+    """
+    height, width = costs.shape
+    smooth = points.copy()
+    for _ in range(NUM_SWEEPS):
+        largest = 0.0
+        for k in range(1, points.shape[0] - 1):
+            x, y = smooth[k]
+            new_x = x + DATA_WEIGHT * (points[k, 0] - x) + SMOOTH_WEIGHT * (smooth[k - 1, 0] + smooth[k + 1, 0] - 2 * x)
+            new_y = y + DATA_WEIGHT * (points[k, 1] - y) + SMOOTH_WEIGHT * (smooth[k - 1, 1] + smooth[k + 1, 1] - 2 * y)
+            row, col = math.floor((new_y - origin_y) / resolution), math.floor((new_x - origin_x) / resolution)
+            if row < 0 or col < 0 or row >= height or col >= width:
+                continue
+            cost = costs[row, col]
+            if cost >= COST_INSCRIBED and not (cost == COST_UNKNOWN and allow_unknown):
+                continue
+            smooth[k, 0], smooth[k, 1] = new_x, new_y
+            largest = max(largest, abs(new_x - x), abs(new_y - y))
+        if largest < SETTLED:
+            break
+    return smooth
+
+
+def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
+    """Round off a path's corners without touching anything.
+
+    Args:
+        costmap: where the path runs.
+        path: shape (n, 2), n > 0, points about a cell apart [m].
+        allow_unknown: whether it may enter unknown cells.
+
+    Returns:
+        Shape (m, 2), float64, points at most a cell apart, with the same ends [m].
+    """
+    grid = costmap.grid
+    path = np.ascontiguousarray(path, dtype=np.float64)
+    smooth: np.ndarray = relax(path, costmap.costs, *grid.origin, grid.resolution, allow_unknown)
+    return resample(smooth, grid.resolution)
+
+
+def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
+    """Tell whether a robot can follow a path: it stays inside the map and touches nothing that is known.
+
+    Points at the start where the robot touches something in its belief already do not count, if it gets out of there.
+
+    Args:
+        costmap: the costs now.
+        path: shape (n, 2), points about a cell apart [m].
+        allow_unknown: whether it may cross unknown cells.
+    """
+    grid = costmap.grid
+    cells = grid.cells(path)
+    if not grid.contains(cells).all():
+        return False
+    costs = costmap.costs[tuple(cells.T)]
+    touches = (costs == COST_INSCRIBED) | (costs == COST_LETHAL)
+    is_open = (step_weights(COST_WEIGHT, allow_unknown)[costs] > 0) & ~touches
+    first = int(np.argmax(is_open))
+    return bool(touches[:first].all() and is_open[first:].all())

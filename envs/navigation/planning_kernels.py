@@ -1,7 +1,7 @@
-"""Planning cells and costs, recomputed in a `Window`. Kernels of `envs.navigation.planning_map`.
+"""Planning cells, marks and costs, recomputed in a `Window`. Kernels of `envs.navigation.planning_map`.
 
-`joined`, shape (height, width), int8, is the occupancy of planning cells. Cells are shape (n, 2), int64, (row, column),
-also outside the map.
+`joined` and `marks`, shape (height, width), int8, are the occupancy of planning cells by map and scans. Cells are shape
+(n, 2), int64, (row, column), also outside of them.
 """
 
 import math
@@ -9,9 +9,10 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.navigation.costmap import inflate
-from envs.navigation.frontiers import OCCUPIED_FROM
-from envs.navigation.obstacles import mark_missing, points_within
+from envs.geometry import FREE, OCCUPIED
+from envs.geometry.lines import next_cell, start_walk
+from envs.navigation.costmap import OCCUPIED_FROM, inflate
+from envs.navigation.obstacles import points_within
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,10 +68,39 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 
 @njit(cache=True, error_model="numpy")
-def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window):
-    """Inflate, in a window, the obstacles of the map, and of those in sight that it misses.
+def clear_beams(marks, x, y, angles, lengths):
+    """Set the cells on beams free: from (x, y) along angles [rad] for lengths, all in cells."""
+    height, width = marks.shape
+    for k in range(len(angles)):
+        walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))
+        while 0 <= walk.row < height and 0 <= walk.col < width:
+            marks[walk.row, walk.col] = FREE
+            if walk.rows_left + walk.cols_left == 0:
+                break
+            walk = next_cell(walk)
 
-    Of the cells in sight, `obstacles` are marked where no occupied cell accounts for them, `bodies` in any case. Writes
+
+@njit(cache=True, error_model="numpy")
+def mark(marks, joined, cells, reach):
+    """Mark the cells of obstacles that no occupied one of `joined` within `reach` accounts for; -1 marks all."""
+    height, width = joined.shape
+    for k in range(cells.shape[0]):
+        row, col = cells[k]
+        if row < 0 or col < 0 or row >= height or col >= width:
+            continue
+        is_known = False
+        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+                is_known |= joined[r, c] >= OCCUPIED_FROM
+        if not is_known:
+            marks[row, col] = OCCUPIED
+
+
+@njit(cache=True, error_model="numpy")
+def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, window):
+    """Inflate, in a window, the obstacles of the map, those that scans have marked, and those in sight.
+
+    Of the cells in sight, `obstacles` count where no occupied cell accounts for them, `bodies` in any case. Writes
     `costs`, shape (height, width), uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window
@@ -78,14 +108,12 @@ def update_costs(joined, obstacles, bodies, tables, costs, open_weights, window)
     # Obstacles beside the window cost in it, and cells that account for an obstacle may lie beside those.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
-    part = joined[first_row : min(bottom + reach, height), first_col : min(right + reach, width)]
-    corner = np.array([first_row, first_col])
-    marked = mark_missing(part, obstacles - corner, tables.same_obstacle, OCCUPIED_FROM)
-    for k in range(bodies.shape[0]):
-        row, col = bodies[k, 0] - first_row, bodies[k, 1] - first_col
-        if 0 <= row < marked.shape[0] and 0 <= col < marked.shape[1]:
-            marked[row, col] = 100
-    found = inflate(marked, OCCUPIED_FROM, tables.inflation, tables.costs)
+    last_row, last_col = min(bottom + reach, height), min(right + reach, width)
+    part, corner = joined[first_row:last_row, first_col:last_col], np.array([first_row, first_col])
+    combined = np.maximum(part, marks[first_row:last_row, first_col:last_col])
+    mark(combined, part, obstacles - corner, tables.same_obstacle)
+    mark(combined, part, bodies - corner, -1)
+    found = inflate(combined, tables.inflation, tables.costs)
     for row in range(top, bottom):
         node = (row + 1) * (width + 2) + left + 1
         for col in range(left, right):

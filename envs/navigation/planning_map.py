@@ -1,62 +1,106 @@
-"""The map as planners see it: joined cells, frontier cells and costs, kept up to date where the map has changed.
+"""The costmap: a map, what scans have marked on it since, and inflation over both, kept up to date where they change.
 
-What an update costs grows with the window that the scans since the last one have touched, and not with the map. Only a
-map that has grown, or changed as a whole, is looked at anew from end to end.
+What an update costs grows with the window that scans have touched since the last one, and not with the map. Only a map
+that has grown, or changed as a whole, is looked at anew from end to end.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation.astar import new_expansion
+from envs.geometry import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
 from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
-from envs.navigation.frontiers import TILE, ignore_around, update_frontier
+from envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import PlanningParams
-from envs.navigation.planning_kernels import cells_of, join_cells, obstacle_cells, update_costs
-from envs.navigation.tables import PlanningTables, costmap_params, tables_of
-from envs.navigation.viewpoints import is_frontier_near
-from envs.robots import RobotParams
+from envs.navigation.planning_kernels import cells_of, clear_beams, join_cells, mark, obstacle_cells, update_costs
+from envs.robots import LidarParams, RobotParams
 
-NO_CELLS = np.empty((0, 2), dtype=np.int64)
-"""What `obstacle_cells` returns where there are no points."""
+FIRST_LIMIT = 16.0
+"""Travel cost up to which the search for candidates expands at first [m]; doubled until enough are known."""
+
+
+class PlanningTables(NamedTuple):
+    """Robot and `PlanningParams` in planning cells, for one footprint padding level. Kernels read it."""
+
+    costs: np.ndarray
+    """See `CostmapParams.table`."""
+    weights: np.ndarray
+    """See `step_weights`."""
+    inflation: int
+    radius: int
+    """How far from the robot's cell a search may start [cells]."""
+    same_obstacle: int
+    max_extent: int
+    views: tuple[int, ...]
+    """View distances [cells]."""
+    detour: int
+    """[travel cost]"""
+    first_limit: int
+    """[travel cost]"""
+    view_reach: int
+    heading_steps: int
+    robot_radius: float
+    """Radius of the footprint that is planned for [m]."""
+
+
+def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: float) -> PlanningTables:
+    costmap = params.costmap(radius)
+    return PlanningTables(
+        costs=costmap.table(side),
+        weights=step_weights(COST_WEIGHT, False),
+        inflation=costmap.reach(side),
+        radius=max(1, math.floor(radius / side + 1e-9)),
+        same_obstacle=round(params.same_obstacle / side),
+        max_extent=max(2, round(params.max_extent / side)),
+        views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
+        detour=round(params.detour / side * STRAIGHT * SCALE),
+        first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
+        view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
+        heading_steps=max(1, round(params.heading_distance / side)),
+        robot_radius=radius,
+    )
 
 
 class CostLayer:
     """Costs for the footprint of one padding level."""
 
     def __init__(self, tables: PlanningTables, shape: tuple[int, int]) -> None:
-        """Start with a raster of unknown cells."""
         self.tables = tables
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
         """Shape (height, width), uint8, as in `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
         """Shape ((height + 2) * (width + 2),), uint8; see `expand`."""
         self.pending: Window | None = None
-        """Where the map has changed since the last update, and what that reaches."""
-        self._marked: Window | None = None
+        """Where map or marks have changed since the last update, and what that reaches."""
+        self.in_sight: Window | None = None
+        """What the obstacles in sight reached at the last update."""
 
 
 class PlanningMap:
-    """Planning cells of one robot's map."""
+    """Planning cells of one robot's map, in layers as in Nav2: the map, marks of scans, and inflation.
+
+    Scans mark (`integrate`) what lies farther than `same_obstacle` from any obstacle of the map, which is seen from a
+    pose that is a little wrong; Nav2 marks that too, and narrow doors close. Beams clear marks, and never the map.
+    """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
         """Prepare for maps with cells of a side of `resolution` [m]."""
         self.params = params
-        self.tables = tables_of(params, robot, resolution)
-        """One per footprint padding level."""
-        self.block = self.tables[0].block
+        self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
         """Side of a planning cell [map cells]."""
         self.side = self.block * resolution
         """Side of a planning cell [m]."""
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the map, and what was ignored in it."""
+        radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
+        self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
+        """One per footprint padding level: the padded robot first, then smaller ones."""
         self._data: np.ndarray | None = None
         self._pending: Window | None = None
         self._known: Window | None = None
+        self._beyond, self._point = 0.0, (0.0, 0.0)
+        self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
         """Shape (m, 2), float64: frontier cells that are ignored, with their neighbours, map frame [m]."""
         self.origin = (0.0, 0.0)
@@ -68,16 +112,21 @@ class PlanningMap:
         Args:
             grid: the map.
             window: first column and row, last column and row of the map cells that may have changed; None for none.
-            redrawn: whether the map changed as a whole.
+            redrawn: whether the map changed as a whole; marks are forgotten.
         """
         if redrawn or grid.data is not self._data:
-            self._rebuild(grid)
+            self._rebuild(grid, redrawn)
         elif window is not None:
-            block, (height, width) = self.block, self.joined.shape
+            (top, left), block, (height, width) = self._corner, self.block, self.joined.shape
             col, row, last_col, last_row = (k // block for k in window)
-            changed = max(row, 0), max(col, 0), min(last_row + 1, height), min(last_col + 1, width)
+            last_row, last_col = min(last_row + top + 1, height), min(last_col + left + 1, width)
+            changed = max(row, 0) + top, max(col, 0) + left, last_row, last_col
             if changed[0] < changed[2] and changed[1] < changed[3]:
                 self._pending = union(self._pending, changed)
+
+    def reach_beyond(self, point: tuple[float, float], margin: float) -> None:
+        """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and point (x, y), map frame."""
+        self._beyond, self._point, self._data = margin, point, None
 
     def refresh(self) -> None:
         """Bring joined cells and frontier up to date."""
@@ -85,11 +134,12 @@ class PlanningMap:
         if window is None:
             return
         assert self._data is not None
-        join_cells(self._data, self.block, self.joined, window)
+        (top, left), (height, width) = self._corner, self._size
+        inner = window[0] - top, window[1] - left, min(window[2] - top, height), min(window[3] - left, width)
+        join_cells(self._data, self.block, self.joined[top:, left:], inner)
         update_frontier(self.joined, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
         self._known = union(self._known, window)
-        for layer in self._layers.values():
-            layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
+        self._spoil(window)
 
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
@@ -109,18 +159,18 @@ class PlanningMap:
             if self._known is not None:
                 self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
-        frame = tables.marking_range, tuple(pose), self.origin, self.side
-        missed = obstacle_cells(obstacles, *frame) if len(obstacles) else NO_CELLS
-        unmapped = obstacle_cells(bodies, *frame) if len(bodies) else NO_CELLS
-        marked: Window | None = None
+        frame = self.params.marking_range, tuple(pose), self.origin, self.side
+        missed, unmapped = obstacle_cells(obstacles, *frame), obstacle_cells(bodies, *frame)
+        in_sight: Window | None = None
         for found in (missed, unmapped):
             if len(found):
                 (row, col), (last_row, last_col) = found.min(axis=0).tolist(), found.max(axis=0).tolist()
-                marked = union(marked, self._dilated((row, col, last_row + 1, last_col + 1), tables.inflation))
-        window = union(union(layer.pending, layer._marked), marked)
-        layer.pending, layer._marked = None, marked
+                in_sight = union(in_sight, self._dilated((row, col, last_row + 1, last_col + 1), tables.inflation))
+        window = union(union(layer.pending, layer.in_sight), in_sight)
+        layer.pending, layer.in_sight = None, in_sight
         if window is not None and window[0] < window[2] and window[1] < window[3]:
-            update_costs(self.joined, missed, unmapped, tables, layer.costs, layer.open_weights, window)
+            arrays = layer.costs, layer.open_weights
+            update_costs(self.joined, self.marks, missed, unmapped, tables, *arrays, window)
         return layer
 
     @property
@@ -137,8 +187,53 @@ class PlanningMap:
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
         """Return `layer` as a costmap; its array is live."""
-        layer = self.layer(level, pose, obstacles, bodies)
-        return Costmap(layer.costs, self.grid, costmap_params(self.params, layer.tables.robot_radius))
+        return self.costmap_of(self.layer(level, pose, obstacles, bodies))
+
+    def costmap_of(self, layer: CostLayer) -> Costmap:
+        """Return the costs of a layer as they are; the array is live."""
+        return Costmap(layer.costs, self.grid, self.params.costmap(layer.tables.robot_radius))
+
+    def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
+        """Mark what a scan shows and the map misses, and clear the marks that its beams pass.
+
+        Args:
+            pose: of the robot's base, map frame.
+            ranges: shape (num_beams,), [m]: inf for no return, NaN for beams to ignore.
+            lidar: geometry of the scan.
+
+        Raises:
+            ValueError: if the pose is not finite, or the scan has another number of beams.
+        """
+        if not all(map(math.isfinite, pose)):
+            raise ValueError(f"pose must be finite, got {tuple(pose)}")
+        if ranges.shape != (lidar.num_beams,):
+            raise ValueError(f"ranges must have shape ({lidar.num_beams},), got {ranges.shape}")
+        self.refresh()
+        x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
+        is_valid = ranges >= 0.0
+        angles, ranges = theta + lidar.angles[is_valid], ranges[is_valid].astype(np.float64)
+        # A map cell's width before the hit, so that the noise of a wall's ranges does not clear the wall.
+        lengths = np.minimum(ranges - self.side / self.block, self.params.clearing_range) / self.side
+        col, row = (x - self.origin[0]) / self.side, (y - self.origin[1]) / self.side
+        clear_beams(self.marks, col, row, angles[lengths > 0.0], lengths[lengths > 0.0])
+        is_hit = ranges <= self.params.marking_range
+        angles, ranges = angles[is_hit], ranges[is_hit]
+        points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
+        mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
+        self._spoil(self._around(x, y, max(self.params.marking_range, self.params.clearing_range)))
+
+    def mark(self, points: np.ndarray) -> None:
+        """Mark obstacles that no scan shows, as what the bumper touched: shape (n, 2), map frame [m]."""
+        self.refresh()
+        mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
+        for x, y in points.tolist():
+            self._spoil(self._around(x, y, self.side))
+
+    def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
+        """Forget the marks within a square around (x, y), map frame, of half the side `radius` [m]; by default all."""
+        top, left, bottom, right = window = self._around(*around, radius)
+        self.marks[top : max(bottom, top), left : max(right, left)] = UNKNOWN
+        self._spoil(window)
 
     def ignore(self, points: np.ndarray) -> None:
         """Ignore frontier cells (shape (n, 2), float64, map frame [m]) and their neighbours from now on."""
@@ -147,7 +242,6 @@ class PlanningMap:
 
     def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
         """Tell whether there is a frontier cell within `radius` [m] of a point (x, y), map frame [m]."""
-        assert self._data is not None
         reach = math.ceil(radius / self.side - 1e-9)
         return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
@@ -155,28 +249,49 @@ class PlanningMap:
         """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
-    def _rebuild(self, grid: OccupancyGrid) -> None:
-        """Look at a map anew, from end to end."""
-        rows, cols = grid.data.shape
-        shape = -(-rows // self.block), -(-cols // self.block)
-        self._data, self.origin = grid.data, grid.origin
-        self.joined = np.full(shape, -1, dtype=np.int8)
+    def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
+        """Look at a map anew, from end to end; marks stay where they are in the map frame, unless it was redrawn."""
+        marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
+        self._data, (rows, cols) = grid.data, grid.data.shape
+        self._size = -(-rows // self.block), -(-cols // self.block)
+        top = left = above = right = 0
+        if self._beyond > 0.0:
+            (x0, y0, x1, y1), (x, y) = grid.bounds, self._point
+            gaps = np.maximum((y0 - y, x0 - x, y - y1, x - x1), 0.0)
+            top, left, above, right = np.rint((gaps + self._beyond) / self.side).astype(int).tolist()
+        self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
+        self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
+        self.joined = np.full(shape, UNKNOWN, dtype=np.int8)
         """Shape (height, width), int8, occupancy; unknown where no map cell is known."""
+        self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
+        """Shape (height, width), int8: 100 where scans have marked an obstacle, 0 where they have seen none."""
+        mark(self.marks, self.joined, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
         """Shape (height, width), bool: frontier cells."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
         """Shape (height, width), bool: cells that count as no frontier."""
-        ignore_around(
-            self.ignored, self.frontier, self.tile_counts, cells_of(self.ignored_points, *self.origin, self.side)
-        )
+        ignored = cells_of(self.ignored_points, *self.origin, self.side)
+        ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
         """Workspace of searches."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
         """Queue of searches."""
-        top, left, bottom, right = (k // self.block for k in known_window(grid.data))
-        self._pending, self._known = (top, left, bottom + 1, right + 1), None
+        first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
+        self._pending, self._known = (top + first_row, left + first_col, top + last_row + 1, left + last_col + 1), None
+
+    def _spoil(self, window: Window) -> None:
+        """Take note that map or marks have changed in a window."""
+        for layer in self._layers.values():
+            layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
+
+    def _around(self, x: float, y: float, radius: float) -> Window:
+        """Return the window of the cells within `radius` of (x, y) and of those beside them, map frame [m]."""
+        if math.isinf(radius):
+            return 0, 0, *self.joined.shape
+        (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)
+        return self._dilated((top, left, bottom + 1, right + 1), 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
         """Return a window and `reach` cells around it, as far as they lie in the raster."""

@@ -6,8 +6,9 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.navigation import FrontierNavigator, gain_over_cost
-from envs.navigation.candidate_features import HALF_AREA, HALF_COST
+from envs.estimation import Belief
+from envs.navigation import FrontierNavigator, GainOverCost
+from envs.navigation.candidates import HALF_AREA, HALF_COST
 from envs.robot import Robot
 from envs.robots import RobotParams
 from envs.simulation import Twist
@@ -108,7 +109,7 @@ class _Detection:
         self._navigator, self._num, self._reading = navigator, num, robot.reading
         self._paths: list[np.ndarray] = []
         navigator.begin(robot.reading, robot.belief)
-        self._choose()
+        self._choose(robot.belief)
 
     def update(self, robot: Robot) -> None:
         """Process the last control period, unless that is done."""
@@ -125,7 +126,7 @@ class _Detection:
         if belief.update.redrawn and belief.update.correction is not None:
             self._paths = [belief.update.correction.carry(path) for path in self._paths]
         if navigator.update(robot.reading, belief) is not None:
-            self._choose()
+            self._choose(belief)
 
     def write(self, robot: Robot, rows: np.ndarray) -> None:
         """Write what there is to see of the frontiers, shape (num, WIDTH), float32."""
@@ -134,14 +135,14 @@ class _Detection:
             self._nearest[k] = look_ahead(path, self._nearest[k], tuple(robot.belief.pose), LOOKAHEADS, rows[k])
             rows[k, -3:] = self._values[k]
 
-    def _choose(self) -> None:
+    def _choose(self, belief: Belief) -> None:
         """Take the best of the candidates that were just found."""
         navigator, candidates = self._navigator, self._navigator.candidates
-        best = np.lexsort((-gain_over_cost(candidates), candidates.failures > 0))[: self._num].tolist()
+        best = np.argsort(-GainOverCost()(candidates, belief), kind="stable")[: self._num].tolist()
         # What is to be seen lies beyond the path's end.
-        self._paths = [np.vstack([navigator.path_to(k), candidates.frontiers[k]]) for k in best]
+        self._paths = [np.vstack([navigator.path_to(k), candidates["frontier"][k]]) for k in best]
         self._nearest = [0] * len(best)
-        costs, visible = candidates.costs[best], candidates.visible[best]
+        costs, visible = candidates["cost"][best], candidates["visible"][best]
         self._values = np.column_stack([costs / (costs + HALF_COST), visible / (visible + HALF_AREA), costs >= 0.0])
         if best:
             navigator.choose(best[0])

@@ -11,7 +11,7 @@ import numpy as np
 from envs.core import lidar_env_of
 from envs.geometry import OccupancyGrid
 from envs.navigation import NO_POINTS, Candidates, FrontierNavigator
-from envs.navigation.frontiers import FREE_BELOW
+from envs.navigation.costmap import OCCUPIED_FROM
 from envs.simulation import Twist
 
 from .recording import CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
@@ -95,10 +95,11 @@ class EpisodeRecorder:
         self._candidates = candidates
         target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
         rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
-        rows[:, :5] = np.column_stack([candidates.frontiers, candidates.costs, candidates.visible, candidates.failures])
+        rows[:, :5] = np.column_stack([candidates[name] for name in ("frontier", "cost", "visible", "failures")])
         if scores is not None and len(scores) <= len(rows):  # a policy may score fewer than are offered
-            rows[: len(scores), 5] = scores
-        gaps = np.abs(candidates.frontiers - (target or (math.inf, math.inf))).sum(axis=1)
+            # Those that failed, or are not rated, have none.
+            rows[: len(scores), 5] = np.where(scores > -1e5, scores, np.nan)
+        gaps = np.abs(candidates["frontier"] - (target or (math.inf, math.inf))).sum(axis=1)
         chosen = int(gaps.argmin()) if len(gaps) and gaps.min() < 1e-9 else -1
         self._decisions.append((self._previous, chosen, rows))
 
@@ -196,7 +197,7 @@ class MapHistory:
         self._grow(corner, corner + grid.data.shape)
         now = np.zeros_like(self._kinds)
         (top, left), (height, width) = corner - self._corner, grid.data.shape
-        kinds = np.where(grid.data >= FREE_BELOW, np.uint8(OCCUPIED), np.uint8(FREE))
+        kinds = np.where(grid.data >= OCCUPIED_FROM, np.uint8(OCCUPIED), np.uint8(FREE))
         now[top : top + height, left : left + width] = np.where(grid.data >= 0, kinds, 0)
         changes = self._kinds ^ now
         cells = np.argwhere(changes)

@@ -61,4 +61,4 @@ def first_choice(explorer, x, y, grid=None):
         return None
     if hasattr(explorer.rule, "reset"):
         explorer.rule.reset(BURGER, np.random.default_rng(0))
-    return tuple(candidates.frontiers[explorer.rule(candidates, belief_at(x, y, grid))].tolist())
+    return tuple(candidates["frontier"][explorer.rule(candidates, belief_at(x, y, grid)).argmax()].tolist())

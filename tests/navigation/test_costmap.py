@@ -70,7 +70,6 @@ def test_a_map_without_obstacles_costs_nothing():
         ({"robot_radius": 0.0}, "robot_radius"),
         ({"inflation_radius": 0.1}, "inflation_radius"),
         ({"cost_scaling_factor": -1.0}, "cost_scaling_factor"),
-        ({"occupied_from": 101}, "occupied_from"),
     ],
 )
 def test_bad_params_are_named(changes, culprit):

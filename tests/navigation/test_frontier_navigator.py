@@ -98,14 +98,14 @@ def test_candidates_are_the_frontiers_by_the_cost_of_their_paths():
     navigator = offered(data, 2.7, 1.0)
     found = navigator.candidates
     assert len(found) == 2
-    assert found.frontiers[0, 0] > found.frontiers[1, 0]
+    assert found["frontier"][0, 0] > found["frontier"][1, 0]
     params = CostmapParams(BURGER.radius + 0.03, BURGER.radius + 0.48, 4.0)
     field = travel_field(make_costmap(navigator.map.grid, params), (2.7, 1.0))
-    np.testing.assert_allclose(found.costs, field.cost(navigator.map.grid.cells(found.viewpoints)))
-    cells = navigator.map.grid.cells(found.frontiers)
+    np.testing.assert_allclose(found["cost"], field.cost(navigator.map.grid.cells(found["viewpoint"])))
+    cells = navigator.map.grid.cells(found["frontier"])
     assert frontier_mask(navigator.map.grid)[cells[:, 0], cells[:, 1]].all()
-    assert (found.visible > 0.0).all()
-    assert (found.unknown > 0.0).all()
+    assert (found["visible"] > 0.0).all()
+    assert (found["unknown"] > 0.0).all()
     assert len(offered(data, 2.7, 1.0, max_candidates=1).candidates) == 1
 
 
@@ -121,8 +121,8 @@ def test_a_search_that_stops_early_finds_the_cheapest_of_all(seed):
     everything = offered(data, 10.0, 10.0, max_candidates=None).candidates
     few = offered(data, 10.0, 10.0, max_candidates=5).candidates
     assert len(everything) > 20
-    np.testing.assert_array_equal(few.costs, everything.costs[:5])
-    np.testing.assert_array_equal(few.viewpoints, everything.viewpoints[:5])
+    np.testing.assert_array_equal(few["cost"], everything["cost"][:5])
+    np.testing.assert_array_equal(few["viewpoint"], everything["viewpoint"][:5])
 
 
 def test_long_frontiers_are_split_and_short_ones_wait():
@@ -132,9 +132,9 @@ def test_long_frontiers_are_split_and_short_ones_wait():
     data[:, :2] = data[:, -2:] = 100
     found = offered(data, 5.0, 1.0).candidates
     assert 4 <= len(found) <= 8
-    assert len(set(found.groups.tolist())) == 1
-    assert found.sizes.sum() == pytest.approx(found.group_sizes[0])
-    x = np.sort(found.frontiers[:, 0])
+    assert len(set(found["group"].tolist())) == 1
+    assert found["size"].sum() == pytest.approx(found["group_size"][0])
+    x = np.sort(found["frontier"][:, 0])
     # Each part is represented by its cell nearest to the robot, in the middle.
     assert np.diff(x).max() <= 2.0 + 1e-9
     assert np.ptp(x) >= 6.0
@@ -159,7 +159,7 @@ def test_features_say_where_and_since_when():
         assert robot.decide() == "time_up"
     robot.navigator.write_features(robot.belief.pose, features, sectors, gaps)
     named = dict(zip(FEATURES, features[0].tolist(), strict=True))
-    x, y = robot.navigator.candidates.frontiers[0]
+    x, y = robot.navigator.candidates["frontier"][0]
     assert named["ahead"] == pytest.approx((x - 1.0) / 16.0)
     assert named["left"] == pytest.approx((y - 1.0) / 16.0)
     assert named["age"] == pytest.approx(robot.time / (robot.time + 60.0))
@@ -171,7 +171,7 @@ def test_features_say_where_and_since_when():
     assert not features[1:].any()
     assert not sectors[1:].any()
     assert not gaps.any()
-    np.testing.assert_array_equal(sectors[0], robot.navigator.candidates.sectors[0])
+    np.testing.assert_array_equal(sectors[0], robot.navigator.candidates["sectors"][0])
 
 
 def test_gaps_are_distances_between_frontiers():
@@ -179,7 +179,7 @@ def test_gaps_are_distances_between_frontiers():
     gaps = np.ones((3, 3), dtype=np.float32)
     features, sectors = np.zeros((3, len(FEATURES)), np.float32), np.zeros((3, 2 * NUM_SECTORS), np.float32)
     navigator.write_features(Pose2D(2.7, 1.0, 0.0), features, sectors, gaps)
-    distance = math.dist(*navigator.candidates.frontiers.tolist())
+    distance = math.dist(*navigator.candidates["frontier"].tolist())
     expected = np.zeros((3, 3))
     expected[0, 1] = expected[1, 0] = distance / (distance + 5.0)
     np.testing.assert_allclose(gaps, expected, rtol=1e-6)
@@ -190,7 +190,7 @@ def test_only_the_candidate_nearest_to_the_last_choice_is_marked():
     robot = Robot(held=True, max_time=2.0, data=room(doors=((1.0, 1.4), (1.6, 2.0), (3.0, 3.6))))
     robot.decide(1)
     chosen = robot.navigator.target
-    gaps = np.hypot(*(robot.navigator.candidates.frontiers - chosen).T)
+    gaps = np.hypot(*(robot.navigator.candidates["frontier"] - chosen).T)
     assert robot.navigator.candidates.chosen == gaps.argmin()
     assert gaps.min() <= NavigatorParams().retry_radius
 
@@ -200,14 +200,14 @@ def test_paths_lead_to_the_goal_in_small_steps():
     robot.navigator.choose(0)
     path = robot.navigator.plan
     assert np.hypot(*(path[0] - robot.belief.pose[:2])) < 0.11
-    np.testing.assert_allclose(path[-1], robot.navigator.candidates.viewpoints[0])
+    np.testing.assert_allclose(path[-1], robot.navigator.candidates["viewpoint"][0])
     assert np.hypot(*np.diff(path, axis=0).T).max() <= 0.05 + 1e-9
 
 
 def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
     robot = Robot()
     assert robot.num_candidates == 1
-    viewpoint = robot.navigator.candidates.viewpoints[0]
+    viewpoint = robot.navigator.candidates["viewpoint"][0]
     assert robot.decide() == "arrived"
     assert math.dist(viewpoint, robot.belief.pose[:2]) <= 0.2
     # The map has not changed: looking at this frontier is of no use, and there is no other.
@@ -233,7 +233,7 @@ def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reac
         if robot.num_candidates == 0:
             break
         if failures < 3:
-            assert robot.navigator.candidates.failures[0] == failures
+            assert robot.navigator.candidates["failures"][0] == failures
             assert robot.num_ignored == 0
         before = robot.time
         assert robot.decide() == "failed"

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid
-from envs.navigation import count_unknown, frontier_mask
+from envs.navigation.frontiers import frontier_mask, information_gain
 
 EIGHT = np.ones((3, 3), dtype=bool)
 
@@ -30,4 +30,5 @@ def test_unknown_cells_are_counted_also_outside(row, col, radius, seed):
     padded[20:30, 20:32] = data
     rows, cols = np.mgrid[-20:30, -20:32]
     disc = (rows - row) ** 2 + (cols - col) ** 2 <= radius**2
-    assert count_unknown(data, row, col, radius) == np.count_nonzero(padded[disc] == -1)
+    point = np.array([[col + 0.5, row + 0.5]])
+    assert information_gain(OccupancyGrid(data, 1.0, (0.0, 0.0)), point, radius) == np.count_nonzero(padded[disc] == -1)

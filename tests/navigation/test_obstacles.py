@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from envs.geometry import Pose2D
 from envs.navigation import Navigator, free_distance
-from envs.navigation.records import DRIVING, FAILED
+from envs.navigation.navigator_kernels import DRIVING, FAILED
 from envs.robots import Mount, load_robot
 from envs.simulation import Twist
 from tests.baselines.maps import reading_of

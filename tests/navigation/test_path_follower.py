@@ -7,8 +7,7 @@ import pytest
 
 from envs.geometry import Pose2D
 from envs.geometry.polyline import resample
-from envs.navigation import DwbPlanner
-from envs.navigation.path_follower import PathFollower
+from envs.navigation import DwbPlanner, PathFollower
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist
 

@@ -1,15 +1,19 @@
-"""What is kept up to date in windows equals what is computed anew from the whole map, cell by cell."""
+"""What is kept up to date in windows equals what is computed anew from the whole map; scans mark and clear."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams, PlanningMap, frontier_mask, make_costmap, mark_missing
-from envs.navigation.frontiers import TILE, frontier_groups
-from envs.navigation.viewpoints import frontier_in_sight, frontier_near, is_visible
-from envs.robots import load_robot
+from envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
+from envs.navigation.frontiers import TILE, frontier_groups, frontier_in_sight, frontier_near, is_visible
+from envs.navigation.planning_kernels import mark
+from envs.robots import LidarParams, load_robot
+from tests.navigation.costs import cost_at
 
 BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")
 
@@ -30,8 +34,9 @@ def expected(grid, planning, level, pose, obstacles, ignored):
         frontier[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = False
     near = obstacles[np.hypot(*obstacles.T) <= planning.params.marking_range]
     tables = planning.tables[level]
-    marked = mark_missing(joined.data, joined.cells(pose.transform(near)), tables.same_obstacle, 50)
-    params = CostmapParams(tables.robot_radius, tables.robot_radius + 0.45, 4.0)
+    marked = np.maximum(joined.data, planning.marks)
+    mark(marked, joined.data, joined.cells(pose.transform(near)), tables.same_obstacle)
+    params = planning.params.costmap(tables.robot_radius)
     costs = make_costmap(OccupancyGrid(marked, joined.resolution, joined.origin), params).costs
     return joined.data, frontier, costs
 
@@ -156,3 +161,109 @@ def test_in_sight_is_what_lies_in_view_and_before_any_wall():
     ]
     assert 0 < len(slow) < len(near)
     assert [tuple(cell) for cell in found.tolist()] == slow
+
+
+LIDAR = LidarParams(num_beams=360, range_max=3.5)
+MIDDLE = Pose2D(0.0, 0.0, 0.0)
+
+
+def marked_room(known=True, **params):
+    """The map of a room of 6 m x 6 m around the origin, which is the middle of a cell, planned on cell by cell."""
+    data = np.full((125, 125), 0 if known else -1, dtype=np.int8)
+    data[[0, 1, -2, -1]] = data[:, [0, 1, -2, -1]] = 100
+    planning = PlanningMap(BURGER, 0.05, PlanningParams(cell=0.05, **params))
+    planning.update(OccupancyGrid(data, 0.05, (-3.125, -3.125)), None)
+    return planning
+
+
+def scan_of(degrees, distance, elsewhere=np.inf):
+    """A scan with one hit; the first beam looks backwards."""
+    ranges = np.full(360, elsewhere, dtype=np.float32)
+    ranges[(degrees + 180) % 360] = distance
+    return ranges
+
+
+def costs_of(planning):
+    return planning.layer(0, MIDDLE).costs.copy()
+
+
+def test_hits_mark_and_inflate_and_later_beams_clear():
+    planning = marked_room()
+    before = costs_of(planning)
+    planning.integrate(MIDDLE, scan_of(90, 1.02), LIDAR)
+    assert np.count_nonzero(planning.marks == 100) == 1
+    costmap = planning.costmap(0, MIDDLE)
+    assert [cost_at(costmap, 0.01, y) for y in (1.02, 1.12)] == [254, 253]
+    assert 0 < cost_at(costmap, 0.01, 1.4) < 253
+    planning.integrate(MIDDLE, np.full(360, np.nan, dtype=np.float32), LIDAR)  # says nothing
+    assert cost_at(planning.costmap(0, MIDDLE), 0.01, 1.02) == 254
+    # The same obstacle has gone: the beam passes through.
+    planning.integrate(MIDDLE, scan_of(90, 2.0), LIDAR)
+    costmap = planning.costmap(0, MIDDLE)
+    assert cost_at(costmap, 0.01, 1.02) < 253
+    assert cost_at(costmap, 0.01, 2.0) == 254
+    # Far hits clear, and do not mark.
+    planning.integrate(MIDDLE, scan_of(90, 2.6), LIDAR)
+    np.testing.assert_array_equal(costs_of(planning), before)
+
+
+def test_hits_near_a_wall_of_the_map_are_that_wall_and_beams_never_clear_it():
+    planning = marked_room(marking_range=4.0, clearing_range=4.0)
+    before = costs_of(planning)
+    # The wall is 3 m away; a pose that is wrong by 0.1 m sees it in front of where it is.
+    for distance in (2.9, np.inf):
+        planning.integrate(MIDDLE, scan_of(0, distance), LIDAR)
+        np.testing.assert_array_equal(costs_of(planning), before)
+    planning.integrate(MIDDLE, scan_of(0, 2.7), LIDAR)
+    assert np.count_nonzero(planning.marks == 100) == 1
+
+
+def test_unknown_space_becomes_known_where_beams_pass():
+    planning = marked_room(known=False)
+    planning.integrate(MIDDLE, scan_of(0, 2.0, elsewhere=np.nan), LIDAR)
+    costmap = planning.costmap(0, MIDDLE)
+    assert [cost_at(costmap, *point) for point in ((1.0, 0.01), (1.99, 0.01), (0.0, 1.0))] == [0, 254, 255]
+
+
+def test_the_mount_of_the_lidar_counts():
+    mounted = dataclasses.replace(LIDAR, mount=dataclasses.replace(LIDAR.mount, x=0.5, yaw=np.pi / 2))
+    planning = marked_room()
+    planning.integrate(Pose2D(0.0, 0.0, np.pi), scan_of(0, 1.02), mounted)
+    assert cost_at(planning.costmap(0, MIDDLE), -0.5, -1.02) == 254
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_costs_of_marks_equal_those_of_the_whole_map_inflated_anew(seed):
+    rng = np.random.default_rng(seed)
+    planning = marked_room(known=bool(rng.integers(2)))
+    for _ in range(5):
+        pose = Pose2D(*rng.uniform(-3.5, 3.5, 2), rng.uniform(-3, 3))
+        planning.integrate(pose, rng.choice([np.nan, np.inf, 0.5, 1.5, 2.5, 3.4], 360).astype(np.float32), LIDAR)
+        if rng.random() < 0.3:
+            planning.mark(rng.uniform(-4.0, 4.0, (3, 2)))
+        if rng.random() < 0.3:
+            planning.clear_marks(rng.uniform(-9.0, 9.0, 2), 0.7)
+        if rng.random() < 0.5:
+            grid = OccupancyGrid(np.maximum(planning.joined, planning.marks), planning.side, planning.origin)
+            params = planning.params.costmap(planning.tables[0].robot_radius)
+            np.testing.assert_array_equal(costs_of(planning), make_costmap(grid, params).costs)
+
+
+def test_clearing_forgets_what_scans_found():
+    planning = marked_room()
+    before = costs_of(planning)
+    planning.integrate(MIDDLE, np.minimum(scan_of(0, 1.0), scan_of(180, 1.0)), LIDAR)
+    planning.clear_marks((1.0, 0.0), 0.2)
+    assert np.count_nonzero(planning.marks == 100) == 1
+    assert cost_at(planning.costmap(0, MIDDLE), -0.99, 0.01) == 254
+    planning.clear_marks()
+    np.testing.assert_array_equal(costs_of(planning), before)
+
+
+def test_bad_scans_are_named():
+    planning = marked_room()
+    with pytest.raises(ValueError, match="pose must be finite"):
+        planning.integrate(Pose2D(np.nan, 0.0, 0.0), scan_of(0, 1.0), LIDAR)
+    with pytest.raises(ValueError, match=r"ranges must have shape \(360,\)"):
+        planning.integrate(MIDDLE, np.ones(12, dtype=np.float32), LIDAR)

@@ -9,8 +9,8 @@ from agents.algorithms import Actor
 from agents.frontiers.features import NUM_FEATURES, PRIOR
 from agents.frontiers.network import FrontierNetwork, FrontierPolicy
 from agents.frontiers.score import FrontierScore
-from baselines.frontier.gain_over_cost import GainOverCost
 from envs.abstract import ExploreFrontiersAbstractEnv
+from envs.navigation import GainOverCost
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
 
@@ -31,10 +31,10 @@ def episode():
     observation, _ = env.reset(seed=4)
     for _ in range(40):
         if len(env.candidates):
-            env.candidates.failures[::4] = len(observations) % 3 == 0
+            env.candidates["failures"][::4] = len(observations) % 3 == 0
             observation = env.observe()
             observations.append(observation)
-            choices.append(rule(env.candidates, env.belief))
+            choices.append(rule(env.candidates, env.belief).argmax())
         observation, _, terminated, truncated, _ = env.step(np.int64(choices[-1] if choices else 0))
         if terminated or truncated:
             break

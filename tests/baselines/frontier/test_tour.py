@@ -67,7 +67,7 @@ def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
 
     def choice(rule, x):
         candidates = candidates_from(x, -0.5, grid, planning=explorer.planning)
-        return candidates.frontiers[rule(candidates, belief_at(x, -0.5, grid))][0]
+        return candidates["frontier"][rule(candidates, belief_at(x, -0.5, grid)).argmax()][0]
 
     assert choice(explorer.rule, 10.0) < 9.0
     # A step to the other side makes the other order a little shorter, and a longer one clearly.

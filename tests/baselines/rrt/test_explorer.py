@@ -9,14 +9,14 @@ from sklearn.cluster import MeanShift
 
 from baselines import RrtExplorer, RrtParams, make_explorer
 from baselines.explorer import to_action
-from baselines.rrt.assigner import UNASSIGNED, assign
-from baselines.rrt.detector import RrtDetector
-from baselines.rrt.filter import information_gain, mean_shift
-from baselines.rrt.navigator import PointNavigator
+from baselines.rrt.detector import RrtDetector, mean_shift
+from baselines.rrt.robot import PointNavigator
+from baselines.rrt.team import UNASSIGNED, assign
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest, steer
 from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation.frontiers import information_gain
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
 from tests.baselines.maps import reading_of
@@ -237,7 +237,7 @@ def test_points_that_cannot_be_reached_are_not_assigned():
 
 
 def test_params_refuse_nonsense():
-    for name, value in (("eta_local", 0.0), ("num_samples", 0), ("hysteresis_gain", 1.0), ("view_distances", ())):
+    for name, value in (("eta_local", 0.0), ("num_samples", 0), ("hysteresis_gain", 1.0)):
         with pytest.raises(ValueError, match=name):
             replace(RrtParams(), **{name: value})
     with pytest.raises(ValueError, match="spacing"):
@@ -284,7 +284,7 @@ def test_candidates_are_the_frontier_cells_nearest_to_the_points():
     gaps = distances(points, cells)
     expected = cells[gaps.argmin(axis=1)][gaps.min(axis=1) <= 0.3]
     assert 20 < len(expected) < 180
-    assert {tuple(cell) for cell in navigator.candidates.frontiers.round(6)} == {tuple(c) for c in expected.round(6)}
+    assert {tuple(cell) for cell in navigator.candidates["frontier"].round(6)} == {tuple(c) for c in expected.round(6)}
     assert len(navigator_at(grid, np.empty((0, 2))).candidates) == 0
 
 

@@ -9,10 +9,9 @@ import baselines.rrt.team as team_module
 from baselines import RrtExplorer, RrtParams
 from baselines.episode import run_episode
 from baselines.explorer import to_action
-from baselines.rrt.assigner import UNASSIGNED, assign
 from baselines.rrt.detector import RrtDetector
-from baselines.rrt.right_of_way import find_waiting_cell, is_beside, outline
-from baselines.rrt.team import RrtTeam
+from baselines.rrt.robot import find_waiting_cell, is_beside, outline
+from baselines.rrt.team import UNASSIGNED, RrtTeam, assign
 from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D

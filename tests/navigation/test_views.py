@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.navigation.candidate_views import (
+from envs.navigation.views import (
     NUM_RAYS,
     NUM_SECTORS,
     cast_view,

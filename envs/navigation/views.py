@@ -9,7 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.navigation.frontiers import OCCUPIED_FROM
+from envs.navigation.costmap import OCCUPIED_FROM
+from envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48
 """Rays from a viewpoint."""
@@ -111,3 +112,23 @@ def unknown_share(joined, row, col, radius):
             count += 1
             unknown += r < 0 or r >= height or c < 0 or c >= width or joined[r, c] < 0
     return unknown / count
+
+
+@njit(cache=True, error_model="numpy")
+def cheapest_view(data, travel, cells, reach):
+    """Find the cell with the least travel cost within `reach` of any of `cells`, shape (k, 2), and in sight of it.
+
+    `travel` has a border of one cell. Returns row and column of the viewpoint, and the index of the cell in view; -1,
+    -1, -1 if there is none.
+    """
+    height, width = data.shape
+    best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
+    for k in range(cells.shape[0]):
+        row, col = cells[k]
+        for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+            for c in range(max(col - reach, 0), min(col + reach + 1, width)):
+                if travel[r + 1, c + 1] >= best or (r - row) ** 2 + (c - col) ** 2 > reach * reach:
+                    continue
+                if is_visible(data, r, c, row, col):
+                    best, best_row, best_col, seen = travel[r + 1, c + 1], r, c, k
+    return best_row, best_col, seen

@@ -1,4 +1,4 @@
-"""The navigator on a known map: it gets there, and says why where it does not."""
+"""Drives to goals on known maps and on growing ones: they get there, or say why not."""
 
 import math
 
@@ -7,13 +7,12 @@ import pytest
 
 from baselines.episode import run_episode
 from baselines.explorer import to_action
-from baselines.navigation import GoalDriver, MapNavigator, MapNavigatorParams
-from baselines.navigation.reactive_driving import ReactiveDriver
 from envs.core import LidarEnv
-from envs.estimation import Belief
+from envs.estimation import Belief, MapUpdate, Window
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import Navigator
-from envs.navigation.local_planner import LOCAL_PLANNERS, make_local_planner
+from envs.navigation import GoalNavigator, GoalParams, Navigator
+from envs.navigation.goal_navigator import LOCAL_PLANNERS
+from envs.navigation.reactive_driving import ReactiveDriver
 from envs.robots import load_robot
 from envs.tasks.navigate import Navigate
 from tests.baselines.maps import reading_of
@@ -32,8 +31,11 @@ def hall():
     return OccupancyGrid(data, 0.05, (-5.0, -2.0))
 
 
-def navigator_in(grid, **params):
-    return MapNavigator(BURGER, 0.1, grid, np.random.default_rng(0), MapNavigatorParams(**params))
+def navigator_to(goal, **params):
+    navigator = GoalNavigator(GoalParams(**params))
+    navigator.reset(BURGER, 0.1, np.random.default_rng(0))
+    navigator.set_goal(goal)
+    return navigator
 
 
 def belief_at(pose, grid, *, lost=False):
@@ -47,7 +49,7 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
         pytest.importorskip("pybullet")
     env = LidarEnv(Navigate, world="turtlebot3_world", physics=physics)
     for seed in range(2):
-        result = run_episode(env, GoalDriver(MapNavigatorParams(local_planner=planner)), seed)
+        result = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), seed)
         assert (result.end_reason, result.collisions) == ("reached", 0)
         assert result.path_length < 1.5 * result.course.of("geodesic_distance")[0] + 0.5
     env.close()
@@ -55,7 +57,7 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
 
 def test_same_seed_same_drive():
     env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic")
-    ends = [(d.duration, d.path_length) for d in (run_episode(env, GoalDriver(), 3), run_episode(env, GoalDriver(), 3))]
+    ends = [(d.duration, d.path_length) for d in (run_episode(env, GoalNavigator(), 3) for _ in range(2))]
     assert ends[0] == ends[1]
 
 
@@ -71,63 +73,80 @@ def test_the_heading_asked_for_is_taken():
         heading_tolerance=0.01,
     )
     env.reset(seed=0)
-    navigator = MapNavigator(env.robot, env.control_period, env.belief.grid, np.random.default_rng(0))
+    navigator = GoalNavigator()
+    navigator.reset(env.robot, env.control_period, np.random.default_rng(0))
     navigator.set_goal(env.task.goal[:2], env.task.goal.theta)
     for _ in range(300):
         if navigator.end_reason:
             break
         env.step(to_action(navigator.act(env.reading, env.belief), env.robot))
-    assert navigator.end_reason == "reached"
+    assert navigator.end_reason == "arrived"
     assert abs(env.belief.pose.theta - 2.5) < 0.2
     assert math.hypot(env.belief.pose.x + 1.5, env.belief.pose.y + 0.5) < 0.2
 
 
-@pytest.mark.parametrize(
-    ("goal", "problem"),
-    [((2.52, 0.0), "in an obstacle"), ((4.5, 0.0), "in unknown space"), ((9.0, 0.0), "outside the map")],
-)
-def test_goals_that_are_not_traversable_are_refused_and_the_old_one_stays(goal, problem):
-    navigator = navigator_in(hall())
-    navigator.set_goal((1.0, 0.0))
-    with pytest.raises(ValueError, match=problem):
-        navigator.set_goal(goal)
-    with pytest.raises(ValueError, match="heading"):
-        navigator.set_goal((1.0, 0.5), math.nan)
+@pytest.mark.parametrize("goal", [(3.0, 0.0), (2.52, 0.0), (4.5, 0.0), (9.0, 0.0)])
+def test_goals_behind_walls_in_them_in_unknown_space_and_off_the_map_have_no_path(goal):
+    navigator = navigator_to(goal)
+    assert navigator.act(reading_of(), belief_at(HERE, hall())) == (0.0, 0.0)
+    assert navigator.end_reason == "no_path"
+
+
+@pytest.mark.parametrize(("goal", "heading"), [((1.0, 0.5), math.nan), ((math.inf, 0.0), None)])
+def test_goals_that_are_not_finite_are_refused_and_the_old_one_stays(goal, heading):
+    navigator = navigator_to((1.0, 0.0))
+    with pytest.raises(ValueError, match="finite"):
+        navigator.set_goal(goal, heading)
     assert navigator.goal == (1.0, 0.0)
 
 
-def test_without_a_path_it_says_so():
-    navigator = navigator_in(hall())
-    navigator.set_goal((3.0, 0.0))
-    action = navigator.act(reading_of(), belief_at(HERE, hall()))
+def test_a_robot_that_may_search_again_looks_around_first():
+    navigator, turned = navigator_to((3.0, 0.0), max_searches=2), 0.0
+    while navigator.end_reason is None:
+        turned += 0.1 * navigator.act(reading_of(), belief_at(HERE, hall())).w
     assert navigator.end_reason == "no_path"
-    assert action == (0.0, 0.0)
+    assert turned == pytest.approx(2.0 * math.pi, abs=0.2)
 
 
 def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     grid = hall()
     grid.data[1:-1, 145:155] = 0
-    navigator = navigator_in(grid, allow_unknown=True)
-    navigator.set_goal((4.5, 0.0))
-    assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
+    assert navigator_to((4.5, 0.0), allow_unknown=True).act(reading_of(), belief_at(HERE, grid)).v > 0.0
+    # On a map that grows it is, also beyond the map.
+    grid.data[1:-1, -1] = -1
+    growing = belief_at(HERE, grid)
+    growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 199, 79))
+    navigator = navigator_to((6.0, 0.0))
+    assert navigator.act(reading_of(), growing).v > 0.0
+    np.testing.assert_allclose(navigator.plan[-1], (6.0, 0.0), atol=0.1)
+
+
+def test_bumps_are_remembered_when_the_map_grows():
+    navigator, grid = navigator_to((2.0, 0.0)), hall()
+    navigator.act(reading_of(), belief_at(HERE, grid))
+    navigator.act(reading_of(bumper=True), belief_at(HERE, grid))
+    marked = navigator.map.grid.centers(np.argwhere(navigator.map.marks == 100))
+    assert len(marked) > 0
+    larger = OccupancyGrid(np.pad(grid.data, ((9, 0), (21, 3)), constant_values=-1), 0.05, (-6.05, -2.45))
+    navigator.act(reading_of(), belief_at(HERE, larger))
+    found = navigator.map.grid.centers(np.argwhere(navigator.map.marks == 100))
+    np.testing.assert_allclose(found, marked, atol=1e-6)
 
 
 def test_what_scans_find_is_driven_around():
     grid = hall()
-    navigator = navigator_in(grid)
-    navigator.set_goal((2.0, 0.0))
+    navigator = navigator_to((2.0, 0.0))
     reading = reading_of()
     reading.ranges[np.abs(BURGER.lidar.angles) < 0.15] = 1.0
     for _ in range(11):
         navigator.act(reading, belief_at(HERE, grid))
     obstacle = np.array([1.0 + BURGER.lidar.mount.x, 0.0])
-    assert cost_at(navigator.layers.costmap, *obstacle) == 254
+    assert cost_at(navigator.map.costmap(0, HERE), *obstacle) == 254
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
 
 
 def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
-    navigator, grid, actions = navigator_in(hall()), hall(), []
-    navigator.set_goal((2.0, 0.0))
+    navigator, grid, actions = navigator_to((2.0, 0.0)), hall(), []
     for _ in range(2000):
         actions.append(navigator.act(reading_of(), belief_at(HERE, grid)))
         if navigator.end_reason:
@@ -141,16 +160,14 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
 
 
 def test_a_bump_is_marked_and_left():
-    navigator, grid = navigator_in(hall()), hall()
-    navigator.set_goal((2.0, 0.0))
+    navigator, grid = navigator_to((2.0, 0.0)), hall()
     assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
     assert navigator.act(reading_of(bumper=True), belief_at(HERE, grid))[0] < 0.0
-    assert navigator.layers.num_marked > 0
+    assert (navigator.map.marks == 100).any()
 
 
 def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
-    navigator, grid = navigator_in(hall()), hall()
-    navigator.set_goal((-4.0, 0.0))
+    navigator, grid = navigator_to((-4.0, 0.0)), hall()
     ahead = navigator.act(reading_of(), belief_at(HERE, grid, lost=True))
     # The goal lies behind; the scan says that there is room ahead.
     assert ahead[0] > 0.0
@@ -161,8 +178,7 @@ def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
 
 
 def test_a_robot_that_stays_lost_says_so():
-    navigator = navigator_in(hall(), lost_time=2.0)
-    navigator.set_goal((2.0, 0.0))
+    navigator = navigator_to((2.0, 0.0), lost_time=2.0)
     for _ in range(25):
         navigator.act(reading_of(), belief_at(HERE, hall(), lost=True))
     assert navigator.end_reason == "lost"
@@ -180,12 +196,11 @@ def test_scans_that_do_not_belong_to_the_map_end_lost():
         start=(-2.0, -0.5, 0.0),
         goal=(2.0, 0.5, 0.0),
     )
-    assert run_episode(env, GoalDriver(MapNavigatorParams(lost_time=5.0)), 0).end_reason == "lost"
+    assert run_episode(env, GoalNavigator(GoalParams(lost_time=5.0)), 0).end_reason == "lost"
 
 
 def test_blind_it_waits_and_then_gives_up():
-    navigator, grid = navigator_in(hall(), blind_time=1.0), hall()
-    navigator.set_goal((2.0, 0.0))
+    navigator, grid = navigator_to((2.0, 0.0), blind_time=1.0), hall()
     for _ in range(9):
         assert navigator.act(reading_of(ranges=np.nan), belief_at(HERE, grid)) == (0.0, 0.0)
     assert navigator.act(reading_of(), belief_at(HERE, grid))[0] > 0.0
@@ -195,8 +210,7 @@ def test_blind_it_waits_and_then_gives_up():
 
 
 def test_time_that_goes_backwards_is_refused():
-    navigator, grid = navigator_in(hall()), hall()
-    navigator.set_goal((2.0, 0.0))
+    navigator, grid = navigator_to((2.0, 0.0)), hall()
     navigator.act(reading_of(time=0.5), belief_at(HERE, grid))
     with pytest.raises(ValueError, match="time went backwards"):
         navigator.act(reading_of(time=0.4), belief_at(HERE, grid))
@@ -204,7 +218,7 @@ def test_time_that_goes_backwards_is_refused():
 
 def test_unknown_local_planners_are_named():
     with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, dwb"):
-        make_local_planner("teb", BURGER, 0.1)
+        navigator_to((1.0, 0.0), local_planner="teb")
 
 
 def test_reactive_driving_covers_ground_without_contact():

@@ -1,11 +1,10 @@
-"""Goals and paths that are refused, and smoothing."""
+"""Paths that are refused, and smoothing."""
 
 import numpy as np
-import pytest
 
 from envs.geometry import OccupancyGrid
 from envs.geometry.polyline import resample
-from envs.navigation import CostmapParams, check_goal, is_path_valid, make_costmap, plan_path, smooth_path
+from envs.navigation import CostmapParams, is_path_valid, make_costmap, plan_path, smooth_path
 from tests.navigation.costs import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
@@ -21,29 +20,6 @@ def hall():
 
 
 COSTMAP = make_costmap(hall(), PARAMS)
-
-
-@pytest.mark.parametrize(
-    ("goal", "problem"),
-    [
-        ((2.02, 1.0), "lies in an obstacle"),
-        ((5.5, 1.5), "lies in unknown space"),
-        ((9.0, 1.5), "lies outside the map, which covers"),
-        ((2.15, 1.0), "nearer to an obstacle than the robot's 0.20 m"),
-        ((np.nan, 1.0), "goal must be finite"),
-    ],
-)
-def test_goals_that_are_not_traversable_are_refused(goal, problem):
-    with pytest.raises(ValueError, match=problem):
-        check_goal(COSTMAP, goal)
-
-
-def test_a_tolerance_lets_the_robot_stop_beside_the_goal():
-    check_goal(COSTMAP, (1.0, 1.0))
-    with pytest.raises(ValueError, match=r"no free cell lies within 0\.1 m"):
-        check_goal(COSTMAP, (2.02, 1.0), tolerance=0.1)
-    check_goal(COSTMAP, (2.02, 1.0), tolerance=0.3)
-    check_goal(COSTMAP, (5.5, 1.5), allow_unknown=True)
 
 
 def test_a_path_is_valid_until_an_obstacle_blocks_it():

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from envs.navigation import free_distance
+from envs.navigation.obstacles import free_distance
 from envs.robots import RobotParams
 from envs.simulation import Twist
 

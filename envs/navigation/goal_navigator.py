@@ -1,0 +1,324 @@
+"""Drives to goals, on a known map or on one that grows: costmap, A*, smoothing, a local planner, recovery behaviors."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+
+from envs.estimation import Belief
+from envs.files import resolve
+from envs.geometry import Pose2D, wrap_angle
+from envs.navigation.dwb import DwbPlanner
+from envs.navigation.navigator import Navigator
+from envs.navigation.navigator_kernels import FAILED
+from envs.navigation.params import NavigatorParams, PlanningParams
+from envs.navigation.paths import is_path_valid, plan_path, smooth_path
+from envs.navigation.planning_map import PlanningMap
+from envs.navigation.pursuit import PathFollower
+from envs.navigation.reactive_driving import ReactiveDriver
+from envs.robots import RobotParams
+from envs.simulation import Reading, Twist
+
+STOP = Twist(0.0, 0.0)
+"""Zero velocity."""
+CLEARED_RADIUS = 1.5
+"""Marks of scans this near to a robot that recovers are cleared [m]."""
+MARGIN = 3.0
+"""Unknown space around a map that grows, and around a goal beyond it, through which paths may lead [m]."""
+HOME = (0.0, 0.0)
+"""Where the map begins (x, y), map frame [m]."""
+
+
+class LocalPlanner(Protocol):
+    """Follows one path at a time. Constructed with the robot and the control period [s].
+
+    Obstacles come in the robot's own frame and not out of a map, so that stops do not depend on the pose estimate.
+    """
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the last command did not drive on because of obstacles."""
+
+    @property
+    def remaining(self) -> np.ndarray:
+        """The rest of the path, shape (n, 2), map frame [m]."""
+
+    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+        """Follow another path: shape (n, 2), n > 0, map frame [m]; with a heading [rad] at its end, None for any."""
+
+    def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
+        """Return the next twist, by the estimated pose (map frame), the velocity now, and `Navigator.obstacles`."""
+
+
+LOCAL_PLANNERS: dict[str, Callable[[RobotParams, float], LocalPlanner]] = {"rpp": PathFollower, "dwb": DwbPlanner}
+"""Regulated pure pursuit and DWB."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalParams:
+    """How to drive to a goal."""
+
+    local_planner: str = "rpp"
+    """What follows paths: `rpp`, `dwb`, or `module:attribute` of a `LocalPlanner`."""
+    allow_unknown: bool | None = None
+    """Whether paths may cross what neither map nor scans know; None: on maps that grow."""
+    goal_tolerance: float = 0.15
+    """Distance at which a goal counts as reached [m]."""
+    heading_tolerance: float = 0.15
+    """Turn at which a goal's heading counts as reached [rad]."""
+    update_period: float = 0.3
+    """Time between two scans that are integrated into the costmap [s]."""
+    check_period: float = 1.0
+    """Time between two checks whether the path is still free [s]."""
+    stray_distance: float = 0.5
+    """Distance from the path at which another is planned [m]."""
+    max_recoveries: int = 6
+    """Recovery behaviors after which the goal has failed."""
+    max_searches: int = 1
+    """Searches without a path after which the goal has failed; the robot looks around in between."""
+    lost_patience: float = 5.0
+    """Time that the robot drives on when the localizer reports that it is lost, once it was localized [s]: along a bare
+    wall the pose uncertainty grows and shrinks again."""
+    lost_time: float = 90.0
+    """Time of reactive driving after that, or at the start [s]."""
+    blind_time: float = 5.0
+    """Time that it waits for a scan in which anything was measured [s]."""
+
+
+class GoalNavigator:
+    """Drives a robot to one goal at a time, from readings and beliefs, never from ground truth. An `Explorer`.
+
+    Obstacles around the robot, progress and recovery behaviors are those of `Navigator`. Each recovery clears what
+    scans have marked around the robot, and is followed by another plan. While the estimator reports that it is lost,
+    the robot drives by the scan alone. Where no beam measures anything, it waits. On a map that grows, paths may cross
+    unknown space, and another one is planned when what comes into view blocks it.
+    """
+
+    def __init__(
+        self,
+        params: GoalParams = GoalParams(),
+        planning: PlanningParams = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75)),
+    ) -> None:
+        """Take parameters: how to drive, and how paths are planned; `reset` prepares for an episode."""
+        self.params, self.planning = params, planning
+        self.goal: tuple[float, float] | None = None
+        """Where to drive (x, y), map frame [m]."""
+        self.end_reason: str | None = None
+        """Why the drive there has ended: "arrived", by the estimate, "no_path", "stuck", "lost" or "blind"; None while
+        it has not."""
+        self._has_path = False
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        self._robot, self._period = robot, control_period
+        # Whether the goal is reached is judged here, with the heading.
+        limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
+        self._navigator = Navigator(robot, control_period, limits)
+        self._planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")(robot, control_period)
+        self._reactive_driver = ReactiveDriver(robot, control_period, rng)
+        self.map: PlanningMap | None = None
+        """The costmap; None before the first `act`."""
+        self._allow_unknown = bool(self.params.allow_unknown)
+        self._time = -math.inf
+        self._steps = self._lost_steps = self._blind_steps = 0
+        self._was_localized = False
+        self._forget_goal()
+
+    def _forget_goal(self) -> None:
+        self.goal = self.end_reason = None
+        self.num_recoveries = 0
+        """Number of recovery behaviors since this goal was set."""
+        self._heading: float | None = None
+        self._has_path = self._has_planned = False
+        self._num_counted = int(self._navigator.record["recoveries"])
+        self._num_searches = self._level = 0
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether there is a goal, and the drive there has not ended."""
+        return self.goal is not None and self.end_reason is None
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        return self._planner.remaining if self.is_driving and self._has_path else None
+
+    def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
+        """Drive to another goal (x, y, ...), map frame [m], from now on, and take a heading [rad] there; None for any.
+
+        Raises:
+            ValueError: if one is not finite.
+        """
+        if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
+            raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
+        self._forget_goal()
+        self.goal, self._heading = (float(goal[0]), float(goal[1])), heading
+        if self.map is not None and self._allow_unknown:
+            self.map.reach_beyond(self.goal, MARGIN)
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist for the next control period, and update `end_reason`; see `Explorer`.
+
+        Raises:
+            ValueError: if the reading is older than the one before.
+        """
+        planning = self._follow_map(belief)
+        twist = self._decide(reading, belief, planning)
+        self._navigator.note_command(twist)
+        return twist
+
+    def _follow_map(self, belief: Belief) -> PlanningMap:
+        """Take note of what the last scan has changed in the map."""
+        update = belief.update
+        if self.map is None:
+            self.map = PlanningMap(self._robot, belief.grid.resolution, self.planning)
+            if self.params.allow_unknown is None:
+                self._allow_unknown = update.window is not None or update.redrawn
+            if self._allow_unknown and self.goal is not None:
+                self.map.reach_beyond(self.goal, MARGIN)
+        self._has_path &= not update.redrawn
+        self.map.update(belief.grid, update.window, redrawn=update.redrawn)
+        return self.map
+
+    def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
+        pose, navigator = belief.pose, self._navigator
+        has_failed = self._sense(reading, pose)
+        if self._is_blind(reading.ranges) or not self.is_driving:
+            return STOP
+        if reading.bumper and not self._has_path and not navigator.is_recovering:
+            navigator.recover()
+        if has_failed or navigator.record["recoveries"] > self._num_counted:
+            self._count_recovery(reading, pose, planning)
+        if not self.is_driving:
+            return STOP
+        if navigator.is_recovering:
+            return navigator.command(pose)
+        if self._is_lost(belief.is_lost, planning):
+            return self._reactive_driver.command(navigator.obstacles)
+        if not self.is_driving:
+            return STOP
+        if self._is_due(self.params.update_period):
+            planning.integrate(pose, reading.ranges, self._robot.lidar)
+        if self._is_at_goal(pose):
+            self.end_reason = "arrived"
+            return STOP
+        if self._has_path and self._is_due(self.params.check_period):
+            self._has_path = self._is_path_good(pose, planning)
+        if not self._has_path and not self._find_path(pose, planning):
+            return navigator.command(pose) if self.is_driving else STOP
+        return self._planner.command(pose, navigator.velocity, navigator.obstacles)
+
+    def _sense(self, reading: Reading, pose: Pose2D) -> bool:
+        """Update the obstacles, and tell whether the robot has made no progress for too long."""
+        if reading.time < self._time:
+            raise ValueError(
+                f"time went backwards: the reading is of {reading.time:.2f} s, the one before was of {self._time:.2f} "
+                "s; call reset for a new episode"
+            )
+        is_first, self._time = math.isinf(self._time), reading.time
+        self._steps += 1
+        if self._has_path and self.is_driving and not is_first:
+            return self._navigator.update(reading, pose) == FAILED
+        (self._navigator.reset if is_first else self._navigator.sense)(reading)
+        return False
+
+    def _is_due(self, period: float) -> bool:
+        """Tell whether it is time for what is done once in a period [s]."""
+        return self._steps % max(1, round(period / self._period)) == 0
+
+    def _is_at_goal(self, pose: Pose2D) -> bool:
+        assert self.goal is not None
+        if self._heading is not None and abs(wrap_angle(self._heading - pose.theta)) > self.params.heading_tolerance:
+            return False
+        # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
+        return math.dist(pose[:2], self.goal) <= self.params.goal_tolerance
+
+    def _is_path_good(self, pose: Pose2D, planning: PlanningMap) -> bool:
+        path, costmap = self._planner.remaining, planning.costmap(self._level, pose)
+        away = float(np.hypot(*(path - pose[:2]).T).min())
+        is_near = away <= self.params.stray_distance
+        return is_near and is_path_valid(costmap, path, allow_unknown=self._allow_unknown)
+
+    def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
+        """Plan; with less footprint, and then without the marks of scans, where there is no path."""
+        assert self.goal is not None
+        tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
+        for forget, self._level in product((False, True), range(planning.max_level + 1)):
+            if forget and self._level == 0:
+                planning.clear_marks()
+            costmap = planning.costmap(self._level, pose)
+            path = plan_path(costmap, pose[:2], self.goal, tolerance=tolerance, allow_unknown=allow_unknown)
+            if path is not None:
+                path = smooth_path(costmap, path, allow_unknown=allow_unknown)
+                self._planner.set_path(path, self._heading)
+                self._navigator.drive_to(path, keep_clocks=self._has_planned)
+                if not self._has_planned:
+                    self._num_counted = 0
+                self._has_path = self._has_planned = True
+                return True
+        self._num_searches += 1
+        if self._num_searches >= self.params.max_searches:
+            self.end_reason = "no_path"
+        else:
+            self._navigator.spin()  # another look may show that what blocks the path has moved
+            self._num_counted = 0
+        return False
+
+    def _count_recovery(self, reading: Reading, pose: Pose2D, planning: PlanningMap) -> None:
+        """Clear the marks around a robot that recovers, and plan anew afterwards; too many times, and it is stuck."""
+        navigator = self._navigator
+        if navigator.record["recoveries"] == self._num_counted:
+            navigator.recover()
+        self._num_counted = int(navigator.record["recoveries"])
+        self.num_recoveries += 1
+        if self.num_recoveries > self.params.max_recoveries:
+            self.end_reason = "stuck"
+            return
+        planning.clear_marks(pose[:2], CLEARED_RADIUS)
+        if reading.bumper:
+            bearings = np.linspace(-0.5, 0.5, 5) + (0.0 if navigator.record["forward"] else math.pi)
+            touched = (self._robot.radius + 0.05) * np.column_stack([np.cos(bearings), np.sin(bearings)])
+            planning.mark(pose.transform(touched))
+        self._has_path = False
+
+    def _is_lost(self, is_lost: bool, planning: PlanningMap) -> bool:
+        """Tell whether to drive reactively until the robot is localized; ends the drive after a while."""
+        patience = self.params.lost_patience if self._was_localized else 0.0
+        lost_for = self._lost_steps * self._period - patience
+        if not is_lost:
+            if lost_for > 0.0:
+                planning.clear_marks()
+                self._has_path = False
+            self._lost_steps, self._was_localized = 0, True
+            return False
+        self._lost_steps += 1
+        if lost_for >= self.params.lost_time:
+            self.end_reason = "lost"
+        is_driving_reactively = lost_for >= 0.0 and self.is_driving
+        self._has_path &= not is_driving_reactively
+        return is_driving_reactively
+
+    def _is_blind(self, ranges: np.ndarray) -> bool:
+        """Tell whether no beam measured anything; ends the drive after a while."""
+        self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
+        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
+            self.end_reason = "blind"
+        return self._blind_steps > 0
+
+
+class HomeNavigator(GoalNavigator):
+    """Drives a robot back to where its map begins, through what the map knows, once exploration is over."""
+
+    def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        """Prepare for a robot; `rng` is asked where it is lost."""
+        super().__init__(GoalParams(allow_unknown=False, goal_tolerance=0.2, max_searches=3), PlanningParams())
+        self.reset(robot, control_period, rng)
+        self.set_goal(HOME)
+
+    @property
+    def home_reason(self) -> str | None:
+        """Why the drive has ended: `"arrived_home"`, by the estimate, or `"no_path_home"`; None while it has not."""
+        reasons = {None: None, "arrived": "arrived_home"}
+        return reasons.get(self.end_reason, "no_path_home")
