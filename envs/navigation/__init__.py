@@ -12,7 +12,7 @@ from .costmap import (
     crop_to_known,
     make_costmap,
 )
-from .dwb import DwbParams, DwbPlanner
+from .dwb import DwbPlanner
 from .frontier_navigator import FrontierNavigator
 from .frontiers import frontier_mask
 from .goal_navigator import GoalNavigator, GoalParams, HomeNavigator
@@ -37,7 +37,6 @@ __all__ = [
     "Candidates",
     "Costmap",
     "CostmapParams",
-    "DwbParams",
     "DwbPlanner",
     "FollowerParams",
     "FrontierNavigator",

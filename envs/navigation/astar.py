@@ -93,22 +93,20 @@ def new_expansion(height, width):
 
 
 @njit(cache=True, error_model="numpy")
-def begin(expansion, entries, stride, row, col, starts_inside, level):
-    """Start a search over, in time that grows with what the last one has reached.
-
-    Writes `expansion` and the first of `entries`, shape (n, 2), int32, the queue: of each entry its cell, and the next
-    entry in its bucket. `stride` is the width of the raster and its border; `starts_inside` whether the start (row,
-    column) is lethal; `level` its total.
-    """
+def begin(expansion, entries, costs, start, goal):
+    """Start a search over at a cell, in time that grows with what the last one has reached; see `_expand`."""
+    (row, col), stride = start, costs.shape[1] + 2
+    starts_inside = costs[row, col] == COST_LETHAL
+    level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
     travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
     for k in range(counters[NUM_ENTRIES]):
         node = np.uint32(entries[k, 0])
         travel[node] = UNREACHED
         predecessor[node] = NO_STEP
     expansion.heads[:] = -1
-    start = (row + 1) * stride + col + 1
-    travel[start] = 0
-    entries[0, 0], entries[0, 1] = start, -1
+    node = np.uint32((row + 1) * stride + col + 1)
+    travel[node] = 0
+    entries[0, 0], entries[0, 1] = node, -1
     expansion.heads[level & (NUM_BUCKETS - 1)] = 0
     counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING], counters[STARTS_INSIDE] = level, 1, 1, starts_inside
 
@@ -212,9 +210,9 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def expand(expansion, entries, open_weights, stride, touching, goal, limit):
-    """Go on with a search; see `_expand`. Returns `entries`, or a larger array instead."""
-    counters = expansion.counters
+def expand(expansion, entries, open_weights, costs, weights, goal, limit):
+    """Go on with a search over costs; see `_expand`. Returns `entries`, or a larger array instead."""
+    counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
         # Written here, and not there: LLVM drops stores behind the loop of `_expand`.
         level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
@@ -226,19 +224,10 @@ def expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def search(costs, weights, start_row, start_col, goal_row, goal_col):
-    """Spread from a start until the goal is reached, or everywhere where `goal_row` is negative; see `expand`.
+    """Spread over costs, shape (height, width), uint8, from a start to a goal; everywhere if `goal_row` is negative.
 
-    Args:
-        costs: shape (height, width), uint8.
-        weights: shape (256,), uint8, see `step_weights`.
-        start_row: row of the start.
-        start_col: column of the start.
-        goal_row: row of the goal, -1 for none.
-        goal_col: column of the goal.
-
-    Returns:
-        Travel costs, shape (height + 2, width + 2), int32, and the index into `STEPS` of the step that led to each
-        cell, same shape, uint8; both with a border of one cell. Final along the path to the goal.
+    Returns travel costs, shape (height + 2, width + 2), int32, and the index into `STEPS` of the step that led to each
+    cell, same shape, uint8; both with a border of one cell. They are final along the path to the goal.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)
@@ -248,9 +237,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
     expansion = new_expansion(height, width)
     entries = np.empty((open_weights.size, 2), dtype=np.int32)
-    level = octile(goal_row - start_row, goal_col - start_col) if goal_row >= 0 else 0
-    starts_inside = costs[start_row, start_col] == COST_LETHAL
-    begin(expansion, entries, stride, start_row, start_col, starts_inside, level)
-    touching = np.uint8(weights[COST_INSCRIBED])
-    expand(expansion, entries, open_weights, stride, touching, (goal_row, goal_col), np.int64(UNREACHED))
+    goal = goal_row, goal_col
+    begin(expansion, entries, costs, (start_row, start_col), goal)
+    expand(expansion, entries, open_weights, costs, weights, goal, np.int64(UNREACHED))
     return expansion.travel.reshape(height + 2, width + 2), expansion.predecessor.reshape(height + 2, width + 2)

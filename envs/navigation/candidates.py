@@ -13,7 +13,7 @@ from numba import njit
 from envs.estimation import Belief
 from envs.geometry.pose import wrap_angle
 from envs.navigation.astar import NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
-from envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, OCCUPIED_FROM, Costmap
+from envs.navigation.costmap import OCCUPIED_FROM, Costmap
 from envs.navigation.paths import walk_back
 from envs.navigation.views import (
     NUM_RAYS,
@@ -22,7 +22,6 @@ from envs.navigation.views import (
     cast_view,
     cheapest_view,
     fill_sectors,
-    ray_directions,
     unknown_share,
 )
 from envs.robots import RobotParams
@@ -155,19 +154,16 @@ def robot_features(robot: RobotParams) -> np.ndarray:
 def _view(joined, travel, members, tables, limit, is_complete):
     """Find the cheapest viewpoint of frontier cells, at the least view distance from which there is one.
 
-    Returns row, column, index of the cell in view, travel cost; the index is -1 where the search has not come far
-    enough, or -2 where there is none.
+    Returns row, column, index of the cell in view, travel cost; the index is -1 where the search has not found one.
     """
     for k in range(len(tables.views)):
         row, col, seen = cheapest_view(joined, travel, members, tables.views[k])
         if seen < 0:
             continue
         cost = travel[row + 1, col + 1]
-        needed = cost if k == 0 else cost + tables.detour
-        if is_complete or needed <= limit:
-            return row, col, seen, cost
-        return row, col, -1, cost
-    return -1, -1, -2 if is_complete else -1, UNREACHED
+        is_sure = is_complete or cost + (tables.detour if k else 0) <= limit
+        return row, col, seen if is_sure else -1, cost
+    return -1, -1, -1, UNREACHED
 
 
 @njit(cache=True, error_model="numpy")
@@ -181,17 +177,17 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find the frontiers that are cheapest to get to.
+    """Find the frontiers that are cheapest to get to, at most `max_candidates`.
 
     Args:
         joined: shape (height, width), int8, occupancy of the planning cells.
-        layer: costs, shape (height, width), uint8, and `open_weights` of `expand`.
-        expansion: workspace, see `begin`.
-        entries: workspace, see `begin`.
+        layer: costs, shape (height, width), uint8, and `open_weights` of `_expand`.
+        expansion: workspace of the search.
+        entries: the same.
         start: (row, column) of the robot.
         frontier: cells (shape (n, 2), int64) and parts (shape (m, 4), int64) of `split_groups`.
         min_lengths: cells that a frontier has at least; the next one counts where none of those before can be reached.
-        max_candidates: how many are returned at most.
+        max_candidates: see above.
         tables: `PlanningTables`.
 
     Returns:
@@ -202,8 +198,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
     cells, parts = frontier
     height, width = joined.shape
     travel = expansion.travel.reshape(height + 2, width + 2)
-    stride, touching = np.uint32(width + 2), np.uint8(tables.weights[COST_INSCRIBED])
-    begin(expansion, entries, stride, start[0], start[1], costs[start[0], start[1]] == COST_LETHAL, 0)
+    begin(expansion, entries, costs, start, (-1, -1))
     found = np.empty(len(parts), dtype=CANDIDATE)
     is_settled = np.zeros(len(parts), dtype=np.bool_)
     num_found = 0
@@ -211,15 +206,10 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
     for min_length in min_lengths:
         is_complete = False
         while True:
-            num_open = 0
-            for k in range(len(parts)):
-                if parts[k, 2] >= min_length and not is_settled[k]:
-                    num_open += 1
-            if num_open == 0 or is_complete:
+            if is_complete or not ((parts[:, 2] >= min_length) & ~is_settled).any():
                 break
-            entries = expand(expansion, entries, open_weights, stride, touching, (-1, -1), limit)
+            entries = expand(expansion, entries, open_weights, costs, tables.weights, (-1, -1), limit)
             is_complete = expansion.counters[NUM_WAITING] == 0
-            num_sure = 0
             for k in range(len(parts)):
                 if parts[k, 2] < min_length or is_settled[k]:
                     continue
@@ -235,9 +225,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
                     new.span[0], new.span[1], new.group_size, new.group = parts[k]
                     num_found += 1
                     is_settled[k] = True
-            for k in range(num_found):
-                num_sure += found[k].travel <= limit - tables.detour
-            if num_sure >= max_candidates:
+            if (found["travel"][:num_found] <= limit - tables.detour).sum() >= max_candidates:
                 break
             limit *= 2
         if num_found > 0:
@@ -245,36 +233,6 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
     # Parts found in a later round may cost less than some before: a view from afar waits for a nearer one.
     order = np.argsort(found["travel"][:num_found], kind="mergesort")[:max_candidates]
     return found[order], entries
-
-
-@njit(cache=True, error_model="numpy")
-def _count_near(points, x, y, radius):
-    """Count the points, shape (n, 2), within `radius` of (x, y)."""
-    count = 0
-    for k in range(len(points)):
-        count += math.hypot(points[k, 0] - x, points[k, 1] - y) <= radius
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def _since(seen, x, y, radius, now):
-    """Return since when there has been a candidate near (x, y) [s]; seen: shape (n, 3), float64, x, y, since when."""
-    since = now
-    for k in range(len(seen)):
-        if math.hypot(seen[k, 0] - x, seen[k, 1] - y) <= radius:
-            since = min(since, seen[k, 2])
-    return since
-
-
-@njit(cache=True, error_model="numpy")
-def _nearest_within(points, x, y, radius):
-    """Return which of points (rows (x, y, ...)) is nearest to (x, y), -1 if none is within `radius`."""
-    nearest, best = -1, radius
-    for k in range(len(points)):
-        gap = math.hypot(points[k, 0] - x, points[k, 1] - y)
-        if gap <= best and (nearest < 0 or gap < best):
-            nearest, best = k, gap
-    return nearest
 
 
 @njit(cache=True, error_model="numpy")
@@ -291,12 +249,11 @@ def _clearance(joined, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Write what is known of candidates in metres and seconds.
+    """Complete the records of candidates, `table`, in metres and seconds.
 
     Args:
-        raster: occupancy, shape (height, width), int8, and predecessors, shape (height + 2, width + 2), uint8, of the
-            search that found them.
-        table: shape (k,), `CANDIDATE`, from `find_candidates`; completed.
+        raster: `joined`, and the predecessors, shape (height + 2, width + 2), uint8, of the search that found them.
+        table: from `find_candidates`, written.
         tables: `PlanningTables`.
         frame: where the first column and the first row begin, map frame [m], and the side of a cell [m].
         theta: heading of the robot [rad].
@@ -306,15 +263,13 @@ def describe(raster, table, tables, frame, theta, now, past):
             distance up to which two frontiers are the same; map frame [m, s].
 
     Returns:
-        Shape (k, 3), float64, the frontiers for the next call; and the index of the candidate that was chosen last, -1
-        if it is gone.
+        Shape (k, 3), float64, the frontiers for the next call; and which candidate was chosen last, -1 if it is gone.
     """
     joined, predecessor = raster
     left, low, side = frame
     before, failures, chosen, radius = past
-    seen = np.empty((len(table), 3))
-    reach, directions = tables.view_reach, ray_directions()
-    free, unknown = np.empty(NUM_RAYS), np.empty(NUM_RAYS)
+    seen, last, least = np.empty((len(table), 3)), -1, radius
+    reach, free, unknown = tables.view_reach, np.empty(NUM_RAYS), np.empty(NUM_RAYS)
     for k in range(len(table)):
         out = table[k]
         goal_row, goal_col = out.goal
@@ -322,12 +277,22 @@ def describe(raster, table, tables, frame, theta, now, past):
         out.viewpoint[0], out.viewpoint[1] = left + (goal_col + 0.5) * side, low + (goal_row + 0.5) * side
         x, y = left + (col + 0.5) * side, low + (row + 0.5) * side
         out.frontier[0], out.frontier[1] = x, y
-        seen[k, 0], seen[k, 1], seen[k, 2] = x, y, _since(before, x, y, radius, now)
+        since, out.failures = now, 0
+        for j in range(len(before)):
+            if math.hypot(before[j, 0] - x, before[j, 1] - y) <= radius:
+                since = min(since, before[j, 2])
+        for j in range(len(failures)):
+            out.failures += math.hypot(failures[j, 0] - x, failures[j, 1] - y) <= radius
+        gap = math.hypot(x - chosen[0], y - chosen[1])
+        if gap <= least and (last < 0 or gap < least):
+            last, least = k, gap
+        seen[k, 0], seen[k, 1], seen[k, 2] = x, y, since
+        out.age = now - since
         out.cost, out.size = out.travel * side / (STRAIGHT * SCALE), (out.span[1] - out.span[0]) * side
         out.group_size *= side
         for i in range(len(SHARE_RADII)):
             out.unknown[i] = unknown_share(joined, row, col, SHARE_RADII[i] / side)
-        outward = cast_view(joined, goal_row, goal_col, reach, directions, free, unknown)
+        outward = cast_view(joined, goal_row, goal_col, reach, free, unknown)
         out.visible = unknown.sum() * side * side
         fill_sectors(free, unknown, outward, reach, out.sectors)
         out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
@@ -337,25 +302,15 @@ def describe(raster, table, tables, frame, theta, now, past):
             ahead = min(tables.heading_steps, path.shape[0] - 1)
             row, col = path[ahead, 0], path[ahead, 1]
         out.turn = wrap_angle(math.atan2(row - path[0, 0], col - path[0, 1]) - theta)
-        out.age = now - seen[k, 2]
-        out.failures = _count_near(failures, x, y, radius)
-    return seen, _nearest_within(seen, chosen[0], chosen[1], radius)
+    return seen, last
 
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write what policies see of candidates; see `ExploreFrontiersEnv`. Rows without a candidate are 0.
+    """Write what policies see of candidates from a pose; see `ExploreFrontiersEnv`. Rows without a candidate are 0.
 
-    Args:
-        table: shape (k,), `CANDIDATE`.
-        chosen: index of the candidate that the last drive was for; -1 for none.
-        x: estimated position, map frame [m].
-        y: estimated position, map frame [m].
-        theta: estimated heading [rad].
-        max_failures: number of failures that counts as one.
-        features: shape (n, NUM_FEATURES), float32, n >= k, written.
-        sectors: shape (n, 2 * NUM_SECTORS), float32, written.
-        gaps: shape (n, n), float32, written.
+    `max_failures` is the number of failures that counts as one. `features`, shape (n, NUM_FEATURES), `sectors`, shape
+    (n, 2 * NUM_SECTORS), and `gaps`, shape (n, n), all float32, are written.
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0

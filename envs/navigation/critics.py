@@ -19,23 +19,24 @@ NUM_CRITICS = 7
 """How many there are."""
 
 
+AHEAD = 0.1
+"""Distance of the point in front of the robot that alignment looks at [m]."""
+STOPPED_SPEED = 0.25
+"""Speed up to which the robot counts as stopped at the goal, and may turn [m/s]."""
+SLOWING_FACTOR = 5.0
+"""Price of speed there."""
+
+
 class Motion(NamedTuple):
-    """How twists are rolled out."""
+    """How twists are rolled out: the velocity now, its greatest changes, for how long, and in which steps."""
 
     v: float
-    """Forward speed now [m/s]."""
     w: float
-    """Yaw rate now [rad/s]."""
     max_acc_v: float
-    """Greatest change of forward speed [m/s2]."""
     max_acc_w: float
-    """Greatest change of yaw rate [rad/s2]."""
     sim_time: float
-    """How long [s]."""
     linear_granularity: float
-    """Longest step [m]."""
     angular_granularity: float
-    """Greatest turn in a step [rad]."""
 
 
 class Rasters(NamedTuple):
@@ -59,12 +60,6 @@ class Ending(NamedTuple):
     """Whether the robot is within the tolerance of a goal with a heading."""
     heading: float
     """That heading in the base frame [rad]."""
-    stopped_speed: float
-    """Speed up to which the robot counts as stopped, and may turn [m/s]."""
-    slowing_factor: float
-    """Price of speed near the goal."""
-    ahead: float
-    """Distance of the point in front of the robot that alignment looks at [m]."""
     aligns: bool
     """Whether the robot is far enough from the goal to align with the path."""
 
@@ -73,14 +68,8 @@ class Ending(NamedTuple):
 def roll_out(v, w, motion, poses):
     """Follow a commanded twist from the origin, with the speeds ramped from what they are now.
 
-    Args:
-        v: commanded forward speed [m/s].
-        w: commanded yaw rate [rad/s].
-        motion: `Motion`.
-        poses: shape (n, 3), float64, written: (x, y, heading) after each step, base frame [m, m, rad].
-
-    Returns:
-        How many steps were written, at most n.
+    Writes (x, y, heading) after each step, base frame [m, m, rad], to `poses`, shape (n, 3), float64, and returns how
+    many there are.
     """
     turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
     metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
@@ -110,12 +99,8 @@ def roll_out(v, w, motion, poses):
 def spread(costs, distances, queue, num_seeds):
     """Count the steps to the four nearest cells that lead to any seed around what the robot would touch.
 
-    Args:
-        costs: shape (n, n), uint8.
-        distances: shape (n, n), int32, written: steps; n * n where the robot would touch something; n * n + 1 where
-            nothing leads.
-        queue: shape (n * n,), int32: indices of the seeds at its start, none of them twice; overwritten.
-        num_seeds: how many they are.
+    `distances`, shape (n, n), int32, is written: steps; n * n where the robot would touch something; n * n + 1 where
+    nothing leads. `queue`, shape (n * n,), int32, has the indices of the seeds at its start, none of them twice.
     """
     side = costs.shape[0]
     size = side * side
@@ -156,8 +141,8 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
-    if abs(motion.v) > ending.stopped_speed:
-        return v * v * ending.slowing_factor + error if abs(v) < abs(motion.v) else np.nan
+    if abs(motion.v) > STOPPED_SPEED:
+        return v * v * SLOWING_FACTOR + error if abs(v) < abs(motion.v) else np.nan
     return error if v == 0.0 else np.nan
 
 
@@ -194,19 +179,14 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 @njit(cache=True, error_model="numpy")
 def judge(twists, banned, motion, ending, rasters, scores):
-    """Score twists by every critic; lower is better, NaN is out of the question.
+    """Score twists, shape (n, 2) [m/s, rad/s], by every critic; lower is better, NaN is out of the question.
 
-    Args:
-        twists: shape (n, 2), float64: forward speed [m/s] and yaw rate [rad/s].
-        banned: (v < 0, v > 0, w < 0, w > 0): directions that would be to swing back and forth.
-        motion: `Motion`.
-        ending: `Ending`.
-        rasters: `Rasters`.
-        scores: shape (n, 7), float64, written; see `ROTATE_TO_GOAL` and its neighbours.
+    `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth. `scores`, shape (n, 7), is
+    written; see `ROTATE_TO_GOAL` and its neighbours.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
-    resolution, ahead = rasters.resolution, ending.ahead
+    resolution = rasters.resolution
     for i in range(twists.shape[0]):
         v, w = twists[i]
         scores[i] = np.nan
@@ -217,7 +197,7 @@ def judge(twists, banned, motion, ending, rasters, scores):
         if math.isnan(cost):
             continue
         x, y, theta = poses[num_steps - 1]
-        front_x, front_y = x + ahead * math.cos(theta), y + ahead * math.sin(theta)
+        front_x, front_y = x + AHEAD * math.cos(theta), y + AHEAD * math.sin(theta)
         scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, motion, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost

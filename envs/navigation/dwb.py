@@ -7,7 +7,6 @@ make for the point of the path that a trajectory reaches.
 """
 
 import math
-from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -18,66 +17,29 @@ from envs.robots import RobotParams
 from envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
-from .critics import NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
+from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
 
-
-@dataclass(frozen=True, slots=True)
-class DwbParams:
-    """How twists are tried and judged. Defaults: Nav2's bring-up file; speeds and accelerations are the robot's."""
-
-    max_w: float = 1.0
-    """Greatest yaw rate [rad/s], where the robot has it."""
-    num_v: int = 20
-    """Forward speeds that are tried."""
-    num_w: int = 20
-    """Yaw rates that are tried."""
-    sim_time: float = 1.7
-    """How far ahead trajectories are rolled out [s]."""
-    linear_granularity: float = 0.05
-    """Longest step of a trajectory [m]."""
-    angular_granularity: float = 0.025
-    """Greatest turn in a step [rad]."""
-    goal_tolerance: float = 0.25
-    """Distance from the goal at which the robot stops to turn [m]."""
-    stopped_speed: float = 0.25
-    """Speed up to which it counts as stopped there [m/s]."""
-    slowing_factor: float = 5.0
-    """Price of speed there."""
-    forward_point_distance: float = 0.1
-    """Distance of the point in front of the robot that alignment looks at [m]."""
-    reset_distance: float = 0.05
-    """Distance after which the robot may turn back to where it came from [m]."""
-    reset_angle: float = 0.2
-    """The same for turning on the spot [rad]."""
-    rotate_to_goal: float = 32.0
-    """Scale of the critic."""
-    base_obstacle: float = 0.02
-    """Scale of the critic."""
-    goal_align: float = 24.0
-    """Scale of the critic."""
-    path_align: float = 32.0
-    """Scale of the critic."""
-    path_dist: float = 32.0
-    """Scale of the critic."""
-    goal_dist: float = 24.0
-    """Scale of the critic."""
-    resolution: float = 0.05
-    """Side of a cell of the local costmap [m]."""
-    size: float = 3.0
-    """Least side of the local costmap [m]; it is made large enough for a trajectory at full speed."""
-    inflation: float = 0.48
-    """How far beyond the robot nearness to obstacles costs [m] (0.7 m from the centre of a TurtleBot3)."""
-    cost_scaling_factor: float = 3.0
-    """Rate at which that cost decays with the distance [1/m]."""
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{field.name} must be finite and not negative, got {value}")
-        for name in ("max_w", "num_v", "num_w", "sim_time", "linear_granularity", "angular_granularity", "resolution"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+# Nav2's bring-up file; speeds and accelerations are the robot's.
+MAX_W = 1.0
+"""Greatest yaw rate, where the robot has it [rad/s]."""
+NUM_V, NUM_W = 20, 20
+"""Forward speeds and yaw rates that are tried."""
+SIM_TIME = 1.7
+"""How far ahead trajectories are rolled out [s]."""
+LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
+"""Longest step of a trajectory [m], and greatest turn in it [rad]."""
+GOAL_TOLERANCE = 0.25
+"""Distance from the goal at which the robot stops to turn [m]."""
+RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
+"""How far the robot must have got before it may turn back to where it came from [m, rad]."""
+ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
+GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE = 24.0, 32.0, 32.0, 24.0
+RESOLUTION = 0.05
+"""Side of a cell of the local costmap [m]."""
+SIZE = 3.0
+"""Least side of the local costmap [m]; it is made large enough for a trajectory at full speed."""
+INFLATION = 0.48
+"""How far beyond the robot nearness to obstacles costs [m] (0.7 m from the centre of a TurtleBot3)."""
 
 
 class Oscillation:
@@ -105,26 +67,18 @@ class Oscillation:
 class DwbPlanner:
     """Drives along one path at a time; a `LocalPlanner`."""
 
-    def __init__(self, robot: RobotParams, control_period: float, params: DwbParams = DwbParams()) -> None:
-        """Prepare for a robot.
-
-        Args:
-            robot: limits and footprint.
-            control_period: time between two calls of `command` [s].
-            params: how to try and judge.
-        """
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
         self._robot = robot
-        self._params = params
-        self._max_w = min(params.max_w, robot.max_w)
-        self._horizon = robot.max_v * params.sim_time + params.forward_point_distance
-        half = math.ceil(max(0.5 * params.size, self._horizon + robot.radius) / params.resolution)
+        self._max_w = min(MAX_W, robot.max_w)
+        self._horizon = robot.max_v * SIM_TIME + AHEAD
+        half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
         self._side = 2 * half + 1
-        costmap = CostmapParams(robot.radius, robot.radius + params.inflation, params.cost_scaling_factor)
-        self._reach, self._table = costmap.reach(params.resolution), costmap.table(params.resolution)
+        costmap = CostmapParams(robot.radius, robot.radius + INFLATION)
+        self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
         # Scores of rasters count cells; half a cell's side per step, as Nav2 has it.
-        per_step = 0.5 * params.resolution
-        steps = params.goal_align, params.path_align, params.path_dist, params.goal_dist
-        self._scales = np.array([params.rotate_to_goal, 1.0, params.base_obstacle, *(per_step * k for k in steps)])
+        steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
+        self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
         self._queue = np.empty(self._side**2, dtype=np.int32)
         self._oscillation = Oscillation(), Oscillation()
@@ -151,28 +105,20 @@ class DwbPlanner:
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
-        params = self._params
         window = self._path[self._index : self._index + 40]
         self._index += int(np.argmin(((window - pose[:2]) ** 2).sum(axis=1)))
         costs, squared = self._look(obstacles)
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
-        motion = Motion(
-            *twist,
-            self._robot.max_acc_v,
-            self._robot.max_acc_w,
-            params.sim_time,
-            params.linear_granularity,
-            params.angular_granularity,
-        )
-        is_near = self._heading is not None and to_goal <= params.goal_tolerance
+        limits = self._robot.max_acc_v, self._robot.max_acc_w
+        motion = Motion(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
+        is_near = self._heading is not None and to_goal <= GOAL_TOLERANCE
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
-        ahead = params.forward_point_distance
-        ending = Ending(is_near, heading, params.stopped_speed, params.slowing_factor, ahead, to_goal > ahead)
+        ending = Ending(is_near, heading, to_goal > AHEAD)
         twists = self._samples(twist)
         self.scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(trend.banned == sign for trend in self._oscillation for sign in (-1.0, 1.0))
-        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, params.resolution), self.scores)
+        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, RESOLUTION), self.scores)
         totals = self.scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
@@ -184,27 +130,27 @@ class DwbPlanner:
 
     def _samples(self, twist: Twist) -> np.ndarray:
         """Return the twists that the robot can get to: shape (n, 2), float64 [m/s, rad/s]."""
-        params, robot = self._params, self._robot
-        reach_v, reach_w = robot.max_acc_v * params.sim_time, robot.max_acc_w * params.sim_time
+        robot = self._robot
+        reach_v, reach_w = robot.max_acc_v * SIM_TIME, robot.max_acc_w * SIM_TIME
         lows = max(0.0, min(twist.v - reach_v, robot.max_v)), max(-self._max_w, twist.w - reach_w)
         highs = min(robot.max_v, max(twist.v + reach_v, 0.0)), min(self._max_w, twist.w + reach_w)
-        speeds = np.unique(np.append(np.linspace(lows[0], highs[0], params.num_v), 0.0))
-        rates = np.unique(np.append(np.linspace(lows[1], highs[1], params.num_w), 0.0))
+        speeds = np.unique(np.append(np.linspace(lows[0], highs[0], NUM_V), 0.0))
+        rates = np.unique(np.append(np.linspace(lows[1], highs[1], NUM_W), 0.0))
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return costs (uint8) and squared distances to the nearest obstacle (uint16 [cells2]) around the robot."""
         data = np.zeros((self._side, self._side), dtype=np.int8)
-        cells = np.floor(obstacles / self._params.resolution + 0.5 * self._side).astype(np.int64)
+        cells = np.floor(obstacles / RESOLUTION + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data[cells[:, 1], cells[:, 0]] = OCCUPIED
         return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
         """Fill the rasters of steps to the path, its end in reach, and beyond; return the distance to the goal [m]."""
-        params, side = self._params, self._side
+        side = self._side
         points = pose.inverse().transform(self.remaining)
-        cells = np.floor(points / params.resolution + 0.5 * side).astype(np.int64)
+        cells = np.floor(points / RESOLUTION + 0.5 * side).astype(np.int64)
         along = lengths_along(points)
         inside = ((cells >= 0) & (cells < side)).all(axis=1)
         if not inside.all():
@@ -218,12 +164,11 @@ class DwbPlanner:
         # where an obstacle blocks the path, the robot makes for what lies behind it.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
-        self._has_no_path = end < len(points) - 1 and along[end] < params.goal_tolerance
+        self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
         self._spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)
-        ahead = params.forward_point_distance
-        cell = cell_of(x + ahead * math.cos(bearing), y + ahead * math.sin(bearing), side, params.resolution)
+        cell = cell_of(x + AHEAD * math.cos(bearing), y + AHEAD * math.sin(bearing), side, RESOLUTION)
         self._spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
         return float(np.hypot(*points[-1]))
 
@@ -236,7 +181,7 @@ class DwbPlanner:
         if self._turned_at is None:
             return
         away = self._turned_at.between(pose)
-        if math.hypot(away.x, away.y) > self._params.reset_distance or abs(away.theta) > self._params.reset_angle:
+        if math.hypot(away.x, away.y) > RESET_DISTANCE or abs(away.theta) > RESET_ANGLE:
             self._turned_at = None
             for trend in self._oscillation:
                 trend.release()
@@ -245,7 +190,7 @@ class DwbPlanner:
         """Notice when a command turns back; turns while driving are no oscillation."""
         trend_v, trend_w = self._oscillation
         turned = trend_v.take(v)
-        if abs(v) <= self._params.reset_distance:
+        if abs(v) <= RESET_DISTANCE:
             turned = trend_w.take(w) or turned
         if turned:
             self._turned_at = pose

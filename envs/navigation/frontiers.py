@@ -45,11 +45,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
 
 
 def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
-    """Mark the frontier cells of a map: free ones with an unknown one among their eight neighbours.
-
-    Returns:
-        Shape of the map, bool.
-    """
+    """Return which cells of a map are free with an unknown one among their eight neighbours: its shape, bool."""
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
@@ -95,8 +91,7 @@ def _flood(frontier, left, row, col, cells, count):
 def frontier_groups(frontier, tile_counts):
     """Group frontier cells that touch, also diagonally, in time that grows with their number.
 
-    Returns:
-        Cells, shape (n, 2), int64, (row, column), group after group; and where each group begins, followed by n.
+    Returns cells, shape (n, 2), int64, group after group; and where each group begins, followed by n.
     """
     height, width = frontier.shape
     # Frontier cells of each tile that are in no group yet: where none are left, the rest of the tile need not be read.
@@ -119,11 +114,11 @@ def frontier_groups(frontier, tile_counts):
 
 
 @njit(cache=True, error_model="numpy")
-def _split(cells, first, last, extent, bounds, count):
+def _split(cells, first, last, extent, parts, count):
     """Split the cells from `first` to `last` - 1 in place, until no part's bounding box is longer than `extent`.
 
-    Writes the first cell of each part, and the cell after its last, to `bounds` from row `count` on, and returns how
-    many parts there are now.
+    Writes the first cell of each part, and the cell after its last, from row `count` of `parts` on, and returns how
+    many there are now.
     """
     stack = [(first, last)]
     while len(stack) > 0:
@@ -134,7 +129,7 @@ def _split(cells, first, last, extent, bounds, count):
             low_col, high_col = min(low_col, cells[k, 1]), max(high_col, cells[k, 1])
         tall, wide = high_row - low_row + 1, high_col - low_col + 1
         if max(tall, wide) <= extent:
-            bounds[count, 0], bounds[count, 1] = a, b
+            parts[count, 0], parts[count, 1] = a, b
             count += 1
             continue
         axis = 0 if tall >= wide else 1
@@ -153,29 +148,19 @@ def _split(cells, first, last, extent, bounds, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups of frontier cells into parts that are no longer than `extent` [cells].
+    """Split groups of frontier cells, from `frontier_groups`, into parts that are no longer than `extent` [cells].
 
-    Args:
-        cells: shape (n, 2), int64, reordered within the groups.
-        starts: where each group begins, followed by n.
-        extent: [cells].
-        least: smaller groups are left out [cells].
-
-    Returns:
-        Shape (m, 4), int64: first cell of each part, cell after its last, size of its group [cells], and which group.
+    Reorders cells within the groups; groups of less than `least` cells are left out. Returns shape (m, 4), int64: first
+    cell of each part, cell after its last, size of its group [cells], and which group.
     """
-    bounds = np.empty((len(cells) + 1, 2), dtype=np.int64)
-    groups = np.empty((len(cells) + 1, 2), dtype=np.int64)
+    parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0
     for k in range(len(starts) - 1):
         if starts[k + 1] - starts[k] >= least:
             before = count
-            count = _split(cells, starts[k], starts[k + 1], extent, bounds, count)
-            groups[before:count, 0], groups[before:count, 1] = starts[k + 1] - starts[k], k
-    parts = np.empty((count, 4), dtype=np.int64)
-    parts[:, :2] = bounds[:count]
-    parts[:, 2:] = groups[:count]
-    return parts
+            count = _split(cells, starts[k], starts[k + 1], extent, parts, count)
+            parts[before:count, 2], parts[before:count, 3] = starts[k + 1] - starts[k], k
+    return parts[:count].copy()
 
 
 @njit(cache=True, error_model="numpy")

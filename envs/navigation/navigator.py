@@ -25,7 +25,6 @@ from envs.navigation.navigator_kernels import (
     navigator_numbers,
     recover,
     set_goal,
-    update,
     update_obstacles,
 )
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
@@ -61,14 +60,7 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Prepare for a robot.
-
-        Args:
-            robot: the robot.
-            control_period: time between two calls of `update` [s].
-            params: how to drive.
-            max_time: longest drive, but for a recovery, which is finished [s].
-        """
+        """Prepare for a robot; drives take at most `max_time` [s], but for a recovery, which is finished."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         """Robot and params as scalars, see `navigator_numbers`."""
@@ -195,36 +187,21 @@ class Navigator:
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
         """Take in the obstacles of a reading outside of drives; `update` does so itself.
 
-        Args:
-            reading: what the sensors say now.
-            others: shape (m, 2), float64, base frame [m]: further obstacles, such as other robots.
+        Further ones, such as other robots, are `others`: shape (m, 2), float64, base frame [m].
         """
-        update_obstacles(self._records, self._obstacles, *self._sensors(reading), others[:MAX_OTHERS], self._numbers)
+        motion = self._odometry.update(reading)
+        self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
+        state, sensors = (self._records, self._obstacles), (reading.ranges, self._directions, reading.bumper)
+        update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading, and check the progress of the drive.
-
-        Args:
-            reading: what the sensors say now.
-            pose: estimate now, map frame.
-            others: see `sense`.
-
-        Returns:
-            `DRIVING` or one of what follows there.
-        """
-        sensors = self._sensors(reading)
-        state = self._records, self._obstacles
-        return int(update(*state, *sensors, others[:MAX_OTHERS], tuple(pose), self._numbers))
+        """Process a reading (see `sense`) at an estimated pose, map frame; return the progress, as `DRIVING`."""
+        self.sense(reading, others)
+        return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
         """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
-
-    def _sensors(self, reading: Reading) -> tuple[Any, Any]:
-        """Return the sensors' part of the arguments of kernels, and take note of the velocity."""
-        motion = self._odometry.update(reading)
-        self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
-        return (reading.ranges, self._directions, reading.bumper), tuple(motion)
 
     def command(self, pose: Pose2D) -> Twist:
         """Return the twist for the next control period, from the pose estimate."""

@@ -13,6 +13,7 @@ behaviors BackUp and Spin. Arguments are arrays, which cost least to pass:
 """
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 from numba import njit
@@ -63,12 +64,11 @@ def navigator_numbers(
 ) -> dict[str, float | tuple[float, ...]]:
     """Return the numbers for drives of at most `max_time` seconds with a command every `period` seconds; m, s, rad."""
     lidar = robot.lidar
-
-    def steps(seconds: float) -> int:
-        return max(1, round(min(seconds, 1e6) / period))
-
+    times = {"max": max_time, "replan": params.replan_time, "stall": params.stall_time, "stuck": params.stuck_time}
     return {
         **follower_numbers(robot, period),
+        **asdict(params),
+        **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
         # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
         "half_fov": 0.5 * lidar.fov + lidar.angle_increment,
@@ -76,14 +76,7 @@ def navigator_numbers(
         "range_min": lidar.range_min,
         "range_far": 2.0 * robot.radius + 0.3,  # up to which obstacles beside the lidar's view are remembered
         "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
-        "max_steps": steps(max_time),
-        "replan_steps": steps(params.replan_time),
         "stall_distance": 0.25 * robot.radius + 0.02,
-        "stall_angle": params.stall_angle,
-        "stall_steps": steps(params.stall_time),
-        "stuck_distance": params.stuck_distance,
-        "stuck_steps": steps(params.stuck_time),
-        "max_recoveries": params.max_recoveries,
         "spin_rate": min(robot.max_w, params.spin_rate),
         "back_reach": 0.5 * robot.radius + 0.1,  # how far the robot backs up
         "back_speed": 0.4 * robot.max_v,
@@ -244,10 +237,3 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
         record.planned = record.steps
         return REPLAN
     return DRIVING
-
-
-@njit(cache=True, error_model="numpy")
-def update(navigators, obstacles, sensors, motion, others, pose, constants):
-    """Process a scan, and check the progress of the drive; see `update_obstacles` and `check_progress`."""
-    update_obstacles(navigators, obstacles, sensors, motion, others, constants)
-    return check_progress(navigators, obstacles, pose, sensors[2], constants)

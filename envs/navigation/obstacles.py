@@ -36,15 +36,8 @@ def scan_points(ranges, directions, mount, points):
 def remember(points, num_remembered, num_points, motion, numbers):
     """Carry points along with the robot's motion and keep those that the lidar no longer sees.
 
-    Args:
-        points: shape (n, 2), float64, base frame before the motion [m]; rewritten in the base frame after it.
-        num_remembered: how many of them had been remembered before; the others come from the last scan.
-        num_points: how many there are.
-        motion: pose of the base now in the base frame before: x, y [m], theta [rad].
-        numbers: a record with the fields of `navigator_numbers`.
-
-    Returns:
-        How many are kept, at the start of `points`; at most `CAPACITY`.
+    The first `num_remembered` of `num_points` had been remembered before; the others come from the last scan. `points`
+    are rewritten in the base frame after the motion. Returns how many are kept at their start; at most `CAPACITY`.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount
@@ -106,7 +99,7 @@ def points_within(points, distance):
 
 @njit(cache=True, error_model="numpy")
 def free_distance(points, curvature, radius, distance):
-    """Tell how far the robot gets along an arc before its footprint touches a point.
+    """Return how far the robot gets along an arc before its footprint touches a point [m], at most `abs(distance)`.
 
     A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
     brings it nearer.
@@ -116,9 +109,6 @@ def free_distance(points, curvature, radius, distance):
         curvature: of the arc, positive to the left [1/m].
         radius: of the footprint [m].
         distance: how far to look along the arc, negative backwards [m].
-
-    Returns:
-        The free length of the arc [m], at most `abs(distance)`.
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf

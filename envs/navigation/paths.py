@@ -16,7 +16,6 @@ from envs.navigation.astar import (
     UNREACHED,
     begin,
     expand,
-    octile,
     search,
     step_weights,
 )
@@ -74,17 +73,10 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def shorten(costs, weights, travel, cells, reach):
-    """Replace stretches of a path by straight lines where those cost no more.
+    """Replace stretches of a path, of up to `reach` cells, by straight lines where those cost no more.
 
-    Args:
-        costs: shape (height, width), uint8.
-        weights: shape (256,), uint8, see `step_weights`.
-        travel: shape (height + 2, width + 2), int32, from the `search` that found the path.
-        cells: shape (n, 2), int64, the path's cells.
-        reach: greatest number of cells that one line replaces.
-
-    Returns:
-        Shape (m, 2), int64: the corners of the shorter path, with both of its ends.
+    `travel`, shape (height + 2, width + 2), int32, is from the search that found the path, `cells` its cells, shape
+    (n, 2), int64. Returns the corners of the shorter path, with both of its ends: shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
     kept[0] = cells[0]
@@ -106,10 +98,9 @@ def shorten(costs, weights, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def nearest_cell(costs, weights, row, col, reach, max_cost):
-    """Find the traversable cell nearest to (row, col), within `reach` cells.
+    """Return the cell nearest to (row, col), within `reach` cells, that costs at most `max_cost`; (-1, -1) for none.
 
-    Cells that cost more than `max_cost` do not count; unknown ones do where `weights` lets them. Returns (-1, -1) if
-    there is none.
+    Unknown ones count where `weights` lets them.
     """
     height, width = costs.shape
     best_row, best_col, best = -1, -1, reach * reach + 1
@@ -153,19 +144,17 @@ def write_path(costs, weights, expansion, cell, side, origin):
 def search_goal(layer, weights, expansion, entries, start, goal, slack):
     """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
 
-    `layer` holds costs and the `open_weights` of `_expand`; `expansion` and `entries` are workspace, see `begin`. The
-    path may end up to `slack` cells beside the goal.
-    Returns the cell where it ends, (-1, -1) without one; and `entries`.
+    `layer` holds costs and the `open_weights` of `_expand`; `expansion` and `entries` are workspace, see
+    `_expand`. The path may end up to `slack` cells beside the goal. Returns the cell where it ends, (-1, -1) without
+    one; and `entries`.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
     if row < 0:
         return (-1, -1), entries
-    stride, touching = np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
-    level = octile(row - start[0], col - start[1])
-    begin(expansion, entries, stride, start[0], start[1], costs[start[0], start[1]] == COST_LETHAL, level)
-    entries = expand(expansion, entries, open_weights, stride, touching, (row, col), np.int64(UNREACHED))
-    if expansion.travel[(row + 1) * np.int64(stride) + col + 1] == UNREACHED:
+    begin(expansion, entries, costs, start, (row, col))
+    entries = expand(expansion, entries, open_weights, costs, weights, (row, col), np.int64(UNREACHED))
+    if expansion.travel[(row + 1) * (costs.shape[1] + 2) + col + 1] == UNREACHED:
         return (-1, -1), entries
     return (row, col), entries
 
@@ -184,27 +173,18 @@ class TravelField:
     """Same shape, uint8: index into `STEPS` of the last step."""
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
-        """Return travel costs of cells: the length of the path [m], each step weighted by its costs.
+        """Return the lengths of the paths to cells inside the raster, each step weighted by its costs [m].
 
-        Args:
-            cells: shape (..., 2), int, (row, column) inside the raster.
-
-        Returns:
-            Shape (...), float64; inf where no path leads.
+        `cells` have the shape (..., 2), int, (row, column); what is returned shape (...), inf where no path leads.
         """
         travel = self.travel[cells[..., 0] + 1, cells[..., 1] + 1]
         metres = self.costmap.grid.resolution / (STRAIGHT * SCALE)
         return np.where(travel == UNREACHED, np.inf, travel * metres)
 
     def path(self, row: int, col: int) -> np.ndarray | None:
-        """Return the path to a cell as points a cell apart; straight lines replace staircases where they cost no more.
+        """Return the path to a cell as points a cell apart, from start to goal: shape (n, 2), float64 [m].
 
-        Args:
-            row: row of the cell.
-            col: column of the cell.
-
-        Returns:
-            Shape (n, 2), float64, cell centres and points between them, from start to goal [m]; None without a path.
+        Straight lines replace staircases where they cost no more. None without a path.
         """
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
@@ -281,19 +261,11 @@ def plan_path(
 
 
 @njit(cache=True, error_model="numpy")
-def relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
+def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
     """Return a copy of a path with points pulled between their neighbours and back to where they were.
 
     A point never moves into a cell that is not traversable; its two ends stay. After the simple smoother of Nav2,
     with the points updated in place (Gauss-Seidel).
-
-    Args:
-        points: shape (n, 2), float64 [m].
-        costs: shape (height, width), uint8.
-        origin_x: x of the outer corner of cell (0, 0) [m].
-        origin_y: y of the same [m].
-        resolution: side of a cell [m].
-        allow_unknown: whether points may move into unknown cells.
     """
     height, width = costs.shape
     smooth = points.copy()
@@ -317,31 +289,20 @@ def relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
 
 
 def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
-    """Round off a path's corners without touching anything.
+    """Round off the corners of a path, shape (n, 2), n > 0, points about a cell apart [m], without touching anything.
 
-    Args:
-        costmap: where the path runs.
-        path: shape (n, 2), n > 0, points about a cell apart [m].
-        allow_unknown: whether it may enter unknown cells.
-
-    Returns:
-        Shape (m, 2), float64, points at most a cell apart, with the same ends [m].
+    Returns shape (m, 2), float64, points at most a cell apart, with the same ends [m].
     """
     grid = costmap.grid
     path = np.ascontiguousarray(path, dtype=np.float64)
-    smooth: np.ndarray = relax(path, costmap.costs, *grid.origin, grid.resolution, allow_unknown)
+    smooth: np.ndarray = _relax(path, costmap.costs, *grid.origin, grid.resolution, allow_unknown)
     return resample(smooth, grid.resolution)
 
 
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
-    """Tell whether a robot can follow a path: it stays inside the map and touches nothing that is known.
+    """Tell whether a path, shape (n, 2), points about a cell apart [m], stays inside the map and touches nothing known.
 
     Points at the start where the robot touches something in its belief already do not count, if it gets out of there.
-
-    Args:
-        costmap: the costs now.
-        path: shape (n, 2), points about a cell apart [m].
-        allow_unknown: whether it may cross unknown cells.
     """
     grid = costmap.grid
     cells = grid.cells(path)

@@ -8,7 +8,7 @@ carrot is pulled in before the robot slows down, so that lookahead does not cut 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numba import njit
@@ -66,7 +66,7 @@ def follower_numbers(
 ) -> dict[str, float | tuple[float, ...]]:
     """Return the numbers of a robot that is commanded every `period` seconds, for `as_record`; in m, s and rad."""
     braking_v = params.braking * robot.max_acc_v
-    return {
+    return asdict(params) | {
         "period": period,
         "radius": robot.radius,
         "max_v": robot.max_v,
@@ -76,17 +76,9 @@ def follower_numbers(
         "braking_w": params.braking * robot.max_acc_w,
         # Radius that is kept free of obstacles.
         "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
-        "lookahead_time": params.lookahead_time,
         "min_lookahead": min(params.min_lookahead * robot.radius, 0.25),
-        "max_lookahead": params.max_lookahead,
         # Least length of an arc that is tested: what braking from full speed takes.
         "look": robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03,
-        "rotate_from": params.rotate_from,
-        "rotate_until": params.rotate_until,
-        "min_turn_time": params.min_turn_time,
-        "min_speed": params.min_speed,
-        "nearness_time": params.nearness_time,
-        "sidesteps": params.sidesteps,
     }
 
 
@@ -211,18 +203,10 @@ def _regulated_speed(state, path, curvature, free, obstacles, numbers):
 def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     """Choose the twist that follows a path for the next period.
 
-    Args:
-        state: a record with `FOLLOWER_FIELDS`, written.
-        path: shape (n, 2), float64, n > 0, points up to a map cell apart, map frame [m].
-        x: estimated position, map frame [m].
-        y: estimated position, map frame [m].
-        theta: estimated heading [rad].
-        v_now: forward speed by odometry [m/s].
-        obstacles: shape (k, 2), float64, base frame [m].
-        numbers: a record with the fields of `follower_numbers`.
-
-    Returns:
-        Forward speed [m/s], yaw rate [rad/s], and whether obstacles keep the robot from driving on.
+    `state` is a record with `FOLLOWER_FIELDS`, written; `path` has the shape (n, 2), float64, n > 0, points up to a map
+    cell apart, map frame [m]; `x`, `y`, `theta` are estimated, `v_now` is the forward speed by odometry [m/s];
+    `obstacles` have the shape (k, 2), float64, base frame [m]. Returns forward speed [m/s], yaw rate [rad/s], and
+    whether obstacles keep the robot from driving on.
     """
     state.index = _nearest_index(path, x, y, state.index, NEAREST_WINDOW)
     lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
@@ -252,13 +236,7 @@ class PathFollower:
     """Drives along one path at a time; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
-        """Prepare for a robot.
-
-        Args:
-            robot: limits and footprint.
-            control_period: time between two calls of `command` [s].
-            params: how to follow.
-        """
+        """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
         self._goal_tolerance = params.goal_tolerance
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=FOLLOWER_FIELDS)
@@ -283,10 +261,6 @@ class PathFollower:
         """Return the twist to command for the next period; see `LocalPlanner`."""
         self.blocked = False
         if self._heading is not None and math.hypot(*(self._path[-1] - pose[:2])) <= self._goal_tolerance:
-            return self.rotate(wrap_angle(self._heading - pose.theta))
+            return Twist(0.0, turn_rate(wrap_angle(self._heading - pose.theta), self._numbers))
         v, w, self.blocked = follow(self._state[0], self._path, *pose, twist.v, obstacles, self._numbers)
         return Twist(v, w)
-
-    def rotate(self, angle: float) -> Twist:
-        """Return the twist that turns on the spot by `angle` [rad], slowing down in time to stop there."""
-        return Twist(0.0, turn_rate(angle, self._numbers))

@@ -17,6 +17,10 @@ NUM_RAYS = 48
 NUM_SECTORS = 24
 """Sectors in which they are joined."""
 PER_SECTOR = NUM_RAYS // NUM_SECTORS
+RAYS = np.array(
+    [(math.sin(angle), math.cos(angle)) for angle in (2.0 * math.pi * k / NUM_RAYS for k in range(NUM_RAYS))]
+)
+"""Shape (NUM_RAYS, 2): rows and columns per cell of length."""
 SHARE_RADII = (1.0, 2.0, 4.0)
 """Radii of the discs around a frontier whose unknown share is told [m]."""
 SHARE_STEPS = 10
@@ -24,36 +28,17 @@ SHARE_STEPS = 10
 
 
 @njit(cache=True, error_model="numpy")
-def ray_directions():
-    """Return the directions of rays, shape (NUM_RAYS, 2): rows and columns per cell of length."""
-    directions = np.empty((NUM_RAYS, 2))
-    for k in range(NUM_RAYS):
-        angle = 2.0 * math.pi * k / NUM_RAYS
-        directions[k, 0], directions[k, 1] = math.sin(angle), math.cos(angle)
-    return directions
+def cast_view(joined, row, col, reach, free, unknown):
+    """Cast rays of a length, `reach` [cells], from the centre of a cell of `joined`; what lies outside is unknown.
 
-
-@njit(cache=True, error_model="numpy")
-def cast_view(joined, row, col, reach, directions, free, unknown):
-    """Cast the rays from the centre of a cell.
-
-    Args:
-        joined: shape (height, width), int8, occupancy; what lies outside is unknown.
-        row: row of the viewpoint.
-        col: column of the viewpoint.
-        reach: length of the rays [cells].
-        directions: see `ray_directions`.
-        free: shape (NUM_RAYS,), float64, written: length of each ray up to an occupied cell [cells].
-        unknown: shape (NUM_RAYS,), float64, written: unknown area that it sweeps before that [cells].
-
-    Returns:
-        Direction of the first ray of the sector in which most unknown area lies, from 0 to NUM_RAYS - 1.
+    `free` and `unknown`, shape (NUM_RAYS,), float64, are written: length of each ray up to an occupied cell, and the
+    unknown area that it sweeps before that [cells]. Returns the first ray of the sector with most unknown area.
     """
     height, width = joined.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
     up, right = 0.0, 0.0
     for k in range(NUM_RAYS):
-        d_row, d_col = directions[k]
+        d_row, d_col = RAYS[k]
         y, x, area, length = row + 0.5, col + 0.5, 0.0, reach
         for step in range(1, reach + 1):
             y += d_row
@@ -77,15 +62,10 @@ def cast_view(joined, row, col, reach, directions, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Write free range and unknown share of the sectors around a viewpoint, counter-clockwise.
+    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view` for the arguments.
 
-    Args:
-        free: see `cast_view`.
-        unknown: see `cast_view`.
-        first: ray on which the first sector begins.
-        reach: length of the rays [cells].
-        sectors: shape (2 * NUM_SECTORS,), float32, written: the shortest ray of each over `reach`; then the unknown
-            area that the rays of each sweep, over what they could.
+    `sectors`, shape (2 * NUM_SECTORS,), float32, has the shortest ray of each over `reach`; then the unknown area that
+    the rays of each sweep, over what they could.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):

@@ -8,7 +8,7 @@ from scipy.ndimage import binary_dilation
 
 from envs.geometry import Pose2D
 from envs.geometry.polyline import resample
-from envs.navigation import DwbParams, DwbPlanner
+from envs.navigation import DwbPlanner
 from envs.navigation.critics import (
     BASE_OBSTACLE,
     GOAL_DIST,
@@ -31,7 +31,7 @@ BURGER = load_robot("turtlebot3_burger")
 NOTHING = np.empty((0, 2))
 SIDE, RESOLUTION = 41, 0.05
 MIDDLE = SIDE // 2
-AWAY = Ending(False, 0.0, 0.25, 5.0, 0.1, True)
+AWAY = Ending(False, 0.0, True)
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
@@ -124,7 +124,7 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():
-    ending = Ending(True, 1.0, 0.25, 5.0, 0.1, True)
+    ending = Ending(True, 1.0, True)
     moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4, acc=1e9), ending=ending)[:, ROTATE_TO_GOAL]
     assert math.isnan(moving[0])
     assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
@@ -181,9 +181,3 @@ def test_walled_in_it_stands_still_and_says_so():
     ring = (BURGER.radius + 0.06) * np.column_stack([np.cos(angles), np.sin(angles)])
     assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), ring).v == 0.0
     assert planner.blocked
-
-
-@pytest.mark.parametrize(("name", "value"), [("sim_time", 0.0), ("path_dist", -1.0), ("max_w", math.nan)])
-def test_bad_params_are_named(name, value):
-    with pytest.raises(ValueError, match=name):
-        DwbParams(**{name: value})

@@ -10,7 +10,6 @@ from envs.navigation.views import (
     NUM_SECTORS,
     cast_view,
     fill_sectors,
-    ray_directions,
     unknown_share,
 )
 
@@ -18,7 +17,7 @@ from envs.navigation.views import (
 def view(data, row, col, reach):
     """Return free lengths, unknown areas and the outward ray."""
     free, unknown = np.empty(NUM_RAYS), np.empty(NUM_RAYS)
-    outward = cast_view(data, row, col, reach, ray_directions(), free, unknown)
+    outward = cast_view(data, row, col, reach, free, unknown)
     return free, unknown, outward
 
 
