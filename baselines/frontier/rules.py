@@ -12,6 +12,8 @@ from envs.robots import RobotParams
 
 CELL = 0.05
 """Side of the cells that sizes of published rules count [m]."""
+LENGTHS = (8 * CELL, 3 * CELL)
+"""Least length of a frontier [m], and of one where nothing else can be reached: planning cells of 0.1 m round it up."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
@@ -23,7 +25,7 @@ class NearestExplorer(RuleExplorer):
     """Goes to the frontier that is cheapest to get to."""
 
     def __init__(self) -> None:
-        super().__init__(nearest, max_candidates=4)
+        super().__init__(nearest, max_candidates=4, planning=PlanningParams(min_lengths=LENGTHS))
 
 
 def greedy_gain(candidates: Candidates, belief: Belief) -> np.ndarray:
@@ -85,7 +87,7 @@ class ExploreLiteExplorer(RuleExplorer):
 
     def __init__(self, params: ExploreLite = ExploreLite()) -> None:
         # Longer frontiers have several candidates, of which the one in the middle is taken.
-        planning = PlanningParams(min_lengths=(0.75, 0.15), max_extent=0.5)
+        planning = PlanningParams(min_lengths=(0.75, LENGTHS[-1]), max_extent=0.5)
         super().__init__(params, max_time=1.0 / 0.33, planning=planning)
 
 
@@ -137,7 +139,8 @@ class NextBestViewExplorer(RuleExplorer):
     """Goes where `NextBestView` says; frontiers longer than a metre have several viewpoints."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
-        super().__init__(NextBestView(params), max_time=params.max_time, planning=PlanningParams(max_extent=1.0))
+        planning = PlanningParams(min_lengths=LENGTHS, max_extent=1.0)
+        super().__init__(NextBestView(params), max_time=params.max_time, planning=planning)
 
 
 PUBLISHED = {

@@ -13,6 +13,7 @@ import numpy as np
 
 from baselines.frontier.explorer import RuleExplorer
 from baselines.frontier.open_tour import best_tours
+from baselines.frontier.rules import LENGTHS
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid
 from envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
@@ -91,7 +92,7 @@ class TourExplorer(RuleExplorer):
     """Goes where `Tour` says. A corner that furniture hides is short, worth little, and often lies on a later path."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        planning = PlanningParams(min_lengths=(0.8, 0.4, 0.15), max_extent=SPACING)
+        planning = PlanningParams(min_lengths=(2 * LENGTHS[0], *LENGTHS), max_extent=SPACING)
         super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 
