@@ -57,7 +57,7 @@ def assign(
     params: RrtParams,
     taken: np.ndarray = NO_POINTS,
 ) -> np.ndarray:
-    """Assign points: again and again the robot and the point of the highest revenue, until either is used up.
+    """Assign points by revenue (section 2.1.3): again and again the highest, until robots or points are used up.
 
     The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with lambda = `info_multiplier`, and h = `hysteresis_gain`
     within `hysteresis_radius` and 1 beyond, so that a robot finishes what is around it first. What a robot will see at
@@ -240,29 +240,19 @@ class RrtTeam:
             return
 
 
-class RrtExplorer:
+class RrtExplorer(RrtTeam):
     """Drives to the frontier point of the highest revenue that two random trees have found: a team of one robot."""
 
+    is_team = False
+
     def __init__(self, params: RrtParams = RrtParams()) -> None:
-        self._team = RrtTeam(params)
+        super().__init__(params)
 
     @property
-    def end_reason(self) -> str | None:
-        """Why no point is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
-        return self._team.end_reason
-
-    @property
-    def plan(self) -> np.ndarray | None:
+    def plan(self) -> np.ndarray | None:  # type: ignore[override]
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
-        return next(iter(self._team.plans), None)
+        return next(iter(self.plans), None)
 
-    @property
-    def points(self) -> np.ndarray:
-        """Frontier points that have passed the filter, shape (n, 2), float64, map frame [m]."""
-        return self._team.points
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self._team.reset(robot, control_period, rng)
-
-    def act(self, reading: Reading, belief: Belief) -> Twist:
-        return self._team.act([reading], [belief])[0]
+    def act(self, reading: Reading, belief: Belief) -> Twist:  # type: ignore[override]
+        """Return the twist; see `Explorer`."""
+        return super().act([reading], [belief])[0]

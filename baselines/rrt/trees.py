@@ -13,7 +13,6 @@ Three things the report leaves open:
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -82,50 +81,28 @@ def grid_check(data, u0, v0, u1, v1):
     return CLEAR, u1, v1
 
 
-class GrowthRules(NamedTuple):
-    """How a tree grows; lengths in metres, in cells for the kernel."""
-
-    eta: float
-    """Longest step."""
-    spacing: float
-    """Least distance of a new vertex from the nearest one."""
-    resets: bool
-    """Whether the tree starts again at the robot after each find."""
-
-
 @njit(cache=True, error_model="numpy")
-def grow(data, samples, rules, robot, vertices, parents, count, found):
-    """Grow a tree by samples, one after the other (algorithm 2.1). All lengths are in cells.
+def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
+    """Grow a tree by samples, shape (n, 2), (column, row), one after the other (algorithm 2.1). Lengths are in cells.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        samples: shape (n, 2), float64, (column, row).
-        rules: `GrowthRules`.
-        robot: (column, row) where a tree that resets starts again.
-        vertices: shape (2, capacity), float32, columns and rows, written.
-        parents: shape (capacity,), int32, written: index of each vertex's parent; the root is its own.
-        count: number of vertices.
-        found: shape (n, 2), float64, written: frontier points (column, row).
-
-    Returns:
-        Number of vertices, and of frontier points found.
+    A tree that `resets` starts again at the robot (column, row) after each find. The first `count` of `vertices`, shape
+    (2, capacity), float32, are there already; new ones are written behind them, and frontier points (column, row) to
+    `found`, shape (n, 2), float64. Returns how many there are of both.
     """
     num_found = 0
     for k in range(len(samples)):
         near = nearest(vertices, count, samples[k, 0], samples[k, 1])
         u0, v0 = float(vertices[0, near]), float(vertices[1, near])
-        u, v = steer(u0, v0, samples[k, 0], samples[k, 1], rules.eta)
+        u, v = steer(u0, v0, samples[k, 0], samples[k, 1], eta)
         verdict, end_u, end_v = grid_check(data, u0, v0, u, v)
         if verdict == UNKNOWN_AHEAD:
             found[num_found] = end_u, end_v
             num_found += 1
-            if rules.resets:
+            if resets:
                 vertices[0, 0], vertices[1, 0] = robot
-                parents[0] = 0
                 count = 1
-        elif verdict == CLEAR and math.hypot(u - u0, v - v0) >= rules.spacing:
+        elif verdict == CLEAR and math.hypot(u - u0, v - v0) >= spacing:
             vertices[0, count], vertices[1, count] = u, v
-            parents[count] = near
             count += 1
     return count, num_found
 
@@ -134,19 +111,14 @@ class Tree:
     """A detector: a tree that grows through free space and returns the points where it would enter unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Start with the root alone, at (x, y), map frame [m]; the rules are those of `GrowthRules`.
+        """Start with the root alone, at (x, y), map frame [m].
 
-        The local detector resets, the global one does not.
+        A step is at most `eta` long, a new vertex at least `spacing` away from the nearest one [m]. The local detector
+        resets after each find, the global one does not.
         """
-        self._rules = GrowthRules(eta, spacing, resets)
-        self._points = np.array([[root[0]], [root[1]]], dtype=np.float64)
-        self.parents = np.zeros(1, dtype=np.int32)
-        """Shape (n,), int32: index of each vertex's parent; the root is its own."""
-
-    @property
-    def vertices(self) -> np.ndarray:
+        self._eta, self._spacing, self._resets = eta, spacing, resets
+        self.vertices = np.array([root], dtype=np.float64)
         """Shape (n, 2), float64, map frame [m]; the root is the first."""
-        return self._points.T
 
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
         """Grow by samples, shape (n, 2), float64, map frame [m]; a tree that resets starts again at the robot (x, y).
@@ -154,19 +126,12 @@ class Tree:
         Returns:
             Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].
         """
-        count, scale = len(self.parents), grid.resolution
+        count, scale, origin = len(self.vertices), grid.resolution, np.array(grid.origin)
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)
-        parents = np.empty(count + len(samples), dtype=np.int32)
-        origin = np.array(grid.origin)
-        u, v = (np.array(robot) - origin) / scale
-        vertices[:, :count] = (self._points - origin[:, None]) / scale
-        parents[:count] = self.parents
-        found = np.empty((len(samples), 2))
-        eta, spacing, resets = self._rules
-        rules = GrowthRules(eta / scale, spacing / scale, resets)
-        count, num_found = grow(
-            grid.data, (samples - origin) / scale, rules, (float(u), float(v)), vertices, parents, count, found
-        )
-        self._points = vertices[:, :count] * np.float64(scale) + origin[:, None]
-        self.parents = parents[:count]
+        vertices[:, :count] = ((self.vertices - origin) / scale).T
+        u, v = ((np.array(robot) - origin) / scale).tolist()
+        lengths, found = (self._eta / scale, self._spacing / scale), np.empty((len(samples), 2))
+        cells = (samples - origin) / scale
+        count, num_found = grow(grid.data, cells, *lengths, self._resets, (u, v), vertices, count, found)
+        self.vertices = vertices[:, :count].T * np.float64(scale) + origin
         return found[:num_found] * scale + origin

@@ -108,11 +108,11 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
     assert (grid.data[rows, cols] == 0).all()
     gaps = np.hypot(*(tree.vertices[:, None] - tree.vertices[None]).transpose(2, 0, 1))
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 0.3 - 1e-4
-    for k, parent in enumerate(tree.parents[1:], 1):
-        assert parent < k
-        assert 0.3 - 1e-4 <= gaps[k, parent] <= eta + 1e-4
-        ends = ((tree.vertices[[parent, k]] - grid.origin) / grid.resolution).ravel()
-        assert grid_check(grid.data, *ends)[0] == CLEAR
+    for k in range(1, len(gaps)):
+        # A step leads there from a vertex before it.
+        near = np.flatnonzero(gaps[k, :k] <= eta + 1e-4)
+        ends = [((tree.vertices[[other, k]] - grid.origin) / grid.resolution).ravel() for other in near]
+        assert any(grid_check(grid.data, *end)[0] == CLEAR for end in ends)
     # All finds lie along the open side at x = 9.1, from wall to wall.
     np.testing.assert_allclose(found[:, 0], 9.125, atol=1e-9)
     assert found[:, 1].min() < -1.5
