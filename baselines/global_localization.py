@@ -6,8 +6,9 @@ alone until the particle filter has converged, and then from goal to goal. A GIF
 path driven.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pygame
@@ -40,14 +41,11 @@ MAX_FRAMES = 240
 """Frames of the GIF at most; of a longer drive every second or third one is left out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """Measures of mapping, localization and navigation."""
 
     explored_fraction: float
-    """Share of the explorable area that the map covers."""
     map_path: Path
-    """YAML file of the map."""
     time_to_localize: float
     """Time from the start on the map until the localizer no longer reported that it is lost [s]; inf if never."""
     error_when_localized: float
@@ -57,7 +55,6 @@ class Outcome:
     collisions: int
     """Contacts while navigating."""
     gif_path: Path
-    """Animation of the drive."""
 
 
 class Animation:
@@ -97,15 +94,31 @@ class Animation:
         return path
 
 
-def map_and_navigate(
-    world: str, out: Path, *, seed: int = 0, goals: int = 3, robot: str | None = None, physics: str = "bullet"
+def main(
+    world: str = "turtlebot3_world",
+    out: Path = Path("runs/global_localization"),
+    seed: int = 0,
+    goals: int = 3,
+    robot: str | None = None,
+    physics: str = "bullet",
 ) -> Outcome:
-    """Explore, start at an unknown pose on the map, localize, and drive to goals; takes the arguments of `main`."""
+    """Explore a world, save its map, start at an unknown pose on it, localize, and drive to goals.
+
+    Args:
+        world: Library world, or path of a world file.
+        out: Folder for map.yaml, map.pgm, global_localization.gif and three of its frames, global_localization.png.
+        seed: Of everything random.
+        goals: Goals to drive to.
+        robot: Library robot; by default the world's usual one.
+        physics: bullet or kinematic.
+    """
+    console = Console(highlight=False, markup=False)
     out.mkdir(parents=True, exist_ok=True)
     exploration = LidarEnv(Explore, world=world, robot=robot, physics=physics, start="spawn")
-    episode = run_episode(exploration, make_explorer("nearest"), seed)
+    explored = run_episode(exploration, make_explorer("nearest"), seed).explored_fraction
     map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
     exploration.close()
+    console.print(f"explored    {100 * explored:.1f} % of {world}; map in {map_path}")
     env = LidarEnv(
         Navigate,
         world=world,
@@ -119,8 +132,7 @@ def map_and_navigate(
     )
     driver = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL))
     observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
-    decide = decide_with(driver, env)
-    rng = np.random.default_rng([seed, 2])
+    decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
     animation, outcomes, localized = Animation(), list[str](), (np.inf, np.nan)
 
     def watch(info: Info) -> None:
@@ -128,6 +140,7 @@ def map_and_navigate(
         animation.take(env)
         if not info["is_lost"] and np.isinf(localized[0]):
             localized = info["time"], float(info["pose_error"][0])
+            console.print(f"localized   after {localized[0]:.1f} s, {100 * localized[1]:.0f} cm from the true position")
 
     watch(info)
     for k in range(goals):
@@ -136,41 +149,13 @@ def map_and_navigate(
             env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
         observation, info, _ = run(env, decide, observation, info, watch)
         outcomes.append(info["end_reason"])
+        console.print(f"goal {k + 1}      {outcomes[-1]}")
         if outcomes[-1] == "lost":
             break
     gif = animation.save(out / "global_localization.gif")
     env.close()
-    return Outcome(episode.explored_fraction, map_path, *localized, tuple(outcomes), int(info["collisions"]), gif)
-
-
-def main(
-    world: str = "turtlebot3_world",
-    out: Path = Path("runs/global_localization"),
-    seed: int = 0,
-    goals: int = 3,
-    robot: str | None = None,
-    physics: str = "bullet",
-) -> None:
-    """Explore a world, save its map, start at an unknown pose on it, localize, and drive to goals.
-
-    Args:
-        world: Library world, or path of a world file.
-        out: Folder for map.yaml, map.pgm, global_localization.gif and three of its frames, global_localization.png.
-        seed: Of everything random.
-        goals: Goals to drive to.
-        robot: Library robot; by default the world's usual one.
-        physics: bullet or kinematic.
-    """
-    result = map_and_navigate(world, out, seed=seed, goals=goals, robot=robot, physics=physics)
-    console = Console(highlight=False, markup=False)
-    console.print(f"explored    {100 * result.explored_fraction:.1f} % of {world}; map in {result.map_path}")
-    error_cm = 100 * result.error_when_localized
-    localized = f"after {result.time_to_localize:.1f} s, {error_cm:.0f} cm from the true position"
-    console.print(f"localized   {'never' if np.isinf(result.time_to_localize) else localized}")
-    for k, outcome in enumerate(result.goals, 1):
-        console.print(f"goal {k}      {outcome}")
-    console.print(f"collisions  {result.collisions}")
-    console.print(f"animation   {result.gif_path}")
+    console.print(f"collisions  {info['collisions']:.0f}\nanimation   {gif}")
+    return Outcome(explored, map_path, *localized, tuple(outcomes), int(info["collisions"]), gif)
 
 
 if __name__ == "__main__":

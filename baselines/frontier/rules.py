@@ -1,9 +1,10 @@
 """Rules of a line or two, and the explorers that go where they say."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
 from baselines.frontier.explorer import COMMITTED, RuleExplorer
 from envs.estimation import Belief
@@ -59,15 +60,10 @@ class ExploreLite:
     not. Defaults: the package's launch file, but for `gain_scale`, which was tuned on training worlds.
     """
 
-    potential_scale: float = 3.0
+    potential_scale: NonNegativeFloat = 3.0
     """What a metre of distance costs."""
-    gain_scale: float = 0.3
+    gain_scale: NonNegativeFloat = 0.3
     """What a cell of size is worth; 1 in the launch file."""
-
-    def __post_init__(self) -> None:
-        for name in ("potential_scale", "gain_scale"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         x, y, _ = belief.pose
@@ -95,20 +91,12 @@ class ExploreLiteExplorer(RuleExplorer):
 class NextBestViewParams:
     """How to sample views and to value them. Discount and time were tuned on training worlds."""
 
-    num_samples: int = 40
+    num_samples: PositiveInt = 40
     """Viewpoints that are valued at most, drawn from all candidates."""
-    discount: float = 0.15
+    discount: NonNegativeFloat = 0.15
     """Rate at which a gain loses its value along the path [1/m] (the paper's lambda; 0.5 there)."""
-    max_time: float = 4.0
+    max_time: PositiveFloat = 4.0
     """Longest drive before views are valued anew [s]; inf, as in the paper, keeps the robot to its goal."""
-
-    def __post_init__(self) -> None:
-        if self.num_samples < 1:
-            raise ValueError(f"num_samples must be at least 1, got {self.num_samples}")
-        if not self.max_time > 0:
-            raise ValueError(f"max_time must be positive, got {self.max_time}")
-        if not self.discount >= 0:
-            raise ValueError(f"discount must not be negative, got {self.discount}")
 
 
 class NextBestView:
@@ -119,7 +107,7 @@ class NextBestView:
     anything, from the candidates along frontiers, in place of a tree.
     """
 
-    def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
+    def __init__(self, params: NextBestViewParams) -> None:
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:

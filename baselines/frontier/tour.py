@@ -7,9 +7,10 @@ until there are no larger ones: they rarely show enough to be worth a turn.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import NonNegativeFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
 from baselines.frontier.explorer import RuleExplorer
 from baselines.frontier.open_tour import best_tours
@@ -35,27 +36,20 @@ PERIOD = 2.0
 class TourParams:
     """How to place viewpoints and to keep to a tour."""
 
-    cover: float = 0.4
+    cover: NonNegativeFloat = 0.4
     """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
-    max_cover: float = 3.0
+    max_cover: NonNegativeFloat = 3.0
     """...and at most this far [m]."""
-    max_stops: int = 16
+    max_stops: PositiveInt = 16
     """Viewpoints that the tour leads past: the ones that are cheapest to get to."""
-    hysteresis: float = 1.0
+    hysteresis: NonNegativeFloat = 1.0
     """How much shorter a tour must be for the robot to turn away from the frontier that it is going to see [m]."""
-
-    def __post_init__(self) -> None:
-        if not self.max_stops >= 1:
-            raise ValueError(f"max_stops must be at least 1, got {self.max_stops}")
-        for name in ("cover", "max_cover", "hysteresis"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
 
 class Tour:
     """Prefers the frontier with which a short tour past all of them is shortest."""
 
-    def __init__(self, params: TourParams = TourParams()) -> None:
+    def __init__(self, params: TourParams) -> None:
         self._params = params
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:

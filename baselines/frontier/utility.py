@@ -16,11 +16,13 @@ one is chosen at once. Two things had to be settled anew:
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 from sklearn.cluster import DBSCAN
 
 from baselines.frontier.explorer import COMMITTED, RuleExplorer
@@ -39,47 +41,35 @@ LOGGER = logging.getLogger(__name__)
 class FrontierParams:
     """Defaults: `exploration_params.yaml` of the report, section 3.3.1."""
 
-    cluster_tolerance: float = 0.5
+    cluster_tolerance: PositiveFloat = 0.5
     """Distance up to which DBSCAN counts frontier cells as neighbours [m]."""
     min_frontier_size: int = 8
     """Frontier cells of 5 cm that make a cluster dense."""
-    min_frontier_size_final: int = 3
+    min_frontier_size_final: PositiveInt = 3
     """The same once `adaptive_threshold` is passed."""
-    adaptive_threshold: float = 0.7
+    adaptive_threshold: Annotated[float, Field(ge=0.0, le=1.0)] = 0.7
     """Share explored from which small frontiers count too."""
-    obstacle_clearance: float = 0.5
+    obstacle_clearance: NonNegativeFloat = 0.5
     """Least distance of a cluster's centroid from obstacles [m]."""
-    obstacle_above: int = 50
+    obstacle_above: Annotated[int, Field(ge=0, lt=100)] = 50
     """Occupancy above which a cell is an obstacle for the clearance [percent]."""
-    information_gain_radius: float = 2.0
+    information_gain_radius: PositiveFloat = 2.0
     """Radius around a centroid in which unknown cells are counted [m]."""
     scale_radius_with_map: bool = True
     """Whether that radius is multiplied by the map's diagonal over 20 m, at most by 2."""
-    min_goal_distance: float = 1.2
+    min_goal_distance: NonNegativeFloat = 1.2
     """Least distance of a goal from the robot [m]."""
-    goal_tolerance: float = 0.3
+    goal_tolerance: NonNegativeFloat = 0.3
     """Farthest viewpoint from a centroid (planner's tolerance, section 3.3.2) [m]."""
-    blacklist_radius: float = 1.2
+    blacklist_radius: NonNegativeFloat = 1.2
     """Goals this near to one that failed are left out [m]."""
-    max_blacklist_size: int = 25
+    max_blacklist_size: PositiveInt = 25
     """Failed goals that are remembered."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.min_frontier_size_final <= self.min_frontier_size:
+        if not self.min_frontier_size_final <= self.min_frontier_size:
             sizes = f"{self.min_frontier_size_final} for {self.min_frontier_size}"
             raise ValueError(f"min_frontier_size_final must lie in [1, min_frontier_size], got {sizes}")
-        if not 0 <= self.adaptive_threshold <= 1:
-            raise ValueError(f"adaptive_threshold must lie in [0, 1], got {self.adaptive_threshold}")
-        if not 0 <= self.obstacle_above < 100:
-            raise ValueError(f"obstacle_above must lie in [0, 100), got {self.obstacle_above}")
-        for name in ("cluster_tolerance", "information_gain_radius"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("obstacle_clearance", "min_goal_distance", "goal_tolerance", "blacklist_radius"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
-        if self.max_blacklist_size < 1:
-            raise ValueError(f"max_blacklist_size must be at least 1, got {self.max_blacklist_size}")
 
     def gain_radius(self, grid: OccupancyGrid) -> float:
         """Return the radius in which unknown cells of a map are counted [m]."""
@@ -102,8 +92,7 @@ class FrontierParams:
         return list(accumulate(steps, lambda params, step: replace(params, **step), initial=self))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrontierStatus:
+class FrontierStatus(NamedTuple):
     """How far the exploration has come (section 3.4.7)."""
 
     explored_share: float
@@ -121,7 +110,7 @@ class FrontierStatus:
 class FrontierUtility:
     """Takes the cluster of frontier cells with the greatest information gain over the distance."""
 
-    def __init__(self, params: FrontierParams = FrontierParams()) -> None:
+    def __init__(self, params: FrontierParams) -> None:
         self._params, self._steps = params, params.relaxed()
         self._clear()
 

@@ -6,10 +6,11 @@ seed at a time, and takes 50 to 270 ms for the 100 to 430 points of a control st
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
+from pydantic import PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
 from baselines.rrt.trees import Tree
 from envs.geometry import OccupancyGrid
@@ -26,38 +27,34 @@ TOLERANCE = 1e-3
 class RrtParams:
     """Defaults: the launch file of Nguyen et al. (2022), that of the published program for one robot, or ours."""
 
-    eta_local: float = 1.0
+    eta_local: PositiveFloat = 1.0
     """Longest step of the local tree [m]; launch file."""
-    eta_global: float = 15.0
+    eta_global: PositiveFloat = 15.0
     """Longest step of the global tree [m]; launch file, one robot (1 m with three robots)."""
-    bandwidth: float = 0.3
+    bandwidth: PositiveFloat = 0.3
     """Bandwidth of the mean shift [m]; the program's filter."""
-    info_radius: float = 1.0
+    info_radius: PositiveFloat = 1.0
     """Radius around a point in which unknown area is its information gain [m]; launch file."""
-    min_gain: float = 0.2
+    min_gain: PositiveFloat = 0.2
     """Unknown area within half of that radius below which a point is stale [m2]; the program's filter."""
-    max_cost: float = 70.0
+    max_cost: PositiveFloat = 70.0
     """Cost above which a point is invalid, on ROS's scale: 99 touches an obstacle [percent]; launch file."""
-    info_multiplier: float = 3.0
+    info_multiplier: PositiveFloat = 3.0
     """Lambda: length of path that a unit of gain is worth [1/m]; launch file."""
-    hysteresis_radius: float = 3.0
+    hysteresis_radius: PositiveFloat = 3.0
     """Distance from the robot up to which gains are multiplied [m]; launch file."""
-    hysteresis_gain: float = 2.0
+    hysteresis_gain: PositiveFloat = 2.0
     """Factor of that multiplication; launch file."""
-    num_samples: int = 200
+    num_samples: PositiveInt = 200
     """Samples per tree and control step; ours (the program takes 10 in 0.1 s, and one for each loop of its own)."""
-    spacing: float = 0.3
+    spacing: PositiveFloat = 0.3
     """Least distance of a new vertex from the nearest one [m]; ours."""
-    margin: float = 1.0
+    margin: PositiveFloat = 1.0
     """How far beyond everything observed samples are drawn [m]; ours."""
-    patience: int = 100
+    patience: PositiveInt = 100
     """Control steps without a point that could be assigned after which exploration ends; ours."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not value > 0:
-                raise ValueError(f"{field.name} must be positive, got {value}")
         if not self.hysteresis_gain > 1:
             raise ValueError(f"hysteresis_gain must be greater than 1, got {self.hysteresis_gain}")
         if not min(self.eta_local, self.eta_global) >= self.spacing:

@@ -8,7 +8,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pydantic
 from numba import njit
+from pydantic import PositiveFloat
 
 from envs.estimation import Belief
 from envs.geometry.pose import wrap_angle
@@ -120,7 +122,7 @@ def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
     return np.where(candidates["failures"] > 0, scores - FAILED, scores)
 
 
-@dataclass(frozen=True, slots=True)
+@pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class GainOverCost:
     """The ratio of gain and cost: `(visible + least_gain) / (cost + least_cost)`.
 
@@ -128,15 +130,10 @@ class GainOverCost:
     `gain * exp(-cost)`; a ratio prefers the same near views, and does not give up on far ones.
     """
 
-    least_gain: float = 0.3
+    least_gain: PositiveFloat = 0.3
     """Added to the visible unknown area [m2]: what looking at a frontier is worth where nothing seems to lie behind."""
-    least_cost: float = 3.0
+    least_cost: PositiveFloat = 3.0
     """Added to the cost of the path [m]: the smaller, the more the nearest frontier counts."""
-
-    def __post_init__(self) -> None:
-        for name in ("least_gain", "least_cost"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         """Return the logarithms of the ratios, shape (k,), float64."""

@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pydantic
 from numba import njit
+from pydantic import NonNegativeFloat, PositiveFloat
 
 from envs.geometry import OccupancyGrid
 from envs.geometry.distance_transform import squared_distances
@@ -32,24 +34,20 @@ def union(a: Window | None, b: Window | None) -> Window | None:
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
-@dataclass(frozen=True, slots=True)
+@pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class CostmapParams:
     """How obstacles spread into a costmap. Defaults: Nav2's bring-up file."""
 
-    robot_radius: float = 0.22
+    robot_radius: PositiveFloat = 0.22
     """Distance from an obstacle's cell within which the robot's centre must not come [m]."""
     inflation_radius: float = 0.7
     """Distance up to which nearness to an obstacle costs [m]."""
-    cost_scaling_factor: float = 3.0
+    cost_scaling_factor: NonNegativeFloat = 3.0
     """Rate at which the cost decays with the distance [1/m]."""
 
     def __post_init__(self) -> None:
-        if not self.robot_radius > 0:
-            raise ValueError(f"robot_radius must be positive, got {self.robot_radius}")
         if not self.inflation_radius >= self.robot_radius:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
-        if not self.cost_scaling_factor >= 0:
-            raise ValueError(f"cost_scaling_factor must not be negative, got {self.cost_scaling_factor}")
 
     def cost(self, distance: float) -> int:
         """Return Nav2's cost of a cell at `distance` [m] from the nearest obstacle's cell, centre to centre."""

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baselines.global_localization import main, map_and_navigate
+from baselines.global_localization import main
 from envs.worlds import load_map
 
 
 def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path):
-    result = map_and_navigate("turtlebot3_world", tmp_path / "run", seed=0, goals=1, physics="kinematic")
+    result = main("turtlebot3_world", tmp_path / "run", seed=0, goals=1, physics="kinematic")
     assert result.explored_fraction > 0.98
     grid = load_map(result.map_path)
     assert result.map_path.with_suffix(".pgm").exists()
