@@ -1,5 +1,7 @@
 """Mapping, global localization and navigation, on a small world."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,17 +10,17 @@ from baselines.global_localization import main
 from envs.worlds import load_map
 
 
-def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path):
-    result = main("turtlebot3_world", tmp_path / "run", seed=0, goals=1, physics="kinematic")
-    assert result.explored_fraction > 0.98
-    grid = load_map(result.map_path)
-    assert result.map_path.with_suffix(".pgm").exists()
-    assert {-1, 0, 100} == set(np.unique(grid.data))
-    assert result.goals == ("reached",)
-    assert result.collisions == 0
-    assert 0.0 < result.time_to_localize < 60.0
-    assert result.error_when_localized < 0.3
-    with Image.open(result.gif_path) as animation:
+def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path, capsys):
+    main("turtlebot3_world", tmp_path / "run", goals=1, physics="kinematic")
+    said = dict(re.split(r"  +", line, maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert float(said["explored"].partition(" %")[0]) > 98
+    assert {-1, 0, 100} == set(np.unique(load_map(tmp_path / "run" / "map.yaml").data))
+    assert (said["goal 1"], said["collisions"]) == ("reached", "0")
+    time, error = re.match(r"after (.+) s, (\d+) cm", said["localized"]).groups()
+    assert 0.0 < float(time) < 60.0
+    assert int(error) < 30
+    assert (tmp_path / "run" / "global_localization.png").exists()
+    with Image.open(said["animation"]) as animation:
         assert animation.n_frames > 10
         first, last = (np.asarray(_frame(animation, k)) for k in (0, animation.n_frames - 1))
     # The particles cover the map at first, and a spot in the end.
