@@ -24,7 +24,7 @@ from agents.frontiers.score import FrontierScore
 from agents.learned import find_policy
 from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from agents.pursuit import PursuitPolicy
-from agents.vec_env import GymnasiumVecEnv, Observations, keyword_arguments
+from agents.vec_env import GymnasiumVecEnv, Observations
 from envs.files import explain_unknown, load_object, parse_record
 
 DEFAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -72,7 +72,7 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
             between checkpoints.
     """
     algorithm = find_algorithm(config.algorithm)
-    allowed = {name: one for name, one in keyword_arguments(algorithm).items() if name not in OURS}
+    allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
     defaults = next((values for name, values in DEFAULTS if name in allowed), {})
@@ -97,7 +97,7 @@ def rollout_steps(config: TrainingConfig) -> int:
     """Return the environment steps between two updates."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
-    steps = config.hyperparameters.get(name, keyword_arguments(algorithm)[name].default)
+    steps = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
     if isinstance(steps, list | tuple):  # [number, "step" or "episode"]
         steps = steps[0] if steps[1] == "step" else 1
     if not isinstance(steps, int) or steps < 1:
@@ -147,7 +147,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
         action_space: Any = record.action.space()
         algorithm = find_algorithm(record.config.algorithm)
         arguments = _arguments(record.config, parts, action_space)
-        arguments |= {"buffer_size": 1} if "buffer_size" in keyword_arguments(algorithm) else {"n_steps": 2}
+        arguments |= {"buffer_size": 1} if "buffer_size" in _parameters(algorithm) else {"n_steps": 2}
         model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
         model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
         model.action_space, model.n_envs = action_space, 1
@@ -182,6 +182,17 @@ class Actor:
         arguments = {"episode_start": starts, "deterministic": self._deterministic, **masks}
         actions, self._state = self.policy.predict(seen, self._state, **arguments)
         return actions
+
+
+def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
+    """Return the arguments that an algorithm takes by name, with those that it passes on to its bases."""
+    found: dict[str, inspect.Parameter] = {}
+    for kind in algorithm.__mro__:
+        parameters = inspect.signature(kind).parameters
+        found = {name: one for name, one in parameters.items() if one.kind != one.VAR_KEYWORD} | found
+        if all(one.kind != one.VAR_KEYWORD for one in parameters.values()):
+            break
+    return found
 
 
 def _alias(algorithm: type[BaseAlgorithm]) -> str:

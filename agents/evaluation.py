@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import BasePolicy
@@ -12,7 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from agents.algorithms import Actor
 from agents.config import TrainingConfig
 from agents.policies import make_policy
-from agents.vec_env import Observations, make_env, make_vector
+from agents.vec_env import Observations, columns_of, make_env, make_vector
 from baselines.episode import decide_with, run_episode
 from baselines.explorer import Policy
 from envs.core import lidar_env_of
@@ -33,17 +32,17 @@ class Evaluator:
             ValueError: if there is no such environment, or it refuses an argument.
         """
         self._episodes = config.evaluation.episodes
-        changes: dict[str, Any] = {"world": config.evaluation.world, "world_size": None}
-        changes = changes if config.evaluation.world is not None else {}
+        world = config.evaluation.world
+        changes: dict[str, Any] = {"world": world, "world_size": None} if world is not None else {}
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
         changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
         environment = config.environment.model_copy(update=changes)
         self._env = make_env(environment, "test")
         inner = lidar_env_of(self._env)
-        self.measures = measures_of(inner.task.measures)
-        """Measures of an episode, the headline first."""
         self.headline = headline_of(inner.task.measures)
-        self.measures = (self.headline, *(one for one in self.measures if one is not self.headline))
+        others = (one for one in measures_of(inner.task.measures) if one is not self.headline)
+        self.measures = (self.headline, *others)
+        """Measures of an episode, the headline first."""
         self.progress: str = inner.task.progress
         """Entry of `info` that says how much of the task is done."""
         self.control_hz = 1.0 / inner.control_period
@@ -59,50 +58,38 @@ class Evaluator:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
         return self.summarise(run_episodes(self._vector, Actor(policy, is_flat=is_flat), self._max_speed))
 
-    def check(self, names: Sequence[str]) -> None:
-        """See that classic policies can be measured, before any work; raises as `reference`."""
-        for name in names:
-            make_reference(name, self._env)
-
     def reference(self, name: str) -> dict[str, float]:
         """Measure a policy that does not learn, by name or as `module:attribute`.
 
         Raises:
             ValueError: if there is none of this name, or it cannot do the task.
         """
-        episodes = [run_episode(self._env, make_reference(name, self._env), seed) for seed in range(self._episodes)]
+        episodes = [run_episode(self._env, self.make_reference(name), seed) for seed in range(self._episodes)]
         return self.summarise([episode.course for episode in episodes])
+
+    def make_reference(self, name: str) -> Policy:
+        """Return a classic policy for the task; raises as `reference`."""
+        from baselines import policies_for  # brings scikit-learn, which a training without references need not load
+
+        self._env.reset(seed=0)  # what the task offers is known from then on
+        policy = make_policy(resolve(name, policies_for(self._env), "policy"), self._env.action_space)
+        decide_with(policy, self._env)
+        return policy
 
     def summarise(self, courses: Sequence[Course]) -> dict[str, float]:
         """Return the means of the measures and of the progress at the end, and the quartiles of the headline.
 
         What was never reached counts as the time limit, or as the distance that the robot can drive until then.
         """
-        columns = {measure.name: [measure.compute(course) for course in courses] for measure in self.measures}
+        speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
+        columns = {"progress": [float(np.mean(course.final[self.progress])) for course in courses]}
         for measure in self.measures:
-            speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
-            if speed := speeds.get(measure.limit):
-                pairs = zip(columns[measure.name], courses, strict=True)
-                columns[measure.name] = [min(value, speed * course.time_limit) for value, course in pairs]
-        columns = {"progress": [float(np.mean(course.final[self.progress])) for course in courses], **columns}
+            speed = speeds.get(measure.limit, math.inf)
+            columns[measure.name] = [min(measure.compute(one), speed * one.time_limit) for one in courses]
         summary = {"episodes": float(len(courses))}
         summary |= {name: mean for name, column in columns.items() if math.isfinite(mean := float(np.mean(column)))}
         name = self.headline.name
         return summary | {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
-
-
-def make_reference(name: str, env: gymnasium.Env[Any, Any]) -> Policy:
-    """Return a classic policy for an environment, by name or as `module:attribute`.
-
-    Raises:
-        ValueError: if there is none of this name, or it cannot do the task.
-    """
-    from baselines import policies_for  # brings scikit-learn, which a training without references need not load
-
-    env.reset(seed=0)  # what the task offers is known from then on
-    policy = make_policy(resolve(name, policies_for(env), "policy"), env.action_space)
-    decide_with(policy, env)
-    return policy
 
 
 def run_episodes(
@@ -120,7 +107,7 @@ def run_episodes(
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it
-    names = [name for name, column in info.items() if name[0] != "_" and _is_number(column)]
+    names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
     rows, courses = [{name: np.array(info[name]) for name in names}], dict[int, Course]()
     starts = np.ones(vector.num_envs, dtype=np.bool_)
     while len(courses) < vector.num_envs:
@@ -128,15 +115,10 @@ def run_episodes(
         rows.append({name: np.array(info[name]) for name in names})
         starts = np.asarray(terminated) | np.asarray(truncated)
         for i in np.flatnonzero(starts).tolist():
-            ended = info["final_info"]
-            final = {name: ended[name][i] for name in ended if name[0] != "_" and isinstance(ended[name], np.ndarray)}
+            final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}
             for name in names:
                 rows[-1][name][i] = final[name]
             if i not in courses:
                 samples = {name: np.array([row[name][i] for row in rows], dtype=np.float64) for name in names}
                 courses[i] = Course(samples, final, float(limits[i]), max_speed)
     return [courses[i] for i in range(vector.num_envs)]
-
-
-def _is_number(column: Any) -> bool:
-    return isinstance(column, np.ndarray) and column.dtype.kind in "biuf"

@@ -54,7 +54,8 @@ def train(
         config = complete(config, env)
         model = build_model(config, env)
         if checkpoint is None or source is None:
-            evaluator.check(config.evaluation.references)
+            for name in config.evaluation.references:  # which can be measured, or say why not before any work
+                evaluator.make_reference(name)
             run = held.enter_context(new_run(config, run))
         else:
             check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))

@@ -1,8 +1,6 @@
 """The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
-import inspect
 import multiprocessing
-from collections.abc import Callable
 from typing import Any, Literal
 
 import gymnasium
@@ -23,7 +21,6 @@ from envs.vector import LidarVectorEnv
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
 Split = Literal["train", "test"]
-KEYWORD = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
@@ -80,16 +77,9 @@ def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
     return {name: value for name, value in usual.items() if name in taken} | given
 
 
-def keyword_arguments(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """Return the arguments that a class or function takes by name, with those that a class passes on to its bases."""
-    found: dict[str, inspect.Parameter] = {}
-    inits = [vars(kind)["__init__"] for kind in getattr(make, "__mro__", ()) if "__init__" in vars(kind)]
-    for function in inits or [make]:
-        parameters = inspect.signature(function).parameters
-        found = {name: one for name, one in parameters.items() if one.kind in KEYWORD and name != "self"} | found
-        if not any(one.kind == inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
-            break
-    return found
+def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the entries of a vector environment's `info` that hold a value for each sub-environment."""
+    return {name: value for name, value in info.items() if name[0] != "_" and isinstance(value, np.ndarray)}
 
 
 class GymnasiumVecEnv(VecEnv):
@@ -98,16 +88,15 @@ class GymnasiumVecEnv(VecEnv):
     Sub-environment i is seeded with seed + i. `infos` are filled for those whose episode ended (as by `Monitor`), and
     empty for all others: stable-baselines3 looks at nothing else. `env_method`, `get_attr` and `set_attr` reach the
     sub-environments through Gymnasium's `call`, `get_attr` and `set_attr`; where observations hold an `action_mask`,
-    `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing.
+    `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing. Actions outside a
+    `Box` are the environment's affair: algorithms of stable-baselines3 clip what a Gaussian draws before they step.
     """
 
-    def __init__(self, env: VectorEnv, *, clip_actions: bool = False, is_flat: bool = False) -> None:
+    def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
         """Wrap `env`.
 
         Args:
             env: made with `autoreset_mode=AutoresetMode.SAME_STEP`.
-            clip_actions: whether actions outside a `Box` are cut to its bounds; otherwise the environment refuses them.
-                Algorithms of stable-baselines3 clip what a Gaussian draws before they step; others may not.
             is_flat: whether observations are vectors; see `agents.networks.flatten`.
 
         Raises:
@@ -116,15 +105,13 @@ class GymnasiumVecEnv(VecEnv):
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
-        self.env = env
+        self.env, self._is_flat = env, is_flat
         self._observations: Observations = {}
-        self._is_flat = is_flat
         self.parts: spaces.Dict = env.single_observation_space  # type: ignore[assignment]
         """Space of the observations as the environment gives them."""
         super().__init__(env.num_envs, flat_space(self.parts) if is_flat else self.parts, env.single_action_space)
-        self._clips = clip_actions and isinstance(env.single_action_space, spaces.Box)
-        self._returns = np.zeros(env.num_envs)
-        self._lengths = np.zeros(env.num_envs, dtype=np.int64)
+        self._has_masks = isinstance(self.parts, spaces.Dict) and "action_mask" in self.parts.spaces
+        self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
 
     def reset(self) -> Any:
         """Start an episode in every sub-environment, with the seeds and options that `seed` and `set_options` gave.
@@ -138,13 +125,11 @@ class GymnasiumVecEnv(VecEnv):
         self._observations, _ = self.env.reset(seed=seeds, options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
-        self._returns[:] = 0.0
-        self._lengths[:] = 0
+        self._returns[:] = self._lengths[:] = 0
         return self._shown(self._observations)
 
     def step_async(self, actions: np.ndarray) -> None:
-        space = self.action_space
-        self._actions = np.clip(actions, space.low, space.high) if self._clips else actions  # type: ignore[attr-defined]
+        self._actions = actions
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
@@ -153,7 +138,7 @@ class GymnasiumVecEnv(VecEnv):
         dones = np.asarray(terminated) | np.asarray(truncated)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = self._end_of_episode(info, i, bool(truncated[i] and not terminated[i]))
+            infos[i] = self._end_of_episode(info, i) | {"TimeLimit.truncated": bool(truncated[i] and not terminated[i])}
         return self._shown(self._observations), rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -169,11 +154,12 @@ class GymnasiumVecEnv(VecEnv):
         Raises:
             AttributeError: if they do not have it.
         """
+        inner, chosen = self.env.unwrapped, self._get_indices(indices)
         if attr_name == "action_masks" and self._has_masks:
-            return [None] * len(list(self._get_indices(indices)))  # only asked whether there is one
-        inner, size = self.env.unwrapped, self.num_envs
-        values = inner.get_attr(attr_name) if hasattr(inner, "get_attr") else [getattr(inner, attr_name)] * size
-        return [values[i] for i in self._get_indices(indices)]
+            return [None for _ in chosen]  # only asked whether there is one
+        has_attributes = hasattr(inner, "get_attr")
+        values = inner.get_attr(attr_name) if has_attributes else [getattr(inner, attr_name)] * self.num_envs
+        return [values[i] for i in chosen]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of the sub-environments to one value."""
@@ -190,8 +176,7 @@ class GymnasiumVecEnv(VecEnv):
         """
         chosen = list(self._get_indices(indices))
         if method_name == "action_masks" and self._has_masks:
-            masks = self._observations["action_mask"].astype(np.bool_)
-            return [masks[i] for i in chosen]
+            return list(self._observations["action_mask"].astype(np.bool_)[chosen])
         if len(chosen) < self.num_envs:
             raise ValueError(f"{method_name} can be called in all sub-environments, not in {chosen} alone")
         inner: Any = self.env.unwrapped
@@ -199,28 +184,21 @@ class GymnasiumVecEnv(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
         """Return whether `infos` hold what a wrapper would add: those of `Monitor` are there, no others."""
-        return [issubclass(wrapper_class, Monitor)] * len(list(self._get_indices(indices)))
-
-    @property
-    def _has_masks(self) -> bool:
-        space = self.env.single_observation_space
-        return isinstance(space, spaces.Dict) and "action_mask" in space.spaces
+        return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def _shown(self, observations: Observations) -> Any:
         return flatten(observations) if self._is_flat else observations
 
-    def _end_of_episode(self, info: dict[str, Any], i: int, cut_short: bool) -> dict[str, Any]:
+    def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
         """Return what stable-baselines3 and its callbacks look for where the episode of sub-environment i ended.
 
         Beside return and length, `episode` holds each number of the last `info`, summed over the robots of a team.
         """
-        final = {name: value[i] for name, value in info["final_info"].items() if isinstance(value, np.ndarray)}
-        numbers = {name: np.asarray(value) for name, value in final.items() if not name.startswith("_")}
-        episode = {name: float(value.sum()) for name, value in numbers.items() if value.dtype.kind in "biuf"}
+        final = {name: np.asarray(value[i]) for name, value in columns_of(info["final_info"]).items()}
+        episode = {name: float(value.sum()) for name, value in final.items() if value.dtype.kind in "biuf"}
         episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}
-        self._returns[i] = 0.0
-        self._lengths[i] = 0
-        last = self._shown({name: part[None] for name, part in info["final_obs"][i].items()})
-        last = last[0] if self._is_flat else info["final_obs"][i]
-        ended = {"episode": episode, "terminal_observation": last, "TimeLimit.truncated": cut_short}
+        self._returns[i] = self._lengths[i] = 0
+        last = info["final_obs"][i]
+        last = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
+        ended = {"episode": episode, "terminal_observation": last}
         return ended | ({"is_success": bool(final["is_success"])} if "is_success" in final else {})

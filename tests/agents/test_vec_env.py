@@ -23,8 +23,8 @@ def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, *
     return gymnasium.make_vec(id, num_envs, kind, vector_kwargs={"autoreset_mode": mode}, **arguments)
 
 
-def adapt(*args, clip_actions=False, **arguments):
-    return GymnasiumVecEnv(make(*args, **arguments), clip_actions=clip_actions)
+def adapt(*args, **arguments):
+    return GymnasiumVecEnv(make(*args, **arguments))
 
 
 def test_sub_environments_give_what_single_environments_give():
@@ -126,23 +126,6 @@ def test_seeds_count_up_and_hold_for_one_reset():
     env.seed(8)
     shifted = env.reset()
     np.testing.assert_array_equal(shifted["scan"][:2], first["scan"][1:])
-    env.close()
-
-
-@KINDS
-def test_actions_beyond_the_bounds_are_cut_if_asked_and_refused_otherwise(kind):
-    rewards, wild = [], np.array([[7.0, 0.0], [0.2, -3.0]], dtype=np.float32)
-    for actions in (wild, np.clip(wild, -1.0, 1.0)):
-        env = adapt(2, kind, clip_actions=True)
-        env.seed(0)
-        env.reset()
-        rewards.append([env.step(actions)[1] for _ in range(5)])
-        env.close()
-    np.testing.assert_array_equal(*rewards)
-    env = adapt(2)
-    env.reset()
-    with pytest.raises(ValueError, match=r"lie in \[-1, 1\]"):
-        env.step(wild)
     env.close()
 
 
