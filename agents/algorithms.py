@@ -167,9 +167,10 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
 class Actor:
     """The actions of a policy of stable-baselines3 in several environments; what is recurrent in it is remembered."""
 
-    def __init__(self, policy: BasePolicy, *, is_flat: bool = False, deterministic: bool = True) -> None:
-        """Take a policy, whether it sees vectors, and whether it takes its most likely actions or draws."""
-        self.policy, self._is_flat, self._deterministic = policy, is_flat, deterministic
+    def __init__(self, policy: BasePolicy, *, deterministic: bool = True) -> None:
+        """Take a policy, and whether it takes its most likely actions or draws."""
+        self.policy, self._deterministic = policy, deterministic
+        self._is_flat = isinstance(policy.observation_space, spaces.Box)
         self._takes_masks = "action_masks" in inspect.signature(policy.predict).parameters
         self._state: Any = None
 

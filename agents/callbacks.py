@@ -10,7 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 
-from agents.algorithms import find_algorithm, rollout_steps, takes_vectors
+from agents.algorithms import rollout_steps
 from agents.checkpoint import Checkpoint, save_checkpoint
 from agents.config import TrainingConfig
 from agents.curves import LEARNED, Row
@@ -113,8 +113,7 @@ class RunCallback(BaseCallback):
         if not self._evaluations:
             for name in self._config.evaluation.references:
                 self._append(name, self._evaluator.reference(name))
-        is_flat = takes_vectors(find_algorithm(self._config.algorithm))
-        row = self._append(LEARNED, self._evaluator.policy(self.model.policy, is_flat=is_flat))
+        row = self._append(LEARNED, self._evaluator.policy(self.model.policy))
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
         # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
         for output in self.logger.output_formats:

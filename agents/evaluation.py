@@ -54,9 +54,9 @@ class Evaluator:
         self._env.close()
         self._vector.close()
 
-    def policy(self, policy: BasePolicy, *, is_flat: bool = False) -> dict[str, float]:
+    def policy(self, policy: BasePolicy) -> dict[str, float]:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
-        return self.summarise(run_episodes(self._vector, Actor(policy, is_flat=is_flat), self._max_speed))
+        return self.summarise(run_episodes(self._vector, Actor(policy), self._max_speed))
 
     def reference(self, name: str) -> dict[str, float]:
         """Measure a policy that does not learn, by name or as `module:attribute`.

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.policies import BasePolicy
 
-from agents.algorithms import Actor, build_policy, find_algorithm, takes_vectors
+from agents.algorithms import Actor, build_policy
 from agents.checkpoint import Record, load_checkpoint
 from agents.policies import Level
 from agents.run_folder import CheckpointError, find_checkpoint
@@ -18,17 +18,15 @@ from envs.robots import RobotParams, load_robot
 class LearnedPolicy:
     """Acts as a trained policy would. Looks at observations only."""
 
-    level: Level
-    """What it decides; see `agents.policies.Level`."""
     end_reason = plan = None
     """A policy never stops by itself, and plans no path."""
 
     def __init__(self, policy: BasePolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
         """Take a trained policy, with the record and the name of its checkpoint, for messages; see `load`."""
-        is_flat = takes_vectors(find_algorithm(record.config.algorithm))
-        self._actor = Actor(policy, is_flat=is_flat, deterministic=deterministic)
+        self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
-        self.level = "decision" if record.action.kind == "Discrete" else "twist"
+        self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
+        """What it decides; see `agents.policies.Level`."""
         self.id = record.config.environment.id
         """Environment that it was trained in."""
         self.arguments = record.config.environment.arguments
@@ -37,9 +35,9 @@ class LearnedPolicy:
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
         self.control_hz = record.control_hz
         """Control steps per second in its training; `baselines.episode.run_episode` asks it as often."""
-        spaces = {key: described.space() for key, described in record.observation.items()}
         self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
+        spaces = {key: described.space() for key, described in record.observation.items()}
         self._needed = {key: (space.shape, str(space.dtype)) for key, space in spaces.items()}
 
     @classmethod
@@ -85,10 +83,9 @@ class LearnedPolicy:
             raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
         batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
         self._is_first = False
-        if self._deterministic:
-            return self._actor(batch, starts)[0]
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(self._rng.integers(2**63)))
+        with torch.random.fork_rng(devices=[], enabled=not self._deterministic):
+            if not self._deterministic:
+                torch.manual_seed(int(self._rng.integers(2**63)))
             return self._actor(batch, starts)[0]
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:

@@ -60,5 +60,5 @@ def fingerprint(folder: Path) -> str:
     """Return the SHA-256 of the weights in a folder that `find_policy` returned."""
     from agents.checkpoint import POLICY_FILE
 
-    name = WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE
-    return hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
+    return hashlib.sha256(weights.read_bytes()).hexdigest()

@@ -7,7 +7,6 @@ new folder holds the policy, `config.yaml`, the learning curve (`curve.png`, and
 """
 
 import hashlib
-import shutil
 from pathlib import Path
 from typing import Annotated
 
@@ -17,27 +16,23 @@ from agents.checkpoint import POLICY_FILE
 from agents.learned import POLICY, find_policy
 from agents.run_folder import RECORD_FILE
 from envs.command_line import run_command
-from envs.files import write_folder
+from envs.files import write_file
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
 
 
-def ship(run: Path, folder: Path) -> None:
-    """Write the folder of a policy, in place of an older one but for its model card.
+def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
+    """Write the folder of a policy that comes with the package, in place of an older one but for its model card.
 
     Args:
         run: run folder.
-        folder: to write.
+        folder: to write, `agents/pretrained/NAME`.
 
     Raises:
         CheckpointError: if the run holds no policy.
-        OSError: if its configuration or its learning curve is missing, or the folder cannot be written; then the older
-            one is still there.
+        OSError: if its configuration or its learning curve is missing, or the folder cannot be written.
     """
-    old = folder.with_name(f"{folder.name}.old")
-    if old.exists() and not folder.exists():  # stopped in between, with the model card in the old one
-        old.rename(folder)
     policy = find_policy(run)
     is_score = policy.name == POLICY
     names = sorted(path.name for path in policy.iterdir()) if is_score else [POLICY_FILE, RECORD_FILE]
@@ -48,29 +43,12 @@ def ship(run: Path, folder: Path) -> None:
     if is_score or b"agents.frontiers.tasks:" in files["config.yaml"]:
         files["held_out.yaml"] = HELD_OUT.read_bytes()
     sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]
-    files[CHECKSUMS] = "".join(sums).encode()
-    if (folder / MODEL_CARD).exists():
-        files[MODEL_CARD] = (folder / MODEL_CARD).read_bytes()
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
-        folder.rename(old)
-    try:
-        write_folder(folder, files)
-    except BaseException:
-        if old.exists() and not folder.exists():
-            old.rename(folder)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
-    """Make the folder of a policy that comes with the package.
-
-    Args:
-        run: run folder.
-        folder: to write, `agents/pretrained/NAME`.
-    """
-    ship(run, folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in folder.iterdir():
+        if path.name != MODEL_CARD:
+            path.unlink()
+    for name, content in {**files, CHECKSUMS: "".join(sums).encode()}.items():
+        write_file(folder / name, content)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from baselines.oracle.cover import Cover, pack_bits, unpack_bits, views_from
-from baselines.oracle.cover_tour import search_tour
-from baselines.oracle.cover_viewpoints import Viewpoints
+from baselines.oracle.cover_tour import Cover, search_tour
+from baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, unpack_bits, views_from
 from envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
@@ -154,8 +153,7 @@ class CoverPlanner:
         chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
         # A viewpoint that is used up is no other's neighbour, so that no stop is moved there.
-        near = np.where(
-            self._used[self.viewpoints.near], np.arange(size, dtype=np.int32)[:, None], self.viewpoints.near
-        )
+        near = self.viewpoints.near
+        near = np.where(self._used[near], np.arange(size, dtype=np.int32)[:, None], near)
         one_more = ((0, 1), (0, 0))
         return Cover(lengths + STOP_COST, chain, np.pad(near, one_more), np.pad(self._sees, one_more))

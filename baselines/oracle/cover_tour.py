@@ -5,11 +5,12 @@ its stops and from the viewpoints on the paths between them is enough. Improved 
 of the stops (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from baselines.frontier.open_tour import changed, is_shorter, tour_length
-from baselines.oracle.cover import add_views, count_bits, ones, seen_on
 
 LEAST_SAVING = 1e-6
 """A change that saves less than this is none: it would be rounding."""
@@ -21,6 +22,56 @@ NOISE = 0.4
 """By how much noise raises the value of a viewpoint, as a share."""
 SHORT_DETOUR = 0.2
 """Added to detours before gains are divided by them, so that one on the path is no better than any other [m]."""
+
+
+class Cover(NamedTuple):
+    """What there is to plan over: n viewpoints, s samples of the area to see in words of 64 bits."""
+
+    lengths: np.ndarray
+    """Shape (n, n), float64, finite, symmetric: path lengths between viewpoints [m]."""
+    predecessors: np.ndarray
+    """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
+    near: np.ndarray
+    """Shape (n, k), int32: the viewpoints nearest to each, itself left out."""
+    sees: np.ndarray
+    """Shape (n, words), uint64: a bit per sample that is seen from a viewpoint."""
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def ones(word):
+    """Count the bits of a word that are set (Warren, Hacker's Delight, section 5-1)."""
+    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64((word * np.uint64(0x0101010101010101)) >> np.uint64(56))
+
+
+@njit(cache=True, error_model="numpy")
+def count_bits(words):
+    """Count the bits of words (shape (n,), uint64) that are set."""
+    total = 0
+    for word in words:
+        total += ones(word)
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def add_views(cover, first, last, seen):
+    """Add to `seen` what is seen on the path from one viewpoint (excluded) to another (included)."""
+    viewpoint = last
+    while viewpoint != first:
+        for w in range(seen.size):
+            seen[w] |= cover.sees[viewpoint, w]
+        viewpoint = cover.predecessors[first, viewpoint]
+
+
+@njit(cache=True, error_model="numpy")
+def seen_on(cover, known, tour):
+    """Return what is known after a tour: `known` (shape (words,), uint64) and all that is seen on it."""
+    seen = known.copy()
+    for k in range(tour.size - 1):
+        add_views(cover, tour[k], tour[k + 1], seen)
+    return seen
 
 
 @njit(cache=True, error_model="numpy")

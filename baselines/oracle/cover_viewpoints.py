@@ -1,13 +1,16 @@
-"""Viewpoints all over a known map, and the shortest paths between them."""
+"""Viewpoints all over a known map, the shortest paths between them, and what is seen from them."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
 from baselines.frontier.tour import blocks_of
 from envs.geometry import OccupancyGrid
+from envs.geometry.lines import cell_along, longest_step
 from envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
@@ -23,59 +26,34 @@ DETOUR = 1.1
 """A viewpoint lies on the path between two others if the path through it is at most this many times as long."""
 
 
-@njit(cache=True, error_model="numpy")
-def _spread_out(costs, order, steps):
-    """Choose blocks so that from each one a chosen one is at most `steps` steps away, and none are nearer together.
-
-    Steps lead over blocks whose costs, shape (height, width), are not lethal. `order`, shape (n, 2), int64, holds the
-    blocks (row, column), those to be preferred first; returns the chosen ones of them, shape (m, 2).
-    """
-    height, width = costs.shape
-    taken = np.zeros((height, width), dtype=np.bool_)
-    visit = np.full((height, width), -1, dtype=np.int64)
-    queue = np.empty((height * width, 2), dtype=np.int64)
-    chosen = np.empty(len(order), dtype=np.int64)
-    num_chosen = 0
-    for k in range(len(order)):
-        if taken[order[k, 0], order[k, 1]]:
-            continue
-        chosen[num_chosen] = k
-        num_chosen += 1
-        queue[0] = order[k]
-        visit[order[k, 0], order[k, 1]] = k
-        first, end = 0, 1
-        for _ in range(steps + 1):
-            ring_end = end
-            while first < ring_end:
-                row, col = queue[first]
-                first += 1
-                taken[row, col] = True
-                for r in range(max(row - 1, 0), min(row + 2, height)):
-                    for c in range(max(col - 1, 0), min(col + 2, width)):
-                        if visit[r, c] != k and costs[r, c] < COST_INSCRIBED:
-                            visit[r, c] = k
-                            queue[end, 0], queue[end, 1] = r, c
-                            end += 1
-    return order[chosen[:num_chosen]]
+def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
+    """Choose blocks (row, column), the first ones first, of which no two are at most `steps` rows and columns apart."""
+    neighbours = cKDTree(blocks).query_ball_point(blocks, steps, p=np.inf)
+    chosen, taken = [], np.zeros(len(blocks), dtype=bool)
+    for k in range(len(blocks)):
+        if not taken[k]:
+            chosen.append(k)
+            taken[neighbours[k]] = True
+    return blocks[chosen]
 
 
-@njit(cache=True, error_model="numpy")
-def _find_predecessors(from_origins, lengths, near, origins):
+def _find_predecessors(
+    from_origins: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray
+) -> np.ndarray:
     """Find the predecessor of each viewpoint on the path from each origin, shape (m, n), int32; see `Viewpoints`.
 
     `from_origins`, shape (m, n), are the path lengths from the origins [m]. Where no viewpoint lies in between, an
     entry of `origins`, shape (m,), is the predecessor.
     """
+    viewpoints = np.arange(len(near))
+    onward = lengths[near, viewpoints[:, None]]
     predecessors = np.empty(from_origins.shape, dtype=np.int32)
-    for row in range(len(origins)):
-        travelled = from_origins[row]
-        for viewpoint in range(travelled.size):
-            predecessors[row, viewpoint] = origins[row]
-            least = DETOUR * travelled[viewpoint]
-            for other in near[viewpoint]:
-                through = travelled[other] + lengths[other, viewpoint]
-                if travelled[other] < travelled[viewpoint] and through < least and other != origins[row]:
-                    predecessors[row, viewpoint], least = other, through
+    for row, (travelled, origin) in enumerate(zip(from_origins, origins)):
+        through = travelled[near] + onward
+        through[(travelled[near] >= travelled[:, None]) | (near == origin)] = np.inf
+        best = through.argmin(axis=1)
+        is_between = through[viewpoints, best] < DETOUR * travelled
+        predecessors[row] = np.where(is_between, near[viewpoints, best], origin)
     return predecessors
 
 
@@ -161,10 +139,68 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
     # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
-    blocks = _spread_out(block_costs, blocks, max(1, round(spacing / size)) - 1)
+    blocks = _spread_out(blocks, max(1, round(spacing / size)) - 1)
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
     lengths = _path_lengths(block_costs, blocks, blocks, size)
     lengths = np.minimum(lengths, lengths.T)
     near = np.ascontiguousarray(np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32))
     predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
     return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_bit(words, bit):
+    if bit >= 0:
+        words[bit >> 6] |= np.uint64(1) << np.uint64(bit & 63)
+
+
+@njit(cache=True, error_model="numpy")
+def _views(free, cells, reach, sample_of, num_words):
+    """Follow straight lines from each cell's centre until they meet anything that is not free; see `views_from`.
+
+    The lines end one cell apart on a circle, and are followed from cell to cell along their longer axis.
+    """
+    height, width = free.shape
+    views = np.zeros((len(cells), num_words), dtype=np.uint64)
+    num_lines = max(8, math.ceil(2.0 * math.pi * reach))
+    for n in range(len(cells)):
+        row, col = cells[n]
+        _add_bit(views[n], sample_of[row, col])
+        for k in range(num_lines):
+            d_row, d_col = longest_step(2.0 * math.pi * k / num_lines)
+            for step in range(1, int(reach / math.hypot(d_row, d_col)) + 1):
+                i, j = cell_along(row, col, d_row, d_col, step)
+                if i < 0 or j < 0 or i >= height or j >= width or not free[i, j]:
+                    break
+                _add_bit(views[n], sample_of[i, j])
+    return views
+
+
+def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
+    """Tell which samples are seen from cells by a lidar that looks all around.
+
+    Args:
+        free: shape (height, width), bool.
+        cells: shape (n, 2), int64, (row, column) of the viewpoints.
+        reach: range [cells].
+        samples: shape (s, 2), int64, (row, column) of what is looked for.
+
+    Returns:
+        Shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 is set where sample i is seen.
+    """
+    sample_of = np.full(free.shape, -1, dtype=np.int32)
+    sample_of[tuple(samples.T)] = np.arange(len(samples))
+    views: np.ndarray = _views(free, np.ascontiguousarray(cells), float(reach), sample_of, -(-len(samples) // 64))
+    return views
+
+
+def pack_bits(flags: np.ndarray) -> np.ndarray:
+    """Pack flags (shape (s,), bool) into words as `views_from` does: shape (ceil(s / 64),), uint64."""
+    padded = np.pad(flags, (0, -len(flags) % 64))
+    words: np.ndarray = np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
+    return words
+
+
+def unpack_bits(words: np.ndarray, num_flags: int) -> np.ndarray:
+    """Unpack what `pack_bits` has packed: shape (num_flags,), bool."""
+    return np.unpackbits(words.astype("<u8").view(np.uint8), count=num_flags, bitorder="little").astype(bool)

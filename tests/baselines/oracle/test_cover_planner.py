@@ -5,9 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from baselines.oracle.cover import pack_bits, views_from
 from baselines.oracle.cover_planner import CoverPlanner
-from baselines.oracle.cover_viewpoints import find_viewpoints
+from baselines.oracle.cover_viewpoints import find_viewpoints, pack_bits, views_from
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap
 from envs.worlds import World, explorable_area

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.frontier.open_tour import tour_length
-from baselines.oracle.cover import Cover, count_bits, seen_on
-from baselines.oracle.cover_tour import complete, improve, search_tour
+from baselines.oracle.cover_tour import Cover, complete, count_bits, improve, search_tour, seen_on
 
 NOTHING = np.zeros(1, dtype=np.uint64)
 

@@ -8,7 +8,7 @@ import envs  # noqa: F401
 from baselines import EXPLORERS, NearestExplorer, Omniscient, OracleExplorer, make_explorer
 from baselines.episode import begin_episode, run_episode
 from baselines.explorer import to_action
-from baselines.oracle.true_map import TrueMap
+from baselines.oracle.explorer import TrueMap
 from envs.geometry import OccupancyGrid, Pose2D
 from tests.baselines.maps import BURGER, belief_at, reading_of
 from tests.baselines.oracle.test_cover_planner import world_of
