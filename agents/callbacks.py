@@ -1,6 +1,5 @@
 """Callbacks of a training: evaluations, checkpoints, and the progress bar."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +53,7 @@ class RunCallback(BaseCallback):
         latest = self._latest if self._replay is None else self._capture()
         if latest is not None and latest.record.steps != self._saved_steps:
             if self._replay is not None:
-                rows = self._replay.write(latest.record.steps // self._config.num_envs)
-                latest = replace(latest, record=latest.record.model_copy(update={"replay": rows}))
+                latest.record.replay = self._replay.write(latest.record.steps // self._config.num_envs)
             save_checkpoint(latest, self._run, self._config.checkpoints.keep)
             if self._replay is not None:
                 self._replay.prune(self._run)

@@ -76,10 +76,11 @@ def observations_of(value: Any) -> Observations | None:
 
 
 class CalledPolicy:
-    """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3.
+    """A policy that is called with observations, or asked to `predict` in the manner of stable-baselines3."""
 
-    `reset`, `end_reason`, `plan` and `control_hz` are passed on where it has them.
-    """
+    end_reason: str | None
+    plan: np.ndarray | None
+    control_hz: float | None
 
     def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
         """Take a policy, and the action space; see `make_policy`."""
@@ -88,20 +89,11 @@ class CalledPolicy:
         self._takes = inspect.signature(policy.predict).parameters if self._predicts else {}
         self._state: Any = None
 
-    @property
-    def end_reason(self) -> str | None:
-        """Why it has stopped; None while it has not."""
-        return getattr(self._policy, "end_reason", None)
-
-    @property
-    def plan(self) -> np.ndarray | None:
-        """Its planned path, shape (n, 2), map frame [m]; None without one."""
-        return getattr(self._policy, "plan", None)
-
-    @property
-    def control_hz(self) -> float | None:
-        """How often it decides; None for as often as the environment steps."""
-        return getattr(self._policy, "control_hz", None)
+    def __getattr__(self, name: str) -> Any:
+        """Return why it has stopped, its plan and how often it decides; None where it does not say."""
+        if name not in ("end_reason", "plan", "control_hz"):
+            raise AttributeError(name)
+        return getattr(self._policy, name, None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._state = None

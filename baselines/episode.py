@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.core import LidarEnv, lidar_env_of
+from envs.core import lidar_env_of
 from envs.files import explain_unknown
 from envs.measures import Course, CourseRecorder, measures_of
 from envs.navigation import HomeNavigator
@@ -169,12 +169,21 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         ValueError: it drives one robot and the environment has a team, or the other way round; or it does not choose.
     """
     inner, name = lidar_env_of(env), type(policy).__name__
+    outer: Any = env.unwrapped
     if _chooses(env):
-        if not hasattr(policy, "choose") and hasattr(policy, "act"):
+        if hasattr(policy, "choose"):  # without any candidates, 0 looks around
+            return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
+        if hasattr(policy, "act"):
             raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
-        return _choose_once(policy, env.unwrapped) if hasattr(policy, "choose") else policy
+        return policy
+
+    def decide(observation: Observation) -> np.ndarray:
+        action = policy(observation)
+        inner.plans[:] = [policy.plan]
+        return action
+
     if not hasattr(policy, "act"):
-        return lambda observation: _plan(inner, [policy.plan], policy(observation))
+        return decide
     is_team = len(inner.action_space.shape or ()) > 1
     if is_team != getattr(policy, "is_team", False):
         hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
@@ -188,22 +197,13 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
             policy.set_goal(goal)
         if is_team:
             twists = policy.act([robot.reading for robot in inner.robots], [robot.belief for robot in inner.robots])
-            return _plan(inner, policy.plans, np.stack([to_action(twist, inner.robot) for twist in twists]))
+            inner.plans[:] = policy.plans
+            return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
-        return _plan(inner, [policy.plan], action)
+        inner.plans[:] = [policy.plan]
+        return action
 
     return act
-
-
-def _choose_once(policy: Any, env: Any) -> Callable[[Observation], np.integer]:
-    """Return what asks a policy for a candidate of an environment of decisions; without any, 0 looks around."""
-    return lambda _: np.int64(policy.choose(env.navigator, env.belief) if len(env.candidates) else 0)
-
-
-def _plan(env: LidarEnv, plans: list[np.ndarray | None], action: Any) -> Any:
-    """Give an environment the plans of its robots to draw; return the action."""
-    env.plans[:] = plans
-    return action
 
 
 def _chooses(env: gymnasium.Env[Any, Any]) -> bool:

@@ -75,81 +75,20 @@ def seen_on(cover, known, tour):
 
 
 @njit(cache=True, error_model="numpy")
-def _reorder(cover, known, target, tour):
-    """Shorten a tour by 2-opt and or-opt where enough is still seen on the paths; returns whether it has changed."""
-    has_changed = False
-    for i in range(1, tour.size - 1):
-        for j in range(i + 1, tour.size):
-            for k in range(i - 1, j):
-                if is_shorter(cover.lengths, tour, i, k, j, LEAST_SAVING):
-                    other = changed(tour, i, k, j)
-                    if count_bits(seen_on(cover, known, other)) >= target:
-                        tour[:] = other
-                        has_changed = True
-    return has_changed
-
-
-@njit(cache=True, error_model="numpy")
-def _best_change(cover, target, last, stop, following, prefix, rest):
-    """Find what saves most at a stop, between the last one and the following one (-1 for none).
-
-    `prefix` is what is known at the last stop, and `rest` what is seen after the following one. Returns a viewpoint
-    near to the stop to go to instead, -1 to leave it out, the stop itself where nothing is better.
-    """
-    best, least = stop, cover.lengths[last, stop] - LEAST_SAVING
-    if following >= 0:
-        least += cover.lengths[stop, following]
-    for choice in range(-1, cover.near.shape[1]):
-        viewpoint = -1 if choice < 0 else cover.near[stop, choice]
-        if viewpoint == last or (viewpoint == following and viewpoint >= 0):
-            continue
-        turn = last if viewpoint < 0 else viewpoint
-        length = cover.lengths[last, turn] + (cover.lengths[turn, following] if following >= 0 else 0.0)
-        if length >= least:
-            continue
-        seen = prefix | rest
-        add_views(cover, last, turn, seen)
-        if following >= 0:
-            add_views(cover, turn, following, seen)
-        if count_bits(seen) >= target:
-            best, least = viewpoint, length
-    return best
-
-
-@njit(cache=True, error_model="numpy")
-def _pull_in(cover, known, target, tour):
-    """Leave out stops that are not needed and move others to where the tour becomes shorter; return the tour."""
-    size = tour.size
-    # What is seen from each stop on, the path to it left out.
-    suffix = np.zeros((size + 1, known.size), dtype=np.uint64)
-    for k in range(size - 2, 0, -1):
-        suffix[k] = suffix[k + 1]
-        add_views(cover, tour[k], tour[k + 1], suffix[k])
-    prefix = known.copy()
-    kept = np.empty_like(tour)
-    kept[0] = tour[0]
-    num_kept = 1
-    for k in range(1, size):
-        last, following = kept[num_kept - 1], tour[k + 1] if k + 1 < size else -1
-        viewpoint = _best_change(cover, target, last, tour[k], following, prefix, suffix[k + 1])
-        if viewpoint >= 0:
-            add_views(cover, last, viewpoint, prefix)
-            kept[num_kept] = viewpoint
-            num_kept += 1
-    return kept[:num_kept].copy()
-
-
-@njit(cache=True, error_model="numpy")
-def improve(cover, known, target, tour):
-    """Shorten a tour on which enough is seen, until neither order nor stops can be bettered; see `search_tour`."""
-    tour = tour.copy()
-    while True:
-        before = tour_length(cover.lengths, tour)
-        while _reorder(cover, known, target, tour):
-            pass
-        tour = _pull_in(cover, known, target, tour)
-        if tour_length(cover.lengths, tour) >= before - LEAST_SAVING:
-            return tour
+def shorten(cover, known, target, tour):
+    """Shorten a tour by 2-opt and or-opt where enough is still seen on the paths, until no change does."""
+    tour, has_changed = tour.copy(), True
+    while has_changed:
+        has_changed = False
+        for i in range(1, tour.size - 1):
+            for j in range(i + 1, tour.size):
+                for k in range(i - 1, j):
+                    if is_shorter(cover.lengths, tour, i, k, j, LEAST_SAVING):
+                        other = changed(tour, i, k, j)
+                        if count_bits(seen_on(cover, known, other)) >= target:
+                            tour[:] = other
+                            has_changed = True
+    return tour
 
 
 @njit(cache=True, error_model="numpy")
@@ -214,7 +153,7 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:
         target = count_bits(seen_on(cover, known, tour))
-    best = present = improve(cover, known, target, tour)
+    best = present = shorten(cover, known, target, tour)
     best_length = tour_length(cover.lengths, best)
     for k in range(num_rounds):
         if present.size < 2:
@@ -222,7 +161,7 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
         other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), NOISE, rng)
         if not other_enough:
             continue
-        other = improve(cover, known, target, other)
+        other = shorten(cover, known, target, other)
         length = tour_length(cover.lengths, other)
         if length < best_length - LEAST_SAVING:
             best, best_length = other, length
