@@ -24,20 +24,6 @@ def ready(explorer, env, seed=0):
     return explorer
 
 
-def test_it_drives_an_episode_from_observations_alone(tiny_run, env):
-    explorer = ready(LearnedPolicy.load(tiny_run), env)
-    observation, _ = env.reset(seed=1)
-    ended = False
-    while not ended:
-        action = explorer(observation)
-        assert action.dtype == np.float32
-        assert env.action_space.contains(action)
-        observation, _, terminated, truncated, _ = env.step(action)
-        ended = terminated or truncated
-    assert explorer.end_reason is None
-    assert explorer.plan is None
-
-
 def test_run_and_checkpoint_folders_mean_the_same_policy(tiny_run, env):
     observation, _ = env.reset(seed=1)
     actions = [
@@ -45,13 +31,6 @@ def test_run_and_checkpoint_folders_mean_the_same_policy(tiny_run, env):
         for path in (tiny_run, str(tiny_run), find_checkpoint(tiny_run))
     ]
     assert all(np.array_equal(action, actions[0]) for action in actions)
-
-
-def test_it_acts_as_the_policy_of_stable_baselines_does(tiny_run, env):
-    explorer = ready(LearnedPolicy.load(tiny_run), env)
-    observation, _ = env.reset(seed=2)
-    expected, _ = explorer._actor.policy.predict(observation, deterministic=True)
-    assert np.allclose(explorer(observation), expected, atol=1e-6)
 
 
 def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
@@ -69,10 +48,6 @@ def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
     mean = ready(LearnedPolicy.load(tiny_run), env)(observation)
     assert np.allclose(first.mean(axis=0), mean, atol=0.15)
     assert (first.std(axis=0) > 0.3).all()
-
-
-def test_it_states_the_pace_of_its_training_at_which_it_is_asked(tiny_run, env):
-    assert LearnedPolicy.load(tiny_run).control_hz == pytest.approx(1.0 / env.unwrapped.control_period)
 
 
 def test_what_does_not_fit_is_reported(tiny_run, env):

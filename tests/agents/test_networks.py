@@ -46,17 +46,6 @@ def test_every_part_of_the_observation_reaches_the_features():
         assert not torch.equal(changed, plain), f"beam {beam} is not looked at"
 
 
-def test_map_crops_may_be_missing_and_vectors_may_be_added():
-    plan = spaces.Box(-1.0, 1.0, (27,), np.float32)
-    for parts in ({}, {"map_near": observation_space()["map_near"]}):
-        space = spaces.Dict({**{key: observation_space()[key] for key in ("scan", "motion")}, **parts, "plan": plan})
-        network = ExplorerFeatures(space)
-        inputs = sample(space, 8)
-        inputs["plan"].requires_grad_()
-        network.encode(inputs).square().sum().backward()
-        assert (inputs["plan"].grad.abs().sum(0) > 0).all()
-
-
 def test_a_lost_beam_does_not_look_like_an_obstacle():
     space = observation_space()
     network = ExplorerFeatures(space)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-import evaluate
 from agents.algorithms import Actor, build_model
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
@@ -71,15 +70,6 @@ def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
     env.close()
 
 
-def test_pursuit_needs_the_plan():
-    environment = {**TINY["environment"], "observations": ["scan", "motion"]}
-    config = parse_record({**TINY, "environment": environment}, "tiny", TrainingConfig)
-    env = GymnasiumVecEnv(make_vector(config.environment, "train", 2))
-    with pytest.raises(ValueError, match="pursuit needs the observation `plan`"):
-        build_model(config, env)
-    env.close()
-
-
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
     config = parse_record(TINY, "tiny", TrainingConfig).environment
@@ -107,11 +97,3 @@ def test_the_policy_of_the_package_was_trained_by_its_configuration():
         own[name] = getattr(record.config, name)
     assert record.config == config.model_copy(update=own)
     assert record.steps >= config.total_steps
-
-
-def test_an_evaluation_gives_a_policy_the_observations_that_it_needs(tmp_path):
-    options = ["--worlds", "rooms", "--episodes", "1", "--physics", "kinematic", "--time-limit", "12"]
-    policies = ["nearest", "twist=ppo:pretrained/twist"]
-    out = tmp_path / "out"
-    assert evaluate.main(["--policies", *policies, *options, "--out", str(out), "--no-world-sections"]) == 0
-    assert {line.split(",")[0] for line in (out / "episodes.csv").read_text().splitlines()[1:]} == {"nearest", "twist"}

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 import yaml
@@ -15,12 +14,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from agents.algorithms import num_updates
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
-from agents.evaluation import run_episodes
-from agents.explorer import LearnedPolicy
-from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints, write_evaluations
+from agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
 from agents.training import train
-from agents.vec_env import make_env, make_vector
-from baselines.episode import run_episode
+from agents.vec_env import make_env
 from envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from train import main
 
@@ -208,11 +204,6 @@ def test_resuming_twice_from_one_checkpoint_gives_the_same_weights(tiny_data, ti
     assert [path.name for path in list_checkpoints(runs[0])] == ["step_000000768", "step_000000896"]
 
 
-def test_a_checkpoint_of_another_network_is_refused(tiny_data, tiny_run):
-    with pytest.raises(CheckpointError, match=r"holds another network: .*'hidden': 64.*'hidden': 32"):
-        train(changed(tiny_data, network={"hidden": 32}), resume=tiny_run, progress=False)
-
-
 @pytest.mark.filterwarnings("ignore:.*ERROR")  # how Gymnasium tells what happened in a process
 @pytest.mark.parametrize("vectorization", ["sync", "async"])
 def test_an_environment_that_fails_is_heard(vectorization, tiny_data, tmp_path):
@@ -242,60 +233,6 @@ def test_policies_learn(tiny_data, tmp_path):
     run = train(config, run=tmp_path / "run", progress=False)
     rows = load_checkpoint(find_checkpoint(run)).record.evaluations
     assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
-
-
-def test_an_evaluation_gives_what_single_episodes_give(tiny_config):
-    def act(observations, starts):
-        turn = observations["scan"].mean(axis=1)
-        return np.stack([np.ones_like(turn), 2 * turn - 1], axis=1)
-
-    vector = make_vector(tiny_config.environment, "test", 3)
-    together = run_episodes(vector, act)
-    env = make_env(tiny_config.environment, "test")
-    for seed, course in enumerate(together):
-        observation, info = env.reset(seed=seed)
-        fractions, ended = [], False
-        first_area = info["explored_area"]
-        while not ended:
-            batch = {key: value[None] for key, value in observation.items()}
-            observation, _, terminated, truncated, info = env.step(act(batch, None)[0])
-            fractions.append(info["explored_fraction"])
-            ended = terminated or truncated
-        assert course.of("explored_fraction")[1:].tolist() == fractions
-        assert course.of("explored_area")[0] == first_area < info["explored_area"] == course.final["explored_area"]
-
-
-def test_a_checkpoint_for_another_lidar_is_refused(tiny_config, tiny_run, monkeypatch):
-    monkeypatch.setattr("tests.agents.fake_env.BEAMS", 72)
-    message = r"needs scan Box\(0, 1, \(36,\), float32\) \(here: Box\(0.0, 1.0, \(72,\), float32\)\)"
-    with pytest.raises(CheckpointError, match=message):
-        train(tiny_config, resume=tiny_run, progress=False)
-
-
-def test_training_to_driving_on_the_real_environment(tmp_path):
-    """Sub-environments train, evaluate and save; the policy then drives a single environment."""
-    config = parse_record(
-        {
-            "experiment": "real",
-            "total_steps": 64,
-            "num_envs": 2,
-            "algorithm": "PPO",
-            "environment": {"world": "rooms", "world_size": [6, 6], "control_hz": 5, "time_limit": 4},
-            "hyperparameters": {"n_steps": 32, "batch_size": 32},
-            "evaluation": {"episodes": 2, "references": ["random"]},
-        },
-        "real",
-        TrainingConfig,
-    )
-    run = train(config, run=tmp_path / "real", progress=False)
-    rows = load_checkpoint(find_checkpoint(run)).record.evaluations
-    assert [row["policy"] for row in rows] == ["random", "learned", "learned"]
-    assert all(0 < row["area_under_curve"] <= row["progress"] < 1 for row in rows)
-    env = make_env(config.environment, "test")
-    for seed in range(2):
-        episode = run_episode(env, LearnedPolicy.load(run), seed)
-        assert episode.duration == pytest.approx(4.0)
-    env.close()
 
 
 def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypatch):

@@ -124,9 +124,10 @@ def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
         assert train.main(["--resume", str(run), "--generations", "3"]) == 2
     assert f"{run} is in use: process" in capsys.readouterr().err
     assert len((run / GENERATIONS).read_text().splitlines()) == 2
-    config.write_text("algorithm: evolution\nexperiment: tiny\npopulation: 2\n")
-    assert train.main(["--config", str(config)]) == 2
-    assert "population" in capsys.readouterr().err
+    for line, says in (("population: 2", "population"), ("families: [rooms, mase]", "unknown family 'mase'")):
+        config.write_text(f"algorithm: evolution\nexperiment: tiny\n{line}\n")
+        assert train.main(["--config", str(config)]) == 2
+        assert says in capsys.readouterr().err
 
 
 def test_there_is_no_run_where_there_is_none(tmp_path):

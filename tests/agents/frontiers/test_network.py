@@ -69,13 +69,6 @@ def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
     np.testing.assert_array_equal(Actor(make_policy(spaces_, weights=weights))(batch), expected)
 
 
-def test_a_score_with_the_weights_of_the_rule_gives_the_logits_of_the_rule(episode):
-    spaces_, batch, _ = episode
-    with torch.no_grad():
-        rule, score = (make_policy(spaces_, False, weights=w).network(to_tensors(batch))[0] for w in (None, PRIOR))
-    assert torch.allclose(score, rule, atol=1e-3)
-
-
 def test_permuted_candidates_give_permuted_logits_and_the_same_value(episode):
     spaces_, batch, _ = episode
     network = make_policy(spaces_, untrained=False).network

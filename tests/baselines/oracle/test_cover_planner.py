@@ -142,21 +142,9 @@ def test_a_corridor_is_left_unseen_where_that_saves_the_longest_path():
 
 def test_the_longest_arm_of_a_cross_comes_last():
     # Arms of 6 m and, upwards, 10 m, all 2 m wide.
-    corners = [
-        (1, -1),
-        (7, -1),
-        (7, 1),
-        (1, 1),
-        (1, 11),
-        (-1, 11),
-        (-1, 1),
-        (-7, 1),
-        (-7, -1),
-        (-1, -1),
-        (-1, -7),
-        (1, -7),
-    ]
-    stops, length = planned(world_of(*corners, start=(0.0, 0.0)))
+    right_and_up = [(1, -1), (7, -1), (7, 1), (1, 1), (1, 11), (-1, 11)]
+    left_and_down = [(-1, 1), (-7, 1), (-7, -1), (-1, -1), (-1, -7), (1, -7)]
+    stops, length = planned(world_of(*right_and_up, *left_and_down, start=(0.0, 0.0)))
     assert stops[-1, 1] > 7.0
     assert length == pytest.approx(2 * 3 * 3.65 + 7.65, abs=2.0)
 
