@@ -96,11 +96,10 @@ def _plate(bullet: BulletClient, robot: RobotParams) -> int:
     Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
     wall in one corner after another, one in a substep, and rock itself into it.
     """
-    body = robot.body
-    if body.size is None:
-        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=body.radius, height=_PLATE)
-    half = [0.5 * body.size[0], 0.5 * body.size[1], 0.5 * _PLATE]
-    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half)
+    size, radius = robot.body.size, robot.body.radius
+    if size is None:
+        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE)
+    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE])
 
 
 def _inertia(body: BodyParams) -> list[float]:

@@ -41,18 +41,9 @@ def select_near(x, y, reach, segments, near):
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of what it overlaps, the deepest overlap first.
 
-    Args:
-        x: centre [m].
-        y: centre [m].
-        radius: of the circle that is pushed [m].
-        segments: shape (n, 4), float64 [m].
-        near: shape (>= num_near,), int64: the segments to consider.
-        num_near: how many of them.
-        circles: shape (m, 3), float64 [m].
-        hits: shape (m,), bool: those of circles that push are set to True, the others stay as they are.
-
-    Returns:
-        The centre (x, y), whether anything was touched, and whether the circle is free now.
+    Of the segments, shape (n, 4) [m], those at the first `num_near` indices of `near` count; `hits`, shape (m,), bool,
+    becomes True for those of the circles, shape (m, 3) [m], that push. Returns the centre (x, y), whether anything was
+    touched, and whether the circle is free now.
     """
     touched = False
     for _ in range(_MAX_PUSHES):
@@ -78,12 +69,7 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 
 
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
-    """Refuse starts where the robots do not fit.
-
-    Args:
-        poses: of the robots, world frame.
-        radius: of their footprints [m].
-        world: obstacles and movers at time 0.
+    """Refuse start poses, world frame, of robots with a radius [m].
 
     Raises:
         ValueError: a pose is not finite, or a footprint overlaps an obstacle or touches another footprint.
@@ -131,27 +117,16 @@ def find_contacts(
         circles: shape (m, 3), float64: static cylinders and then movers, as (x, y, radius) [m].
     """
     contacts = []
-    num_static = len(world.circles)
+    starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]
     for k in touched:
-        at = positions[k]
-        others = [other for other in range(len(positions)) if other != k]
+        at, others = positions[k], np.delete(np.arange(len(positions)), k)
+        share = ((at - starts) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
+        walls = np.hypot(*(at - starts - np.clip(share, 0.0, 1.0)[:, None] * along).T)
         around = np.hypot(*(circles[:, :2] - at).T) - circles[:, 2]
-        peers = np.hypot(*(positions[others] - at).T) - radius
-        gaps = np.concatenate([_distances(at, world.segments), around, peers]) - radius
-        for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist():
-            if i < len(world.segments):
-                contacts.append(Contact(k, "wall", i))
-            elif (j := i - len(world.segments)) < len(circles):
-                kind: Any = "cylinder" if j < num_static else "mover"
-                contacts.append(Contact(k, kind, j - num_static * (kind == "mover")))
-            else:
-                contacts.append(Contact(k, "robot", others[j - len(circles)]))
+        gaps = np.concatenate([walls, around, np.hypot(*(positions[others] - at).T) - radius]) - radius
+        things: list[tuple[Any, int]] = [("wall", i) for i in range(len(walls))]
+        things += [("cylinder", i) for i in range(len(world.circles))]
+        things += [("mover", i) for i in range(len(circles) - len(world.circles))]
+        things += [("robot", i) for i in others.tolist()]
+        contacts += [Contact(k, *things[i]) for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist()]
     return contacts
-
-
-def _distances(point: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Return the distances from a point, shape (2,), to segments, shape (n, 4): shape (n,), float64 [m]."""
-    along, to_point = segments[:, 2:] - segments[:, :2], point - segments[:, :2]
-    share = (to_point * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
-    distances: np.ndarray = np.hypot(*(to_point - np.clip(share, 0.0, 1.0)[:, None] * along).T)
-    return distances

@@ -24,8 +24,7 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
         normals: standard normal draws for the slip of the left and the right wheel.
         robot: `RobotRecord`.
         rates: shape (substeps, 2), float64, receives the rates of the left and the right wheel [rad/s].
-        slips: shape (substeps, 2), float64, receives the rates that slip adds to the wheel's motion over the ground
-            and that encoders do not see [rad/s].
+        slips: likewise, receives what slip adds to these over the ground, and encoders do not see [rad/s].
 
     Returns:
         The twist (v, w) that the controller has reached at the end [m/s, rad/s].

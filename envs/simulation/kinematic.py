@@ -30,22 +30,13 @@ class Obstacles(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, obstacles):
-    """Move a robot for one control period.
+    """Move a robot, whose row is `state`, for one control period; see `plan_wheels` for command and normals.
 
-    The command is clipped, ramped and turned into wheel rates as the controller takes the wheels to be; the wheels
-    roll as they are, and slip. The base follows the arc of each substep. What the footprint then overlaps pushes it
-    out along the normal, so that it slides along walls; where that leaves it wedged, it stays where it was.
+    The wheels roll and slip as planned, and the base follows the arc of each substep. What the footprint then overlaps
+    pushes it out along the normal, so that it slides along walls; where that leaves it wedged, it stays where it was.
     Wheels keep turning while the robot is held.
 
-    Args:
-        state: shape (11 or more,), float64, changed in place; see `records`.
-        command: commanded twist (v, w) [m/s, rad/s].
-        normals: standard normal draws for the slip of the left and the right wheel.
-        robot: `RobotRecord`.
-        obstacles: `Obstacles`.
-
-    Returns:
-        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
+    Returns whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
     segments, before, after = obstacles
     substeps = int(robot.substeps)
@@ -90,19 +81,10 @@ def advance(state, command, normals, robot, obstacles):
 def step_robots(rows, draws, ranges, segments, before, after):
     """Move all robots of a world for one control period, and measure what they sense at its end.
 
-    Python calls this once in a step. The arguments are plain, since unpacking named tuples would take a tenth of the
-    whole step.
-
     Within a period they move one after the other, past peers that rest where they are by then. So no two of them ever
-    overlap, and no robot pushes another.
-
-    Args:
-        rows: as for `sense`; its `COMMAND_V` and `COMMAND_W` are obeyed, and contacts are written.
-        draws: as for `sense`.
-        ranges: as for `sense`.
-        segments: see `Obstacles`.
-        before: see `Obstacles`.
-        after: see `Obstacles`.
+    overlap, and no robot pushes another. Arguments are plain: unpacking named tuples would take a tenth of a step.
+    `rows`, `draws` and `ranges` are as for `sense`, `COMMAND_V` and `COMMAND_W` are obeyed, contacts are written; the
+    others are those of `Obstacles`.
     """
     robot, num_fixed = at.unpack_robot(rows[0, at.ROBOT :]), before.shape[0]
     radius = robot.radius

@@ -10,7 +10,7 @@ from envs.geometry import Pose2D
 from envs.robots import RobotParams
 
 from . import records as at
-from .sensors import OTHER_NORMALS, SLIP_LEFT
+from .sensors import OTHER_NORMALS
 
 BLOCK = 16
 """Control periods for which noise is drawn at once."""
@@ -80,7 +80,6 @@ class Rows:
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
         """Change the robots' parameters; the number of beams stays as it was."""
-        self._gyro_bias_std = robot.imu.gyro_bias_std
         self.numbers[:, at.ROBOT :] = at.robot_record(robot, control_period)
         if robot.lidar.dropout > 0.0 and not self._num_uniforms:
             self._num_uniforms = robot.lidar.num_beams
@@ -95,10 +94,6 @@ class Rows:
         """Draw the noise of one scan, each robot's from its own generator."""
         self.draw_ahead(rngs, 1)
         self.numbers[:, at.DRAW] += 1.0
-
-    def draw_biases(self) -> None:
-        """Write each gyroscope's bias of an episode, by the draw that slip leaves unused at a reset."""
-        self.numbers[:, at.GYRO_BIAS] = self._gyro_bias_std * self.draws[:, -1, SLIP_LEFT]
 
     def draw_ahead(self, rngs: Sequence[np.random.Generator], count: int = BLOCK) -> None:
         """Draw the noise of so many control periods if what was drawn before is used up."""

@@ -23,10 +23,6 @@ def tilt_ranges(ranges, robot):
     A beam at azimuth a points by sin(pitch) cos(a) - cos(pitch) sin(roll) sin(a) of its length down (rotations by yaw,
     pitch, roll as in REP 103). Walls are taken to have no upper end. That a tilt also turns beams, by a quarter of its
     square at most, 0.1 degrees at 5, is left out.
-
-    Args:
-        ranges: shape (num_beams,), float32 [m], inf where nothing lies within range.
-        robot: `RobotRecord`.
     """
     down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
     for k in range(ranges.shape[0]):
@@ -40,15 +36,9 @@ def tilt_ranges(ranges, robot):
 
 @njit(cache=True, error_model="numpy")
 def disturb_ranges(ranges, draws, robot):
-    """Turn exact ranges into measured ones, in place.
+    """Turn exact ranges, inf where nothing lies within range, into measured ones, in place; see `Reading.ranges`.
 
-    What lies or seems nearer than the least range becomes NaN, what seems beyond the greatest becomes inf, and lost
-    beams become NaN.
-
-    Args:
-        ranges: shape (num_beams,), float32 [m], inf where nothing lies within range.
-        draws: float64, a standard normal draw for each beam, then, for a lidar with dropout, a uniform one in [0, 1).
-        robot: `RobotRecord`.
+    `draws`: a standard normal draw for each beam, then, for a lidar with dropout, a uniform one in [0, 1).
     """
     num_beams = ranges.shape[0]
     for k in range(num_beams):
@@ -68,16 +58,7 @@ def disturb_ranges(ranges, draws, robot):
 
 @njit(cache=True, error_model="numpy")
 def measure_ranges(pose, draws, robot, segments, circles, ranges):
-    """Take a scan.
-
-    Args:
-        pose: (x, y, theta) of the base, world frame [m, m, rad]; further entries are ignored.
-        draws: see `disturb_ranges`.
-        robot: `RobotRecord`.
-        segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
-        circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
-        ranges: shape (num_beams,), float32, written; see `Reading`.
-    """
+    """Take a scan at a pose (x, y, theta) of the base, world frame; see `disturb_ranges` and `sense`."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * robot.mount_x - s * robot.mount_y
     y = pose[1] + s * robot.mount_x + c * robot.mount_y
@@ -89,14 +70,7 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 @njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
-    """Return obstacles and the other robots as circles, shape (m + num_robots - 1, 3), float64 [m].
-
-    Args:
-        circles: shape (m, 3), float64: (x, y, radius) [m].
-        states: shape (num_robots, 2 or more), float64; see `records`.
-        index: of the robot that is left out.
-        radius: of the robots' footprints [m].
-    """
+    """Return circles, shape (m, 3) [m], and after them the robots of the rows `states` but the one at `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
     joined = np.empty((count + num_robots - 1, 3))
     joined[:count] = circles
@@ -113,8 +87,8 @@ def sense(rows, draws, ranges, segments, circles):
 
     Args:
         rows: shape (num_robots, ROW_SIZE), float64, written; see `records`.
-        draws: shape (num_robots, BLOCK, n), float64; see `Rows.draws`.
-        ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading`.
+        draws: see `Rows.draws`.
+        ranges: shape (num_robots, num_beams), float32 [m], written; see `Reading.ranges`.
         segments: shape (n, 4), float64: obstacles, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64: obstacles and movers, (x, y, radius) [m].
     """

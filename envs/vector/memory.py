@@ -8,10 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-ALIGNMENT = 64
-"""Arrays begin at multiples of a cache line [bytes]."""
-
-
 Extras = dict[int, dict[str, Any]]
 """By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
 WHOLE = ""
@@ -44,25 +40,17 @@ class Arrays(NamedTuple):
     truncated: np.ndarray
     """Shape (num_envs,), bool."""
 
-    def rows(self, first: int, last: int) -> "Arrays":
-        """Return the rows from `first` to `last` - 1."""
-        observations = {name: array[first:last] for name, array in self.observations.items()}
-        return Arrays(observations, *(array[first:last] for array in self[1:]))
+    def rows(self, share: slice) -> "Arrays":
+        """Return some of the rows."""
+        observations = {name: array[share] for name, array in self.observations.items()}
+        return Arrays(observations, *(array[share] for array in self[1:]))
 
 
-class Memory(NamedTuple):
-    """Memory that processes may share, and which array lies where in it. Pickling does not copy it, unlike arrays."""
+class Memory:
+    """Memory for the arrays of so many sub-environments, which processes may share: pickling does not copy it."""
 
-    buffer: Any
-    """A `multiprocessing.RawArray` of bytes, or a bytearray of one process."""
-    names: tuple[str, ...]
-    """Of the observations' arrays, which come first."""
-    layout: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
-    """Offset [bytes], shape and type of each array."""
-
-    @classmethod
-    def of(cls, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> "Memory":
-        """Return memory for the arrays of so many sub-environments.
+    def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
+        """Take memory for observations and actions of these spaces, and for what a step returns.
 
         Args:
             num_envs: number of sub-environments.
@@ -78,21 +66,18 @@ class Memory(NamedTuple):
         if any(shape is None for shape, _ in rows):
             raise ValueError(f"observations must be one array, or a Dict of arrays, got {observations}")
         rows += [((), np.float64), ((), np.bool_), ((), np.bool_)]
-        layout, size = [], 0
-        for shape, kind in rows:
-            dtype = np.dtype(kind)
-            layout.append((size, (num_envs, *shape), dtype))
-            size += -(-math.prod((num_envs, *shape)) * dtype.itemsize // ALIGNMENT) * ALIGNMENT
-        buffer = bytearray(size) if context is None else context.RawArray(ctypes.c_uint8, size)
-        return cls(buffer, tuple(parts), tuple(layout))
+        self._names = tuple(parts)
+        self._layout = [((num_envs, *shape), np.dtype(kind)) for shape, kind in rows]
+        sizes = [max(math.prod(shape) * dtype.itemsize, 1) for shape, dtype in self._layout]
+        self._buffers = [bytearray(k) if context is None else context.RawArray(ctypes.c_uint8, k) for k in sizes]
 
     def arrays(self) -> Arrays:
         """Return the arrays, which show this memory."""
         views = [
-            np.frombuffer(self.buffer, dtype, math.prod(shape), offset).reshape(shape)
-            for offset, shape, dtype in self.layout
+            np.frombuffer(buffer, dtype, math.prod(shape)).reshape(shape)
+            for buffer, (shape, dtype) in zip(self._buffers, self._layout, strict=True)
         ]
-        return Arrays(dict(zip(self.names, views, strict=False)), *views[len(self.names) :])
+        return Arrays(dict(zip(self._names, views, strict=False)), *views[len(self._names) :])
 
 
 def record_type(info: Mapping[str, Any]) -> np.dtype:
@@ -111,8 +96,5 @@ def record_type(info: Mapping[str, Any]) -> np.dtype:
 
 def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
     """Return an info dict as what is assigned to a record."""
-    values = []
-    for name in dtype.names or ():
-        value = info[name]
-        values.append(to_record(value, dtype[name]) if isinstance(value, dict) else value)
-    return tuple(values)
+    values = ((name, info[name]) for name in dtype.names or ())
+    return tuple(to_record(value, dtype[name]) if isinstance(value, dict) else value for name, value in values)

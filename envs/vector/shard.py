@@ -34,8 +34,7 @@ class Shard:
         self,
         make_env: Callable[[], Any],
         memory: Memory,
-        first: int,
-        last: int,
+        share: slice,
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
@@ -44,16 +43,15 @@ class Shard:
         Args:
             make_env: makes one; see `envs.core.LidarEnv` for what a shard calls. It may have Gymnasium's wrappers.
             memory: of all sub-environments' arrays.
-            first: row of the shard's first sub-environment.
-            last: row after that of its last one.
+            share: rows of the shard's sub-environments.
             autoreset_mode: when a sub-environment whose episode has ended starts the next one.
             max_episode_steps: truncates episodes after so many steps.
         """
-        self.envs = [make_env() for _ in range(last - first)]
+        self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
         for env in self._inner:  # each would hold bounds of its own for every pixel
             env.observation_space = self._inner[0].observation_space
-        self._arrays = arrays = memory.arrays().rows(first, last)
+        self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
         self._is_wrapped = self.envs[0] is not self._inner[0]

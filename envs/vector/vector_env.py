@@ -70,29 +70,35 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             raise ValueError(f"max_episode_steps must be whole and at least 1, or None, got {max_episode_steps!r}")
         if num_workers is not None and not (is_whole(num_workers) and num_workers >= 0):
             raise ValueError(f"num_workers must be whole and not negative, or None, got {num_workers!r}")
-        num_envs = int(num_envs)
         if arguments.get("render_mode") == "human":
             raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
         if num_workers is None:
             num_workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         num_workers = max(min(num_workers, num_envs), 1)
-        self.num_envs = num_envs
+        self.num_envs = num_envs = int(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         make_one = functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps, arguments)
-        self._take_spaces(make_one)
+        env = make_one()  # for its spaces
+        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
+        self.observation_space = batch_space(env.observation_space, num_envs)
+        self.action_space = batch_space(env.action_space, num_envs)
+        self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": self.autoreset_mode}, env.render_mode
+        self._kind, self._is_wrapped = type(env.unwrapped), env is not env.unwrapped
+        self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
+        env.close()
         multiprocessing_context = multiprocessing.get_context(context)
         shared_by = multiprocessing_context if num_workers > 1 else None
-        memory = Memory.of(num_envs, self.single_observation_space, self.single_action_space, shared_by)
+        memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
         """Of what `info` holds at every step."""
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
+        self._shares = [slice(first, last) for first, last in itertools.pairwise(bounds)]
         makers = [
-            functools.partial(Shard, make_one, memory, first, last, self.autoreset_mode, max_episode_steps)
-            for first, last in itertools.pairwise(bounds)
+            functools.partial(Shard, make_one, memory, share, self.autoreset_mode, max_episode_steps)
+            for share in self._shares
         ]
-        self._bounds = bounds
         # This process takes the first shard itself: it has nothing else to do while the others step.
         self._workers = [Worker(multiprocessing_context, maker) for maker in makers[1:]]
         self._shard = makers[0]()
@@ -113,13 +119,14 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             gymnasium.error.ClosedEnvironmentError: after `close`.
             RuntimeError: after a call that was interrupted.
         """
-        if seed is None or is_whole(seed):
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            several = list(seed) if np.iterable(seed) else []
-            if len(several) != self.num_envs or not all(one is None or is_whole(one) for one in several):
-                raise ValueError(f"seed must be one whole number or {self.num_envs} of them, got {seed!r}")
-            seeds = [None if one is None else int(one) for one in several]
+        seeds: list[Any] = [None] * self.num_envs
+        if is_whole(seed):
+            seeds = [seed + i for i in range(self.num_envs)]
+        elif seed is not None:
+            seeds = list(seed) if np.iterable(seed) else []
+        if len(seeds) != self.num_envs or not all(one is None or is_whole(one) for one in seeds):
+            raise ValueError(f"seed must be one whole number or {self.num_envs} of them, got {seed!r}")
+        seeds = [None if one is None else int(one) for one in seeds]
         options = read_options(options)
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
@@ -128,10 +135,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if not (self._has_begun or mask.all()):
             raise gymnasium.error.ResetNeeded("the first reset must start all sub-environments")
         self._has_begun = False  # unless all of them succeed
-        shares = [
-            (seeds[first:last], mask[first:last].tolist(), options or None)
-            for first, last in itertools.pairwise(self._bounds)
-        ]
+        shares = [(seeds[share], mask[share].tolist(), options or None) for share in self._shares]
         results = self._call("reset", shares)
         self._dtype, self._has_begun = results[0][0].dtype, True
         return self._observations(), self._info(results)
@@ -174,8 +178,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of every sub-environment, or return an attribute that is none."""
         self._check_open()
-        shares = self._call("call", [(name, args, kwargs)] * (len(self._workers) + 1))
-        return tuple(itertools.chain.from_iterable(shares))
+        return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of every sub-environment."""
@@ -191,14 +194,10 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
         self._check_open()
-        self._call("set_attr", [(name, values[first:last]) for first, last in itertools.pairwise(self._bounds)])
+        self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Refuse to be copied or pickled; a copy of a connection to a worker would close the original's.
-
-        Raises:
-            TypeError: always.
-        """
+        """Refuse to be copied or pickled (TypeError); a copy of a connection to a worker would close the original's."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"
@@ -217,18 +216,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             raise gymnasium.error.ClosedEnvironmentError("the vector environment is closed")
         if self._is_under_way:
             raise RuntimeError("the vector environment was interrupted in a call; close it and make another one")
-
-    def _take_spaces(self, make_env: Callable[[], Any]) -> None:
-        """Take spaces and metadata of a sub-environment."""
-        env = make_env()
-        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
-        self.observation_space = batch_space(env.observation_space, self.num_envs)
-        self.action_space = batch_space(env.action_space, self.num_envs)
-        self.metadata = {**env.metadata, "autoreset_mode": self.autoreset_mode}
-        self.render_mode = env.render_mode
-        self._kind, self._is_wrapped = type(env.unwrapped), env is not env.unwrapped
-        self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
-        env.close()
 
     def _check_actions(self, actions: Any) -> np.ndarray:
         """Return actions as an array of the right type, checked once for all sub-environments."""
@@ -283,18 +270,13 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def _info(self, results: Sequence[tuple[np.ndarray, Extras]]) -> dict[str, Any]:
         records = np.concatenate([records for records, _ in results])
         info = _columns(records, np.ones(self.num_envs, dtype=np.bool_))
-        for first, (_, extras) in zip(self._bounds, results, strict=False):
+        for share, (_, extras) in zip(self._shares, results, strict=True):
             for i, extra in extras.items():
-                info = self._add_info(info, extra, first + i)
+                info = self._add_info(info, extra, share.start + i)
         return info
 
 
-def _make(
-    make_env: Callable[..., Any],
-    wrappers: Sequence[Callable[[Any], Any]],
-    max_episode_steps: int | None,
-    arguments: dict[str, Any],
-) -> Any:
+def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:
     """Return a sub-environment; one with wrappers has its steps counted as `gymnasium.make` has it."""
     env = make_env(**arguments)
     if wrappers and max_episode_steps is not None:
