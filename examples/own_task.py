@@ -30,7 +30,7 @@ class ReachGoal(UnknownWorldTask):
 
     def observation_parts(self) -> Mapping[str, Any]:
         """Return the goal, by the robot's own estimate of its pose."""
-        return {"goal": partial(Goal, lambda: self.goal)}
+        return {"goal": partial(Goal, self)}
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]

@@ -1,7 +1,6 @@
 """Where goals, the start, teammates and the route are, and how uncertain the pose is, by the robot's own estimate."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,9 +26,9 @@ class Goal:
     Distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the turn to the goal's heading.
     """
 
-    def __init__(self, goal: Callable[[], Pose2D]) -> None:
-        """Take what returns the goal of the moment, map frame."""
-        self._goal = goal
+    def __init__(self, task: Any) -> None:
+        """Take the task, whose `goal` is the goal of the moment, map frame."""
+        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(-1, 1, (5,), float32)`."""
@@ -37,7 +36,7 @@ class Goal:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the goal to `out`."""
-        ahead = robot.belief.pose.between(self._goal())
+        ahead = robot.belief.pose.between(self._task.goal)
         _write_point(ahead, out[:3])
         out[3], out[4] = math.cos(ahead.theta), math.sin(ahead.theta)
 
@@ -108,9 +107,9 @@ class Peers:
 class RouteAhead:
     """Points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of the estimated pose, over 5 m."""
 
-    def __init__(self, points_ahead: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Take what returns the points, shape (n, 2), map frame [m], at distances ahead, shape (n,) [m]."""
-        self._points_ahead = points_ahead
+    def __init__(self, task: Any) -> None:
+        """Take the task, whose `route_progress` tells where on the route the robot is."""
+        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(-1, 1, (10, 2), float32)`."""
@@ -118,5 +117,5 @@ class RouteAhead:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the points to `out`."""
-        ahead = robot.belief.pose.inverse().transform(self._points_ahead(ROUTE_POINTS))
+        ahead = robot.belief.pose.inverse().transform(self._task.route_progress.ahead(ROUTE_POINTS))
         np.clip(ahead / ROUTE_RANGE, -1.0, 1.0, out=out, casting="same_kind")

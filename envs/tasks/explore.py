@@ -107,9 +107,7 @@ class Explore(UnknownWorldTask):
     weights = {"explored": 1.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     target_coverage: float = 0.99
-    """Explored fraction that ends the episode."""
     return_home: bool = False
-    """Whether the robot is to come back to its start after exploring."""
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
@@ -277,7 +275,6 @@ class ExploreTeam(Explore):
     is_team = True
 
     num_robots: int = 2
-    """How many robots explore together."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""

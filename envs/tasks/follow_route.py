@@ -110,25 +110,15 @@ class FollowRoute(Task):
     weights = {"progress": 1.0, "deviation": -2.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     world: str | World = "workshop_hall"
-    """Library world, path of a world YAML or of a `map_server` YAML, or a `World`."""
     path: Any = None
-    """Points (x, y) in the world frame [m]; None is the rectangle of 78 m from the world's first spawn."""
     fusion: str = "full"
-    """One of `envs.localization.fusion.FUSIONS`."""
     slam: Any = "tinyslam"
-    """Which SLAM makes the map."""
     map_seed: int = 0
-    """Seed of the drive that makes the map."""
     map_resolution: float = 0.02
-    """Side of a map cell [m]."""
     map_latency: float = 0.1
-    """Latency of the localizer [s]."""
     max_deviation: float = 2.0
-    """Distance from the route that ends the episode [m]."""
     start_spread: tuple[float, float] = (0.02, 0.02)
-    """Standard deviations of the start's position [m] and heading [rad]."""
     reward: Any = None
-    """Weights of reward terms that differ from the task's, or terms of one's own; see `envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
@@ -172,11 +162,7 @@ class FollowRoute(Task):
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the route; see `Task`."""
-        return {"route": partial(RouteAhead, self.points_ahead)}
-
-    def points_ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the points of the route at distances ahead of the estimated pose [m]: shape (n, 2), map frame [m]."""
-        return self.route_progress.ahead(distances)
+        return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the route.

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -110,21 +111,14 @@ class Navigate(WorldTask):
     reset_options = ("goal",)
 
     localizer: str = "amcl"
-    """One of `LOCALIZERS`."""
     amcl: str | AmclParams = "default"
-    """Preset of AMCL, or its parameters."""
     initial_pose: Literal["known", "unknown"] = "known"
-    """Whether the localizer is given where the robot starts."""
     map: str | Path | OccupancyGrid | None = None
-    """Path of a `map_server` YAML, or the map; None takes the map that a perfect exploration would give."""
     map_pose: Any = (0.0, 0.0, 0.0)
-    """Pose of the map's frame in the world."""
     goal: Any = "random"
-    """Where to go, map frame: `"random"`, or a pose (x, y, theta); once an episode has begun, that of the episode."""
+    """Once an episode has begun, that of the episode, map frame."""
     goal_tolerance: float = 0.3
-    """Distance from the goal that counts as reached [m]."""
     heading_tolerance: float = math.pi
-    """Turn from the goal's heading that counts as reached [rad]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
@@ -140,7 +134,7 @@ class Navigate(WorldTask):
             raise ValueError(f"goal must be 'random' or (x, y, theta), got {self._goal!r}")
         if not is_pose(self.map_pose):
             raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
-        self.map_pose = Pose2D(*(float(k) for k in self.map_pose))
+        self.map_pose = Pose2D(*map(float, self.map_pose))
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
@@ -151,11 +145,7 @@ class Navigate(WorldTask):
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         """Return the goal, and the pose's uncertainty as "pose_uncertainty"; see `Task`."""
-        return {"goal": lambda: Goal(self.current_goal), "pose_uncertainty": PoseUncertainty}
-
-    def current_goal(self) -> Pose2D:
-        """Return where to go, map frame."""
-        return self.goal
+        return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return what the localizer may know of the start, and the map; see `Task`."""
@@ -164,8 +154,7 @@ class Navigate(WorldTask):
             return Prior(None, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
-        offset = std * rng.standard_normal(3)
-        given = Pose2D(pose.x + offset[0], pose.y + offset[1], pose.theta + offset[2])
+        given = Pose2D(*(pose + std * rng.standard_normal(3)))
         cell = grid.cells(np.array(given[:2]))
         if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
             given = pose
@@ -191,8 +180,7 @@ class Navigate(WorldTask):
         """
         if not is_pose(goal):
             raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
-        self.goal = Pose2D(*(float(k) for k in goal))
-        """Where to go, map frame."""
+        self.goal = Pose2D(*map(float, goal))
         self._true_goal = self.map_pose.compose(self.goal)
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
         self._path_left = self._path_length = self._geodesic.length(self._true_pose)

@@ -11,7 +11,7 @@ from envs.estimation import ORIGIN, Estimator
 from envs.estimation.motion import WheelMotion
 from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from envs.robots import RobotParams
-from envs.simulation import Reading, make_simulator
+from envs.simulation import make_simulator
 from envs.slam import TinySlam, load_params, make_slam
 from envs.worlds import World
 
@@ -53,7 +53,8 @@ def make_route_map(
     """Drive a route by hand, map it, and return the map; drives that have been made are kept.
 
     The operator sees the robot, and keeps it on the route. The SLAM gets what the robot senses: its wheels measure how
-    far it has gone, its compass, if it has one, in which direction.
+    far it has gone, its compass, if it has one, in which direction. It does not get every scan: one that matches each
+    to the one before, which it has just integrated, follows that one's noise.
 
     Args:
         world: in which the route lies.
@@ -72,8 +73,17 @@ def make_route_map(
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    mapper = _Mapper(robot, _make_slam(slam, robot, resolution), slam_rng, reading)
-    progress, truth = Progress(route), route.start
+    if slam == "tinyslam" and robot.imu.has_compass:
+        mapper: Estimator = TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
+    else:
+        mapper = make_slam(slam, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
+    mapper.reset(slam_rng)
+    wheels = WheelMotion(robot)
+    wheels.reset(reading)
+    uses_compass = robot.imu.has_compass and slam != "truth"
+    beliefs = [mapper.update(reading, ORIGIN).pose]
+    headings = [reading.heading]
+    progress, truth, motion, heading = Progress(route), route.start, ORIGIN, reading.heading
     # Twice the time that the route takes at full speed, and some to speed up.
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
@@ -82,15 +92,35 @@ def make_route_map(
                 f"robot {robot.name!r} did not get along the route in world {world.name!r}: it stopped "
                 f"{route.along[progress.index]:.1f} m from the start, of {route.length:.1f} m"
             )
+        steps_left -= 1
         before = truth
         reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
         truth = simulator.states[0].pose
-        mapper.go_on(reading, before.between(truth) if slam == "truth" else None)
-        steps_left -= 1
+        step = before.between(truth) if slam == "truth" else wheels.update(reading)
+        if uses_compass:
+            step, heading = _turned(step, reading.heading - heading), reading.heading
+        motion = motion.compose(step)
+        if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
+            continue
+        if uses_compass:
+            # The compass measures the heading itself; by turns alone, an error of the matcher would stay.
+            turned = reading.heading - headings[0] - mapper.belief.pose.theta
+            motion = motion._replace(theta=float(wrap_angle(turned)))
+        beliefs.append(mapper.update(reading, motion).pose)
+        headings.append(reading.heading)
+        motion = ORIGIN
     simulator.close()
-    poses, grid = np.array(mapper.poses), mapper.slam.belief.grid
+    poses, grid = np.array(beliefs), mapper.belief.grid
     _clear_driven(grid, poses, 0.5 * robot.radius)
-    return RouteMap(grid, mapper.north, poses)
+    offset = np.mean(np.exp(1j * (np.array(headings) - poses[:, 2])))
+    return RouteMap(grid, math.atan2(offset.imag, offset.real), poses)
+
+
+def _turned(motion: Pose2D, turn: float) -> Pose2D:
+    """Return a motion along an arc as long as before that turns by another angle [rad]."""
+    turn = float(wrap_angle(turn))
+    length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
+    return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
@@ -102,63 +132,3 @@ def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None
     rows, columns = cells[grid.contains(cells)].T
     driven = grid.data[rows, columns]
     grid.data[rows, columns] = np.where(driven == UNKNOWN, FREE, driven)
-
-
-def _make_slam(name: str, robot: RobotParams, resolution: float) -> Estimator:
-    if name == "tinyslam" and robot.imu.has_compass:
-        return TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
-    return make_slam(name, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
-
-
-class _Mapper:
-    """Feeds a SLAM with a scan every so often, and with motions by wheels and compass.
-
-    A SLAM that matches every scan to the one before, which it has just integrated, follows that one's noise.
-    """
-
-    def __init__(self, robot: RobotParams, slam: Estimator, rng: np.random.Generator, reading: Reading) -> None:
-        """Process the first reading."""
-        self.slam = slam
-        self.slam.reset(rng)
-        self._wheels = WheelMotion(robot)
-        self._wheels.reset(reading)
-        self._motion = ORIGIN
-        self._offsets: list[complex] = []
-        self.poses: list[Pose2D] = []
-        self._first_heading = self._heading = reading.heading
-        self._use(reading)
-
-    @property
-    def north(self) -> float:
-        """Mean of what the compass read less what the SLAM estimated [rad]; NaN without a compass."""
-        mean = complex(np.mean(self._offsets))
-        return math.atan2(mean.imag, mean.real)
-
-    def go_on(self, reading: Reading, true_motion: Pose2D | None) -> None:
-        """Process the next reading, mapping at the true motion if that is given."""
-        motion = true_motion or self._wheels.update(reading)
-        if true_motion is None and not math.isnan(reading.heading):
-            motion = _turned(motion, reading.heading - self._heading)
-            self._heading = reading.heading
-        self._motion = self._motion.compose(motion)
-        if math.hypot(self._motion.x, self._motion.y) < UPDATE_DISTANCE and abs(self._motion.theta) < UPDATE_ANGLE:
-            return
-        if true_motion is None and not math.isnan(reading.heading):
-            # The compass measures the heading itself; by turns alone, an error of the matcher would stay.
-            turned = reading.heading - self._first_heading - self.slam.belief.pose.theta
-            self._motion = self._motion._replace(theta=float(wrap_angle(turned)))
-        self._use(reading)
-
-    def _use(self, reading: Reading) -> None:
-        belief = self.slam.update(reading, self._motion)
-        self._motion = ORIGIN
-        self.poses.append(belief.pose)
-        offset = reading.heading - belief.pose.theta
-        self._offsets.append(complex(math.cos(offset), math.sin(offset)))
-
-
-def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    """Return a motion along an arc as long as before that turns by another angle [rad]."""
-    turn = float(wrap_angle(turn))
-    length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
-    return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)
