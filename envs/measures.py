@@ -58,8 +58,9 @@ class Measure:
     unit: str
     higher_is_better: bool | None
     """None where neither is better by itself."""
-    compute: Callable[[Course], float] = lambda course: math.nan
-    """Returns the number of an episode; infinite for a mark that was never reached. NaN: it comes from elsewhere."""
+    compute: Callable[[Course], float] = None  # type: ignore[assignment]
+    """Returns the number of an episode; infinite for a mark that was never reached. By default it is the one that the
+    last `info` has under this name."""
     digits: int = 1
     """Decimals in tables."""
     scale: float = 1.0
@@ -74,6 +75,10 @@ class Measure:
     """Whether it is compared as a share of what the reference policy needed from the same start; with a `limit`."""
     note: str = ""
     """What a reader should know of it where policies are ranked by it, without a full stop at the end."""
+
+    def __post_init__(self) -> None:
+        if self.compute is None:
+            object.__setattr__(self, "compute", partial(final, name=self.name))
 
     @property
     def title(self) -> str:
@@ -122,30 +127,16 @@ def root_mean_square(course: Course, name: str, column: int | None = None) -> fl
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
+_pose_rmse = partial(root_mean_square, name="pose_error")
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
 """Of every task: `is_success` of the last `info`."""
 TIME_TO_SUCCESS = Measure("time_to_success", "time to success", "s", False, when_successful, limit="time_limit")
 """Of tasks that declare no measures."""
 COMMON = (
-    Measure("path_length", "path", "m", None, partial(final, name="path_length")),
-    Measure("collisions", "collisions", "", False, partial(final, name="collisions")),
-    Measure(
-        "position_rmse",
-        "position error",
-        "cm",
-        False,
-        partial(root_mean_square, name="pose_error", column=0),
-        scale=100.0,
-    ),
-    Measure(
-        "heading_rmse",
-        "heading error",
-        "deg",
-        False,
-        partial(root_mean_square, name="pose_error", column=1),
-        2,
-        math.degrees(1.0),
-    ),
+    Measure("path_length", "path", "m", None),
+    Measure("collisions", "collisions", "", False),
+    Measure("position_rmse", "position error", "cm", False, partial(_pose_rmse, column=0), scale=100.0),
+    Measure("heading_rmse", "heading error", "deg", False, partial(_pose_rmse, column=1), 2, math.degrees(1.0)),
 )
 """Of every task, after its own."""
 

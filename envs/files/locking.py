@@ -3,7 +3,6 @@
 import os
 import platform
 from pathlib import Path
-from types import TracebackType
 
 try:
     import fcntl
@@ -56,9 +55,7 @@ class Lock:
         self._descriptor = descriptor
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Give the lock back. The file stays: were it removed, two processes could lock two files of one name."""
         if self._descriptor >= 0:
             os.close(self._descriptor)

@@ -88,8 +88,8 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
         cells: shape (height, width), uint8, written: bits of the raster's cells.
         frame: `Frame` of the raster, world frame.
         scan: `TrueScan`.
-        pending: shape (n, 2), int32, written: (row, column) of cells that are known, and not seen; room for all.
-        num_pending: how many there are.
+        pending: shape (n, 2), int32, written: first `num_pending` (row, column) of cells that are known, and not seen.
+        num_pending: see `pending`.
 
     Returns:
         How many cells became explored, and how many are pending.
@@ -126,11 +126,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark the pending cells that a true scan sees, and drop them; see `mark_known`.
-
-    Returns:
-        How many cells became explored, and how many are still pending.
-    """
+    """Mark the pending cells that a true scan sees, and drop them; arguments and return as for `mark_known`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -202,7 +198,7 @@ class Coverage:
 
     @property
     def explored(self) -> np.ndarray:
-        """Shape of the area's raster, bool: explored cells."""
+        """Explored cells, a raster of bool as the area's."""
         return self._cells == EXPLORED
 
     @property

@@ -26,17 +26,9 @@ class DeadReckoning:
     belief: Belief
 
     def reset(
-        self,
-        rng: np.random.Generator,
-        pose: Pose2D | None = ORIGIN,
-        map: Any = None,
-        covariance: np.ndarray | None = None,
+        self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at a pose; see `Estimator`.
-
-        Raises:
-            ValueError: if there is none: motions alone cannot tell where the robot is.
-        """
+        """Start at a pose, ValueError without one; see `Estimator`."""
         if pose is None:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
         self.belief = Belief(pose, map)
@@ -49,11 +41,7 @@ class DeadReckoning:
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Build a localizer, one of `LOCALIZERS`, with a preset of AMCL.
-
-    Raises:
-        ValueError: if the name or the preset is unknown.
-    """
+    """Return a localizer by its name; ValueError if this or the preset of AMCL is unknown."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
@@ -101,13 +89,8 @@ def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> 
 
     In a world too small for that, the farthest of a hundred.
     """
-
-    def away(goal: Pose2D) -> float:
-        return math.hypot(goal.x - start.x, goal.y - start.y)
-
-    drawn = [area.draw_pose(rng)]
-    while away(drawn[-1]) < MIN_DISTANCE:
-        if len(drawn) == 100:
-            return max(drawn, key=away)
+    drawn, away = [], [0.0]
+    while away[-1] < MIN_DISTANCE and len(drawn) < 100:
         drawn.append(area.draw_pose(rng))
-    return drawn[-1]
+        away.append(math.dist(drawn[-1][:2], start[:2]))
+    return drawn[max(int(np.argmax(away)) - 1, 0)]

@@ -7,33 +7,18 @@ from envs.measures import Course, Measure, final, mean_over_limit, root_mean_squ
 
 _explored_at = partial(when, name="explored_fraction")
 _reached_95 = partial(_explored_at, mark=0.95)
+_path_to_95 = partial(_reached_95, quantity="path_length")
+_mean = partial(mean_over_limit, name="explored_fraction")
+_NOTE = "the mean explored share over the whole time limit, which rewards being early as well as being complete"
 EXPLORATION = (
-    Measure("explored_fraction", "explored", "%", True, partial(final, name="explored_fraction"), 1, 100.0),
+    Measure("explored_fraction", "explored", "%", True, scale=100.0),
     Measure("time_to_90", "time to 90 %", "s", False, partial(_explored_at, mark=0.90), 0, limit="time_limit"),
     Measure("time_to_95", "time to 95 %", "s", False, _reached_95, 0, limit="time_limit", is_relative=True),
     Measure("time_to_99", "time to 99 %", "s", False, partial(_explored_at, mark=0.99), 0, limit="time_limit"),
-    Measure(
-        "distance_to_95",
-        "distance to 95 %",
-        "m",
-        False,
-        partial(_reached_95, quantity="path_length"),
-        limit="distance_limit",
-        is_relative=True,
-    ),
-    Measure(
-        "area_under_curve",
-        "area under curve",
-        "%",
-        True,
-        partial(mean_over_limit, name="explored_fraction"),
-        1,
-        100.0,
-        is_headline=True,
-        note="the mean explored share over the whole time limit, which rewards being early as well as being complete",
-    ),
-    Measure("map_iou", "map IoU", "%", True, partial(final, name="map_iou"), 1, 100.0),
-    Measure("area_left", "unexplored area", "m²", False, partial(final, name="area_left")),
+    Measure("distance_to_95", "distance to 95 %", "m", False, _path_to_95, limit="distance_limit", is_relative=True),
+    Measure("area_under_curve", "area under curve", "%", True, _mean, scale=100.0, is_headline=True, note=_NOTE),
+    Measure("map_iou", "map IoU", "%", True, scale=100.0),
+    Measure("area_left", "unexplored area", "m²", False),
 )
 """How much was explored, and when."""
 
@@ -44,7 +29,7 @@ def time_home(course: Course) -> float:
 
 
 RETURN = (
-    Measure("returned", "returned", "%", True, partial(final, name="returned"), 0, 100.0, is_share=True),
+    Measure("returned", "returned", "%", True, digits=0, scale=100.0, is_share=True),
     Measure("time_home", "drive home", "s", False, time_home, limit="time_limit"),
 )
 """Whether the robot came back to its start after exploring."""
@@ -72,17 +57,10 @@ def route_driven(course: Course) -> float:
     return max(final(course, "progress"), float(course.final["is_success"]))
 
 
+_deviation_rmse = partial(root_mean_square, name="deviation")
 ROUTE = (
     Measure("progress", "route driven", "%", True, route_driven, 1, 100.0, is_headline=True),
-    Measure(
-        "deviation_rmse",
-        "deviation from the route",
-        "cm",
-        False,
-        partial(root_mean_square, name="deviation"),
-        1,
-        100.0,
-    ),
+    Measure("deviation_rmse", "deviation from the route", "cm", False, _deviation_rmse, scale=100.0),
     Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
 )
 """How near to a route the robot drove, and how far."""

@@ -67,10 +67,7 @@ def rectangle(start: Pose2D) -> np.ndarray:
     """Return the route of Nguyen et al. (2021): 78 m around a rectangle, counter-clockwise from the end of a corner.
 
     Its corners are arcs of 1 m: a robot with two driven wheels does not take a sharp corner at speed, as the paper's
-    mecanum robot may.
-
-    Args:
-        start: beginning of the first long side, 24 m long with its corners.
+    mecanum robot may. `start` is where the first long side begins, 24 m long with its corners.
 
     Returns:
         Shape (n, 2), float64, points `SPACING` apart in the corners; the last equals the first [m].

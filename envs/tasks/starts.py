@@ -143,8 +143,6 @@ def draw_starts(
         ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.
     """
     starts, circles = [first], world.circles_at(0.0)
-    if num_robots == 1:
-        return starts
     start_cells = area.walls.centers(np.argwhere(area.start_cells))
     away = np.hypot(*(start_cells - first[:2]).T)
     for must_see, gap, factor in product((True, False), START_GAPS, (1.0, 2.0, 4.0, 8.0)):

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from envs.core import LidarEnv
+from envs.core import lidar_env_of
 from envs.estimation import ORIGIN
 from envs.estimation.motion import make_motion_source
 from envs.logs import messages
@@ -43,13 +42,11 @@ class BagRecorder:
             path: of the bag, `NAME.mcap`, which is there when it is complete.
 
         Raises:
-            ValueError: the environment has no robot with a lidar, or several, or is being recorded; or the path has
-                another suffix.
+            TypeError: the environment has no robot with a lidar.
+            ValueError: it has several, or is being recorded; or the path has another suffix.
             OSError: the bag cannot be written.
         """
-        inner = getattr(env.unwrapped, "explore", env.unwrapped)
-        if not isinstance(inner, LidarEnv):
-            raise ValueError(f"only environments of this package can be recorded, got {type(inner).__name__}")
+        inner = lidar_env_of(env)
         if len(inner.robots) > 1:
             raise ValueError(f"a bag holds one robot, the environment has {len(inner.robots)}")
         if inner.on_period is not None:
@@ -85,13 +82,8 @@ class BagRecorder:
     def __enter__(self) -> "BagRecorder":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if error is None:
-            self.close()
-        else:
-            self.discard()
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
+        self.close() if error is None else self.discard()
 
     def _stop(self) -> None:
         self._is_open, self._env.on_period = False, None
