@@ -1,9 +1,7 @@
 """Exploration by decisions without driving: the robot slides along its path. For training and for tuning of rules."""
 
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from itertools import accumulate
 from typing import Any, cast
 
 import numpy as np
@@ -28,22 +26,6 @@ HEADING_DISTANCE = 0.4
 """The robot turns on the spot towards the point of the path this far from its start [m]."""
 DRIFT_LENGTH = 8.0
 """Distance over which the error of the pose forgets its past [m]."""
-
-
-def _segment(lengths: list[float], at: float) -> int:
-    """Return which segment of a path holds the point at a length, by the lengths up to its points [m]."""
-    return min(max(bisect_left(lengths, at), 1), len(lengths) - 1) - 1
-
-
-def _point(lengths: list[float], points: list[list[float]], at: float) -> tuple[float, float]:
-    """Return the point (x, y) of a path at a length, by its points and the lengths up to them [m]."""
-    k = bisect_right(lengths, at) - 1
-    x, y = points[k]
-    rest = at - lengths[k]
-    if k == len(points) - 1 or rest == 0.0:
-        return x, y
-    span, (end_x, end_y) = lengths[k + 1] - lengths[k], points[k + 1]
-    return (end_x - x) / span * rest + x, (end_y - y) / span * rest + y
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
@@ -159,22 +141,20 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         """Yield the poses of scans along a path, control periods since the scan before, and the progress."""
         start, period, record = self.belief.pose, self.explore.control_period, self.navigator.navigator.record
         max_steps = int(self.navigator.navigator.numbers["max_steps"])
-        path = np.empty((len(plan) + 1, 2))
-        path[0], path[1:] = start[:2], plan
+        path = np.vstack([start[:2], plan])
         steps = path[1:] - path[:-1]
-        lengths = list(accumulate(np.hypot(steps[:, 0], steps[:, 1]).tolist(), initial=0.0))
-        points, headings = path.tolist(), np.arctan2(steps[:, 1], steps[:, 0]).tolist()
-        ahead = headings[_segment(lengths, HEADING_DISTANCE)]
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+        headings, inner = np.arctan2(steps[:, 1], steps[:, 0]), lengths[1:-1]
+        ahead = float(headings[np.searchsorted(inner, HEADING_DISTANCE)])
         turn = max(abs(wrap_angle(ahead - start.theta)) - MAX_ARC, 0.0) / self._turn_rate
         farthest = max((max_steps * period - turn) * self._speed, 0.0)
-        end = min(lengths[-1], farthest)
-        stops = [*np.arange(self._scan_distance, end, self._scan_distance).tolist(), end]
-        before = 0
-        for k, stop in enumerate(stops, start=1):
-            (x, y), heading = _point(lengths, points, stop), headings[_segment(lengths, stop)]
+        end, before = min(float(lengths[-1]), farthest), 0
+        stops = np.append(np.arange(self._scan_distance, end, self._scan_distance), end)
+        xs, ys = (np.interp(stops, lengths, values).tolist() for values in path.T)
+        for stop, x, y, heading in zip(stops.tolist(), xs, ys, headings[np.searchsorted(inner, stops)].tolist()):
             count = max(round((turn + stop / self._speed) / period), 1)
             record["steps"], progress = count, DRIVING
-            if k == len(stops):
+            if stop == end:
                 progress = REACHED if lengths[-1] <= farthest else TIME_UP
             if progress == REACHED and not self._sees_around:
                 target = self.navigator.target or (x, y)

@@ -52,22 +52,14 @@ def is_whole(value: Any) -> TypeGuard[int]:
 
 
 def read_options(options: Any) -> dict[str, Any]:
-    """Return a copy of the options of a reset.
-
-    Raises:
-        ValueError: if they are not by name.
-    """
+    """Return a copy of the options of a reset; ValueError if they are not by name."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options must map names to values, got {options!r}")
     return dict(options or {})
 
 
 def check_positive(**values: float) -> None:
-    """Refuse numbers that are not positive and finite.
-
-    Raises:
-        ValueError: names the first of them.
-    """
+    """Refuse numbers that are not positive and finite; ValueError names the first of them."""
     for name, value in values.items():
         if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
@@ -81,11 +73,7 @@ def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
 
 
 def read_action(action: Any) -> np.ndarray:
-    """Return an action, or several, as an array of real numbers.
-
-    Raises:
-        ValueError: if it holds something else, or is a masked array, whose masked numbers would count.
-    """
+    """Return an action, or several, as an array; ValueError if they are no numbers, or masked, which would count."""
     numbers = np.asarray(action)
     if numbers.dtype.kind not in "iuf" or isinstance(action, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype

@@ -260,11 +260,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last control period.
-
-        Args:
-            is_last: whether to truncate the episode here though there is time left.
-        """
+        """Return reward, terminated, truncated and info of the last control period, truncated here if `is_last`."""
         rewards = self.task.rewards.terms(self.task.quantities())
         terminated, truncated = self.is_over
         truncated = truncated or (is_last and not terminated)
@@ -282,11 +278,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def why_not_fused(self) -> str:
         """Why it does not; empty where it does."""
-        own = [name for name in FUSED_METHODS if getattr(type(self), name) is not getattr(LidarEnv, name)]
-        if own:
-            return f"{type(self).__name__} has {own[0]} of its own"
-        kind = type(self.simulator)
-        return "" if kind is KinematicSimulator else f"{kind.__name__} steps in Python"
+        kind, physics = type(self), type(self.simulator)
+        if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
+            return f"{kind.__name__} has {own[0]} of its own"
+        return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
     @property
     def is_over(self) -> tuple[bool, bool]:
@@ -352,7 +347,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def reading(self) -> Reading:
-        """What the sensors of the first robot say."""
+        """What the first robot's sensors say."""
         return self.robots[0].reading
 
     @property
@@ -404,7 +399,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Raises:
             ValueError: if the goal is not finite, or no pose that the robot can reach.
-            AttributeError: if the task has no goals.
         """
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None

@@ -1,5 +1,6 @@
 """Exploration at the level of decisions: choose a frontier, and the robot drives there."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,12 +10,16 @@ from gymnasium import spaces
 
 from envs.arguments import check_positive, is_whole
 from envs.core import LidarEnv
-from envs.drive import UNCHECKED, FusedDrive
+from envs.drive import UNCHECKED, Passed, drive
 from envs.estimation import Belief
+from envs.geometry import Pose2D
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, HomeNavigator, robot_features
 from envs.observations import FAR_PIXEL, MapCrop
+from envs.robot import SCAN
 from envs.robots import RobotParams
 from envs.simulation import Twist
+from envs.simulation import records as at
+from envs.simulation.rows import BLOCK
 from envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
@@ -138,7 +143,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
-        self._fused: FusedDrive | None = None
+        self._passed = Passed(np.empty((BLOCK, 2)), np.empty((BLOCK, 2)), np.zeros(3, dtype=np.int64))
+        self._is_fused = False
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
         self._robot_features = robot_features(env.robot)
@@ -161,8 +167,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self.navigator.begin(explore.reading, self.belief)
-        fuses = not self.why_not_fused
-        self._fused = (self._fused or FusedDrive(explore, self.navigator.navigator)) if fuses else None
+        self._is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
@@ -259,17 +264,24 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     @property
     def is_fused(self) -> bool:
         """Whether kernels drive for several control periods at once; False before the first reset."""
-        return self._fused is not None
+        return self._is_fused
 
     @property
     def why_not_fused(self) -> str:
         """Why control periods of this episode need Python one by one; empty where they do not."""
-        return FusedDrive.why_not(self.explore)
+        env = self.explore
+        if env.why_not_fused or not env.robots[0].follows_odometry:
+            return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
+        if not env.task.rests_between_scans:
+            return f"task {type(env.task).__name__} looks at every control period"
+        if env.world.movers or env.sensors or env.on_period or env.render_mode == "human":
+            return "movers, own sensors, recorders and windows look at every control period"
+        return ""
 
     def _drive(self) -> str:
         """Drive until a decision is due, and return why."""
         while True:
-            result = self._advance() if self._fused is None else self._advance_fused(self._fused)
+            result = self._advance_fused() if self._is_fused else self._advance()
             if result is not None:
                 self.explore.plan = self.navigator.plan
                 return result
@@ -308,15 +320,30 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.navigator.look(robot.reading, robot.belief)
         return home.home_reason
 
-    def _advance_fused(self, fused: FusedDrive) -> str | None:
-        """Do the same for as many control periods as a kernel can do."""
-        navigator = self.navigator
-        count, contacts, progress, has_mapped = fused.advance(navigator.check_from)
-        self._note(count, contacts)
-        reading, belief = self.explore.reading, self.belief
-        if has_mapped:
+    def _advance_fused(self) -> str | None:
+        """Do the same for as many control periods as a kernel can do; the task processes the last one."""
+        env, navigator, passed = self.explore, self.navigator, self._passed
+        simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
+        left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
+        rows.draw_ahead(simulator.rngs)
+        around, check_from = (env.world.segments, simulator.circles), min(navigator.check_from, 1 << 40)
+        arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, passed
+        count, progress = drive(*arrays, max(left, 1), check_from)
+        v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
+        robot.action = v / robot.params.max_v, w / robot.params.max_w
+        navigator.navigator.velocity = robot.twist
+        num_estimated, num_true, num_contacts = passed.counts.tolist()
+        for x, y in passed.estimated[:num_estimated].tolist():
+            robot.trail.append(Pose2D(x, y, 0.0))
+            robot.pyramid.mark(x, y)
+        for x, y in passed.true[:num_true].tolist():
+            truth.trail.append(Pose2D(x, y, 0.0))
+        env.finish()
+        self._note(count, num_contacts)
+        reading, belief = robot.reading, robot.belief
+        if int(robot.row[at.FLAGS]) & SCAN:
             navigator.integrate(belief)
-        if any(self.explore.is_over):
+        if any(env.is_over):
             navigator.find_candidates(reading, belief)
             return EPISODE_END
         if progress == UNCHECKED:

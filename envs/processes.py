@@ -28,9 +28,15 @@ def start_worker() -> None:
 
 def follow_parent() -> None:
     """Let this process end when its parent has died, however that was; it would wait for tasks for ever."""
-    parent = multiprocessing.parent_process()
+    parent, parent_id = multiprocessing.parent_process(), os.getppid()
     assert parent is not None
-    threading.Thread(target=_follow, args=(parent.sentinel, os.getppid()), daemon=True).start()
+
+    def follow() -> None:  # processes that were forked later may hold the sentinel open
+        while not multiprocessing.connection.wait([parent.sentinel], timeout=1.0) and os.getppid() == parent_id:
+            pass
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 @contextlib.contextmanager
@@ -75,13 +81,6 @@ def interrupts_delayed() -> Iterator[None]:
 
 
 def stop_workers(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool at once, whatever they are at."""
+    """End the processes of a pool at once."""
     for process in list((pool._processes or {}).values()):
         process.terminate()
-
-
-def _follow(parent: int, parent_id: int) -> None:
-    """End this process when its parent has died; processes that were forked later may hold the sentinel open."""
-    while not multiprocessing.connection.wait([parent], timeout=1.0) and os.getppid() == parent_id:
-        pass
-    os._exit(1)

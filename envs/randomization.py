@@ -11,28 +11,15 @@ from pydantic import ValidationError
 from envs.files import explain_errors
 from envs.robots import RobotParams
 
+_RECORDS = {
+    "body": ("friction", "mass"),
+    "drive": ("friction", "max_torque", "slip_std", "track", "wheel_radius"),
+    "imu": ("compass_std", "gyro_bias_std", "gyro_std"),
+    "lidar": ("dropout", "mount.pitch", "mount.roll", "mount.x", "mount.y", "mount.yaw", "noise_std"),
+}
 RANDOMIZABLE = (
-    "body.friction",
-    "body.mass",
-    "drive.friction",
-    "drive.max_torque",
-    "drive.slip_std",
-    "drive.track",
-    "drive.wheel_radius",
-    "imu.compass_std",
-    "imu.gyro_bias_std",
-    "imu.gyro_std",
-    "lidar.dropout",
-    "lidar.mount.pitch",
-    "lidar.mount.roll",
-    "lidar.mount.x",
-    "lidar.mount.y",
-    "lidar.mount.yaw",
-    "lidar.noise_std",
-    "max_acc_v",
-    "max_acc_w",
-    "max_v",
-    "max_w",
+    *(f"{record}.{name}" for record, names in _RECORDS.items() for name in names),
+    *("max_acc_v", "max_acc_w", "max_v", "max_w"),
 )
 """Attributes of `RobotParams` that may differ from what the robot is told. Footprint, numbers of beams and range of the
 lidar may not: spaces, maps and plans depend on them."""
@@ -47,12 +34,7 @@ class Randomization:
     """Draws a robot's parameters for each episode, each uniformly from a range."""
 
     def __init__(self, ranges: Ranges, robot: RobotParams, ignored: Sequence[str] = ()) -> None:
-        """Take the ranges.
-
-        Args:
-            ranges: of the parameters.
-            robot: the nominal robot, whose other parameters stay as they are.
-            ignored: parameters that the physics do not have.
+        """Take ranges, the nominal robot, and the names of parameters that the physics do not have.
 
         Raises:
             ValueError: a name is not allowed, or a range is none; the message names it and what is allowed.

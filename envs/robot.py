@@ -72,14 +72,7 @@ class Robot:
     def __init__(
         self, params: RobotParams, control_period: float, estimator: Estimator, *, uses_true_motion: bool = False
     ) -> None:
-        """Assemble a robot.
-
-        Args:
-            params: the robot; its odometry is by the wheels, or by wheels and gyroscope, as `odometry.uses_gyro` says.
-            control_period: time between two readings [s].
-            estimator: turns readings and motions into a belief.
-            uses_true_motion: whether the estimator gets the true motion in place of odometry's.
-        """
+        """Assemble a robot, whose estimator gets the true motion in place of odometry's if `uses_true_motion`."""
         self.params = params
         self.estimator = estimator
         kind = type(estimator)  # checks of the project's own would take a twentieth of a kinematic step
@@ -170,8 +163,8 @@ class Robot:
         """Begin an episode at rest; `integrate` processes the reading's scan.
 
         Args:
-            rows: what its reading, motion and pose are views of.
-            index: its row.
+            rows: what its reading, motion and pose are views of, the row at `index`.
+            index: see `rows`.
             reading: the first.
             prior: what the robot is told.
             rng: source of the estimator's noise.
@@ -196,8 +189,7 @@ class Robot:
     def locate(self, flags: int) -> None:
         """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.
 
-        Raises:
-            ValueError: no map can be made of the belief; see `check_belief`.
+        Raises what `check_belief` does where no map can be made of the belief.
         """
         if flags & SCAN:
             self.integrate()
@@ -208,7 +200,7 @@ class Robot:
             self._remember(belief.pose)
 
     def integrate(self) -> None:
-        """Process the scan: pose, map and trail; raises as `locate`."""
+        """Process the scan: pose, map and trail."""
         estimator: Any = self.estimator
         if self.follows_odometry and estimator.last_key_pose is not None:
             predicted = self.predicted_pose
@@ -226,7 +218,7 @@ class Robot:
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
 
     def follow(self, belief: Belief) -> None:
-        """Bring row, trail and pyramid up to date with the belief after a scan; raises as `locate`."""
+        """Bring row, trail and pyramid up to date with the belief after a scan."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
@@ -288,15 +280,7 @@ def reset_robots(
     priors: Sequence[Prior],
     rngs: Sequence[np.random.Generator],
 ) -> None:
-    """Begin an episode of one robot, or of several that share a map, and process the first scans.
-
-    Args:
-        robots: all robots.
-        rows: their rows.
-        readings: their first ones.
-        priors: what they are told.
-        rngs: sources of their estimators' noise.
-    """
+    """Begin an episode of one robot, or of several that share a map, and process the first scans; see `Robot.reset`."""
     shared_map = None
     for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
         robot.reset(rows, k, reading, prior, rng, shared_map)

@@ -26,12 +26,7 @@ class Sensor(Protocol):
     """Shape of what it measures."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
-        """Start an episode.
-
-        Args:
-            world: of the episode.
-            rng: noise is to be drawn from it.
-        """
+        """Start an episode in a world; noise is to be drawn from `rng`."""
         ...
 
     def measure(self, simulator: Simulator, robot: int) -> np.ndarray:
@@ -43,7 +38,6 @@ class Measured:
     """Observation part that shows what a sensor measured, as float32 without bounds."""
 
     def __init__(self, sensor: Sensor) -> None:
-        """Take the sensor."""
         self._name, self._shape = sensor.name, tuple(sensor.shape)
 
     def space(self, robot: RobotParams) -> spaces.Box:

@@ -22,9 +22,9 @@ from envs.worlds import World
 class ObservationPart(Protocol):
     """One entry of an observation, for each robot.
 
-    A part that keeps something for an episode also has `reset(robot)`, which is called for each robot once it has
-    processed its first reading. One that has `write_rows(batch, out)` writes the rows of many robots at once where
-    `batch.active`; see `envs.vector.batch.Batch`.
+    A part that keeps something for an episode also has `reset(robot)`, called once the robot has processed its first
+    reading. One with `write_rows(batch, out)` writes the rows of many robots at once where `batch.active`; see
+    `envs.vector.batch.Batch`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
@@ -149,27 +149,17 @@ class Task(ABC):
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode; called ahead of time where there is time for it.
 
-        Args:
-            world: what users passed to `reset(options={"world": ...})`; None for the one that they constructed it with.
-            rng: draws from a procedural family.
+        `world` is what users passed to `reset(options={"world": ...})`, None for the one that they constructed it with.
         """
 
     @abstractmethod
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
-        """Return where the robots start, world frame, and set `starts` and `map_pose`.
-
-        Args:
-            world: of the episode.
-            start: what users passed to `reset(options={"start": ...})`; None for what they constructed it with.
-            rng: draws what is random.
-        """
+        """Return where the robots start, world frame, and set `starts` and `map_pose`; `start` as for `draw_world`."""
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return what a robot is told at the start: its own pose, and no map; called after `choose_starts`.
 
-        Args:
-            index: which of the robots.
-            rng: of the robot's estimator.
+        `index` says which robot, and `rng` is that of its estimator.
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
@@ -177,16 +167,13 @@ class Task(ABC):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode, once the robots have been reset and have processed their first readings.
+        """Start an episode, once the robots have processed their first readings; return its usual time limit [s].
 
         Args:
-            simulator: ground truth: the world, states of the robots, contacts, what moves.
+            simulator: ground truth: states of the robots, contacts, what moves.
             robots: all robots of the episode, with their estimates.
             rng: draws what is random about the task.
             options: of the environment's `reset`, those in `reset_options`.
-
-        Returns:
-            The usual time limit of the episode [s].
         """
 
     @abstractmethod

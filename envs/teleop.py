@@ -1,6 +1,5 @@
 """Drive a robot by keyboard and see its map grow: `python -m envs.teleop --world turtlebot3_house`."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -36,39 +35,16 @@ DIRECTIONS = {
 """What each key asks for while it is held: sign of the forward speed, sign of the yaw rate."""
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """Drive a robot by keyboard through an unknown world, and see its map grow."""
-
-    world: str = "turtlebot3_world"
-    """Library world, procedural family, or path of a world YAML or map_server YAML."""
-    robot: str | None = None
-    """Library robot or path of a robot YAML; the world's usual robot if not given."""
-    physics: str = "bullet"
-    """bullet or kinematic."""
-    slam: str = DEFAULT_SLAM
-    """hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of your own."""
-    control_hz: float = 10.0
-    """Steps per second."""
-    seed: int | None = None
-    """Seed of world and noise."""
-    map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml")
-    """Where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm."""
-
-
 class Teleop:
     """A window, a keyboard, and the robot between them. The robot moves while keys are held."""
 
     def __init__(self, env: LidarEnv, map_path: Path, seed: int | None = None) -> None:
-        """Open the window and begin an episode.
+        """Open the window, RuntimeError without a display, and begin an episode.
 
         Args:
             env: with `render_mode="rgb_array"`.
             map_path: where maps are saved.
             seed: of the first episode.
-
-        Raises:
-            RuntimeError: if there is no display.
         """
         self._env = env
         self._map_path = map_path
@@ -135,32 +111,41 @@ class Teleop:
         self._window.flip()
 
 
-def main(options: Options) -> None:
-    """Drive until the user quits; raises what `LidarEnv` and `Teleop` do where options are wrong."""
-    env = LidarEnv(
-        Explore,
-        world=options.world,
-        robot=options.robot,
-        physics=options.physics,
-        slam=options.slam,
-        control_hz=options.control_hz,
-        time_limit=float("inf"),
-        start="spawn",
-        render_mode="rgb_array",
-    )
-    map_paths(options.map)
-    if not options.map.resolve().parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {options.map.resolve().parent} to save maps in")
-    teleop = Teleop(env, options.map, options.seed)
+def main(
+    world: str = "turtlebot3_world",
+    robot: str | None = None,
+    physics: str = "bullet",
+    slam: str = DEFAULT_SLAM,
+    control_hz: float = 10.0,
+    seed: int | None = None,
+    map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml"),
+) -> None:
+    """Drive a robot by keyboard through an unknown world, and see its map grow.
+
+    Args:
+        world: library world, procedural family, or path of a world YAML or map_server YAML.
+        robot: library robot or path of a robot YAML; the world's usual robot if not given.
+        physics: bullet or kinematic.
+        slam: hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of your own.
+        control_hz: steps per second.
+        seed: of world and noise.
+        map: where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm.
+    """
+    arguments = {"world": world, "robot": robot, "physics": physics, "slam": slam, "control_hz": control_hz}
+    env = LidarEnv(Explore, **arguments, time_limit=float("inf"), start="spawn", render_mode="rgb_array")
+    map_paths(map)
+    if not map.resolve().parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {map.resolve().parent} to save maps in")
+    teleop = Teleop(env, map, seed)
     clock = pygame.Clock()
     while teleop.tick():
-        clock.tick(options.control_hz)
+        clock.tick(control_hz)
     teleop.close()
 
 
 def cli() -> None:
     """Drive with the options of the command line."""
-    run_command(main, options=Options)
+    run_command(main)
 
 
 if __name__ == "__main__":

@@ -82,9 +82,9 @@ def step_rows(rows, draws, ranges, worlds, active, num_robots):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
     Args:
-        rows: shape (num_envs * num_robots, ROW_SIZE), float64, written; see `envs.simulation.records`.
-        draws: shape (num_envs * num_robots, BLOCK, n), float64; see `Rows.draws`.
-        ranges: shape (num_envs * num_robots, num_beams), float32 [m], written.
+        rows: as for `step_robots`, environment by environment.
+        draws: as for `step_robots`.
+        ranges: as for `step_robots`.
         worlds: lists with an array for each environment: segments, circles before and after the period.
         active: shape (num_envs,), bool.
         num_robots: number of robots of an environment.
@@ -93,9 +93,9 @@ def step_rows(rows, draws, ranges, worlds, active, num_robots):
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
-            around = (segments[i], before[i], after[i])
-            step_robots(rows[first:last], draws[first:last], ranges[first:last], around[0], around[1], around[2])
-            update_robots(rows[first:last])
+            own = rows[first:last]
+            step_robots(own, draws[first:last], ranges[first:last], segments[i], before[i], after[i])
+            update_robots(own)
 
 
 @njit(cache=True, error_model="numpy")

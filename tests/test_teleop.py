@@ -8,12 +8,12 @@ import gymnasium
 import numpy as np
 import pygame
 import pytest
-import tyro
 
+from envs.command_line import run_command
 from envs.core import LidarEnv
 from envs.slam import SLAM_NAMES
 from envs.tasks.explore import Explore
-from envs.teleop import Options, Teleop, main
+from envs.teleop import Teleop, main
 from envs.worlds import load_map
 
 
@@ -113,7 +113,7 @@ def test_a_failed_save_is_said_and_does_no_harm(env, tmp_path):
 def test_q_and_closing_the_window_quit(event):
     pygame.display.init()
     pygame.event.post(pygame.event.Event(*event))
-    main(Options(physics="kinematic", slam="truth"))
+    main(physics="kinematic", slam="truth")
 
 
 @pytest.mark.parametrize("slam", SLAM_NAMES)
@@ -131,7 +131,7 @@ def test_every_slam_drives(slam, tmp_path):
 def test_a_slam_by_name_is_an_option(slam):
     pygame.display.init()
     pygame.event.post(pygame.event.Event(pygame.QUIT))
-    main(tyro.cli(Options, args=["--physics", "kinematic", "--slam", slam]))
+    run_command(main, ["--physics", "kinematic", "--slam", slam, "--map", "learned.yaml"])
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_a_slam_by_name_is_an_option(slam):
 )
 def test_bad_options_are_named(options, culprit):
     with pytest.raises((ValueError, OSError, gymnasium.error.Error), match=culprit):
-        main(Options(physics="kinematic", **options))
+        main(physics="kinematic", **options)
 
 
 def test_a_missing_display_is_said_in_one_line():

@@ -244,20 +244,16 @@ class ExploreTeam(Explore):
 
     ## Starting State
     The robots are at rest and have no map yet; the frame of their map begins where robot 0 starts. `start` says where
-    that is, as in `Explore`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any
-    heading, or, where there is no room for that, further away, closer together, or out of its line of sight. One pose per robot, `((x, y, theta), ...)`, is
-    taken as it is.
+    that is, as in `Explore`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any heading,
+    or, where there is no room for that, further away, closer together, or out of its line of sight. One pose per robot,
+    `((x, y, theta), ...)`, is taken as it is.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
     2. Truncation: `time_limit` seconds have passed.
 
-    Collisions cost, and do not end the episode.
-
     ## Information
-    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `time` [s], `rewards` (terms),
-    `is_success`, and per robot `pose_error` (shape (num_robots, 2): position [m], heading [rad]), `path_length` [m] and
-    `collisions` (both shape (num_robots,)); at the end also `map_iou`, `area_left` [m2] and `end_reason` (`"covered"` or `"time_limit"`).
+    That of `Explore`, of which `pose_error`, shape (num_robots, 2), `path_length` and `collisions` have a row per robot.
 
     ## Arguments
     Those of `Explore` but for `return_home`, and
@@ -266,7 +262,6 @@ class ExploreTeam(Explore):
     |---|---|---|
     | `num_robots` | `2` | robots, 1 to 4 |
     | `start` | `"random"` | also a pose for each robot, see Starting State |
-    | `observations` | `None` | parts of the observation; `None` gives those above |
 
     ## Version History
     * v0: first version

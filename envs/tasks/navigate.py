@@ -73,7 +73,7 @@ class Navigate(WorldTask):
        `heading_tolerance` of the goal's.
     2. Truncation: `time_limit` seconds have passed.
 
-    Collisions cost, and do not end the episode.
+    Collisions do not end the episode.
 
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of the way that is done), `pose_error`
@@ -82,11 +82,10 @@ class Navigate(WorldTask):
     `randomized`: what the episode has drawn, by name.
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), and
+    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size` and `reward` of `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (`rooms`, `maze`, `warehouse`, `caves`, `wings`, `halls`), path of a world YAML or of a `map_server` YAML, or a `World` |
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |
     | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
     | `initial_pose` | `"known"` | whether the localizer is given where the robot starts: `"known"` or `"unknown"` |
@@ -95,10 +94,6 @@ class Navigate(WorldTask):
     | `goal` | `"random"` | see Starting State |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
     | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default |
-    | `start` | `"random"` | see Starting State |
-    | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
-    | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
-    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
     | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
 
     ## Version History
