@@ -1,6 +1,5 @@
 """Pose estimates and maps: beliefs, estimators, sources of motion."""
 
-from .belief import NO_CELLS, NO_UPDATE, ORIGIN, Belief, Correction, MapUpdate, Window
-from .estimator import Estimator
+from .belief import NO_CELLS, NO_UPDATE, ORIGIN, Belief, Correction, Estimator, MapUpdate, Window
 
 __all__ = ["NO_CELLS", "NO_UPDATE", "ORIGIN", "Belief", "Correction", "Estimator", "MapUpdate", "Window"]

@@ -1,14 +1,14 @@
-"""Estimates of a robot's pose, with their covariance, and of its map."""
+"""Estimates of a robot's pose and of its map, and the protocol of what makes them: SLAM, localization, mapping."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from envs.files import SHORT
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.simulation import Twist
+from envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 """Pose of a frame in itself."""
@@ -26,12 +26,7 @@ class Window(NamedTuple):
 
     def union(self, other: "Window") -> "Window":
         """Return the least window that holds both."""
-        return Window(
-            min(self.col_min, other.col_min),
-            min(self.row_min, other.row_min),
-            max(self.col_max, other.col_max),
-            max(self.row_max, other.row_max),
-        )
+        return Window(*map(min, self[:2], other[:2]), *map(max, self[2:], other[2:]))
 
 
 class Correction(NamedTuple):
@@ -98,8 +93,31 @@ class Belief:
     of estimators with an `anchor` [m, m, rad]; None otherwise."""
 
 
+class Estimator(Protocol):
+    """Turns readings and motions into a belief. Constructed with the lidar's geometry and the algorithm's parameters.
+
+    An estimator whose `reset` integrates scans into a map that it is given, and that has this map as `map`, sets
+    `shares_maps = True`, and serves several robots with one map. One that looks at scans from the first motion on,
+    and not at that of the reset, sets `uses_first_scan = False`. Where a task gives the covariance of the initial pose,
+    `reset` gets it as `covariance`, shape (3, 3), float64 [m, m, rad].
+    """
+
+    @property
+    def belief(self) -> Belief:
+        """The current belief."""
+        ...
+
+    def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
+        """Start at a `Pose2D`, map frame, or for None anywhere on a known map; `map` is None for an unknown one."""
+        ...
+
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Process a reading; `motion` is the pose of the base now, seen by odometry from the base at the last one."""
+        ...
+
+
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
-    """Refuse a belief that no map can be made of; kernels check no index.
+    """Refuse a belief that no map can be made of, by the estimator of some name; kernels check no index.
 
     Args:
         belief: what an estimator returned.

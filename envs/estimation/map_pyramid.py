@@ -38,24 +38,6 @@ def _add_columns(lines, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_pairs(sums, pairs):
-    """Write the sums of neighbours to `pairs`, shape (n,), uint16."""
-    for k in range(pairs.shape[0]):
-        left = np.uint32(2 * k)
-        pairs[k] = sums[left] + sums[left + np.uint32(1)]
-
-
-@njit(cache=True, error_model="numpy")
-def _write_words(sums, block, words):
-    """Turn the sums of blocks into their words."""
-    scale = np.float32(1.0 / (block * block))
-    for k in range(words.shape[0]):
-        # Half a cell more keeps what single precision loses from rounding a whole number down.
-        share = np.uint16((np.float32(np.uint16(255) * (sums[k] & _FREE)) + np.float32(0.5)) * scale)
-        words[k] = (words[k] & _VISITED) | (_OCCUPIED if sums[k] >= _OCCUPIED else np.uint16(0)) | share
-
-
-@njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
     """Pool map cells into blocks where the map may have changed.
 
@@ -68,28 +50,22 @@ def pool_cells(data, window, block, level):
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col_min // block, window.col_max // block + 1
-    sums, pairs = np.empty((last - first) * block, dtype=np.uint16), np.empty((last - first) * block, dtype=np.uint16)
+    sums, scale = np.empty((last - first) * block, dtype=np.uint16), np.float32(1.0 / (block * block))
     for i in range(window.row_min // block, window.row_max // block + 1):
         _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
-        count = (last - first) * block
-        while count > last - first:
-            count //= 2
-            _add_pairs(sums, pairs[:count])
-            sums, pairs = pairs, sums
-        _write_words(sums, block, level[i * level_width + first : i * level_width + last])
+        words = level[i * level_width + first : i * level_width + last]
+        for k in range(words.shape[0]):
+            total = np.uint16(0)
+            for j in range(k * block, (k + 1) * block):
+                total += sums[j]
+            # Half a cell more keeps what single precision loses from rounding a whole number down.
+            share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
+            words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
 
 
 @njit(cache=True, error_model="numpy")
-def pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one; see `pool_cells`.
-
-    Args:
-        finer: shape (height * width + 1,), uint16.
-        height: rows of the finer level.
-        width: columns of the finer level.
-        window: `Window` of its blocks that may have changed.
-        level: shape (n + 1,), uint16, written.
-    """
+def _pool_blocks(finer, height, width, window, level):
+    """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one, in a `Window` of them."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row_min // _POOL, window.row_max // _POOL + 1):
         for j in range(window.col_min // _POOL, window.col_max // _POOL + 1):
@@ -111,8 +87,8 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
         level: shape (height * width + 1,), uint16; see `pool_cells`.
         height: rows of the level [blocks].
         width: columns of the level [blocks].
-        x: estimated position of the robot from the map's corner [blocks].
-        y: estimated position of the robot from the map's corner [blocks].
+        x: estimated position of the robot from the map's corner [blocks]; y likewise.
+        y: see x.
         theta: estimated heading [rad].
         pixel: side of a crop pixel [blocks].
         crop: shape (3, size, size), uint8, written: 255 where the block in the middle of the pixel has an occupied
@@ -144,15 +120,8 @@ class Level:
     """Blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Make an empty level.
-
-        Args:
-            block: side of a block [cells].
-            finer: level that it is pooled from; None for the map.
-        """
-        self.block = block
-        self.finer = finer
-        """Level that it is pooled from."""
+        """Make an empty level of blocks of a side [cells], pooled from a finer level, or for None from the map."""
+        self.block, self.finer = block, finer
         self.is_stale = True
         """Whether the level is to be rebuilt before it is read."""
         self.pending: Window | None = None
@@ -172,7 +141,7 @@ class Level:
         else:
             finer = self.finer
             blocks = Window(*(cell // finer.block for cell in window))
-            pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
+            _pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Remember that the robot has been at a position, given from the map's corner [cells]."""
@@ -185,14 +154,8 @@ class MapPyramid:
     """Levels of one map, made when a crop first asks for them."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
-        """Follow a map.
-
-        Args:
-            grid: the map; the array in it may be replaced.
-            trails: where robots have been, map frame; they go on growing.
-        """
-        self.grid, self._data = grid, grid.data
-        self._trails = trails
+        """Follow a map, whose array may be replaced, and where robots have been, map frame; both go on growing."""
+        self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
         self._level_of_pixel: dict[float, Level] = {}
 

@@ -1,7 +1,6 @@
 """Sources of motion: how far a robot has come since the last reading, by its own sensors."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -11,36 +10,9 @@ from envs.robots import RobotParams
 from envs.simulation import Reading
 
 
-class MotionSource(Protocol):
-    """Measures how the base has moved from reading to reading."""
-
-    def reset(self, reading: Reading) -> None:
-        """Start at a reading."""
-        ...
-
-    def update(self, reading: Reading) -> Pose2D:
-        """Return the pose of the base now, seen from the base at the last reading."""
-        ...
-
-
-def make_motion_source(robot: RobotParams, control_period: float) -> MotionSource:
-    """Return a robot's own odometry.
-
-    Args:
-        robot: the robot; its YAML file says whether its odometry uses the gyroscope.
-        control_period: time between two readings [s].
-    """
-    return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)
-
-
 @njit(cache=True, error_model="numpy")
 def arc_motion(distance, turn):
-    """Return the pose at the end of a circular arc, seen from its start, as (x, y, theta) [m, m, rad].
-
-    Args:
-        distance: length of the arc, negative backward [m].
-        turn: change of heading along it [rad].
-    """
+    """Return, as (x, y, theta), the end of an arc of a length [m], negative backward, and turn [rad], from its start."""
     half = 0.5 * turn
     chord = distance * math.sin(half) / half if half != 0.0 else distance
     return chord * math.cos(half), chord * math.sin(half), turn
@@ -48,27 +20,14 @@ def arc_motion(distance, turn):
 
 @njit(cache=True, error_model="numpy")
 def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
-    """Return the motion of the base by the wheels alone, which are taken to turn evenly; see `arc_motion`.
-
-    Args:
-        left_ticks: encoder counts of the left wheel during the motion.
-        right_ticks: encoder counts of the right wheel during the motion.
-        metres_per_tick: how far a wheel rolls in one count [m].
-        track: distance between the wheels [m].
-    """
+    """Return the motion by the encoder counts of evenly turning wheels, a `track` [m] apart; see `arc_motion`."""
     left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
     return arc_motion(0.5 * (left + right), (right - left) / track)
 
 
 @njit(cache=True, error_model="numpy")
 def update_bias(gyro, yaw_rate, variance):
-    """Estimate the bias of a gyroscope from a measurement at rest, by a Kalman filter; others are left out.
-
-    Args:
-        gyro: shape (2,), float64: bias [rad/s] and its variance, written.
-        yaw_rate: measured [rad/s].
-        variance: of the measurement's noise.
-    """
+    """Estimate the bias [rad/s] and its variance `gyro`, in place, by a yaw rate at rest and its noise's variance."""
     innovation, total = yaw_rate - gyro[0], gyro[1] + variance
     if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
         gain = gyro[1] / total
@@ -135,3 +94,8 @@ class GyroMotion(WheelMotion):
         counts = self._counts(reading)
         motion = gyro_motion(*counts, self._metres_per_tick, reading.yaw_rate, self._period, self.gyro, self.variance)
         return Pose2D(*motion)
+
+
+def make_motion_source(robot: RobotParams, control_period: float) -> WheelMotion:
+    """Return a robot's own odometry, for readings a `control_period` [s] apart; its YAML file says which it is."""
+    return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)

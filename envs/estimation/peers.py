@@ -14,18 +14,10 @@ PEER_MARGIN = 0.15
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan without the beams that end at a peer: NaN instead.
+    """Return a scan with NaN for the beams that end within `reach` [m] of a peer.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m].
-        directions: shape (2, num_beams), float64, cosine and sine of the beams in the base frame.
-        mount: position (x, y) of the lidar in the base frame [m].
-        pose: estimated pose of the base (x, y, theta), map frame [m, m, rad].
-        peers: shape (m, 2), float64, estimated positions of the peers, map frame [m].
-        reach: distance from a peer's position within which a beam that ends has hit it [m].
-
-    Returns:
-        Shape (num_beams,), float32 [m].
+    `directions`, shape (2, num_beams), are cosine and sine of the beams and `mount` the position of the lidar in the
+    base frame; `pose` (x, y, theta) and `peers`, shape (m, 2), are estimates in the map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -47,26 +39,18 @@ class PeerFilter:
 
     def __init__(self, robot: RobotParams) -> None:
         """Prepare for robots of one kind."""
-        self._lidar = robot.lidar
-        self._directions = robot.lidar.directions
+        self._mount, self._directions = (robot.lidar.mount.x, robot.lidar.mount.y), robot.lidar.directions
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan with NaN for beams that end at a peer.
-
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            pose: estimated pose of the robot, map frame.
-            peers: estimated poses of the others, map frame.
-        """
+        """Return a scan, shape (num_beams,), float32 [m], with NaN for beams that end at estimated poses of peers."""
         if not peers:
             return ranges
-        positions, mount = np.array([peer[:2] for peer in peers]), self._lidar.mount
-        return remove_peers(ranges, self._directions, (mount.x, mount.y), tuple(pose), positions, self._reach)
+        positions = np.array([peer[:2] for peer in peers])
+        return remove_peers(ranges, self._directions, self._mount, tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
         """Return where the beams end that end at a peer: shape (k, 2), float64, base frame [m]; see `__call__`."""
         is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
-        mount = self._lidar.mount
-        points: np.ndarray = (mount.x, mount.y) + (ranges[is_hit] * self._directions[:, is_hit]).T
+        points: np.ndarray = self._mount + (ranges[is_hit] * self._directions[:, is_hit]).T
         return points

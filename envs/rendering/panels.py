@@ -88,11 +88,9 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
     In the frame in which the pose is given. Beams without a return end at the greatest range; beams that were lost end
     in the lidar.
     """
-    lidar = robot.lidar
-    heading = pose.theta + lidar.mount.yaw + lidar.angles
-    ranges = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
-    sensor = pose.transform(np.array([(lidar.mount.x, lidar.mount.y)]))[0]
-    return sensor, sensor + ranges[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    lidar, mount = robot.lidar, (robot.lidar.mount.x, robot.lidar.mount.y)
+    lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
+    return pose.transform(np.array([mount]))[0], pose.transform(mount + (lengths * lidar.directions).T)
 
 
 def _draw_static(world: World, view: View) -> pygame.Surface:
