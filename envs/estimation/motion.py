@@ -12,7 +12,7 @@ from envs.simulation import Reading
 
 @njit(cache=True, error_model="numpy")
 def arc_motion(distance, turn):
-    """Return, as (x, y, theta), the end of an arc of a length [m], negative backward, and turn [rad], from its start."""
+    """Return, as (x, y, theta), the end of an arc of a length [m], below 0 backward, and turn [rad], from its start."""
     half = 0.5 * turn
     chord = distance * math.sin(half) / half if half != 0.0 else distance
     return chord * math.cos(half), chord * math.sin(half), turn

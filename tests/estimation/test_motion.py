@@ -48,17 +48,6 @@ def test_a_turn_on_the_spot_and_a_circle(robot):
     assert motion == pytest.approx((1.0, 1.0, quarter), abs=1e-6)
 
 
-def test_motions_add_up_however_finely_they_are_read(robot):
-    odometry = WheelMotion(robot)
-    odometry.reset(after(robot, 0.0, 0.0))
-    pose, left, right = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
-    for _ in range(100):
-        left, right = left + 0.02, right + 0.023
-        pose = pose.compose(odometry.update(after(robot, left, right)))
-    odometry.reset(after(robot, 0.0, 0.0))
-    assert pose == pytest.approx(odometry.update(after(robot, left, right)), abs=1e-6)
-
-
 def test_turns_come_from_the_gyroscope_and_distances_from_the_wheels(robot):
     odometry = GyroMotion(robot, PERIOD)
     odometry.reset(after(robot, 0.0, 0.0))

@@ -72,15 +72,6 @@ def test_float32_ranges_are_the_rounded_ones():
     np.testing.assert_allclose(single, exact, rtol=1e-6)
 
 
-def test_known_distances_in_a_box():
-    box = [[-1, -2, 3, -2], [3, -2, 3, 4], [3, 4, -1, 4], [-1, 4, -1, -2]]
-    np.testing.assert_allclose(cast(box), [3, 4, 1, 2])
-    np.testing.assert_allclose(cast(box, heading=math.pi / 2), [4, 1, 2, 3])
-    np.testing.assert_allclose(cast(box, at=(2.0, 3.0)), [1, 1, 3, 5])
-    np.testing.assert_allclose(cast(box, reach=2.5), [np.inf, np.inf, 1, 2])
-    np.testing.assert_allclose(cast(box, angles=(-math.pi / 4, math.pi / 2, 1)), [2 * math.sqrt(2)])
-
-
 def test_a_circle_is_seen_from_outside_and_from_inside():
     np.testing.assert_allclose(cast(circles=[[3, 0, 1]]), [2, np.inf, np.inf, np.inf])
     np.testing.assert_allclose(cast(circles=[[0.5, 0, 1]]), [1.5, math.sqrt(0.75), 0.5, math.sqrt(0.75)])

@@ -139,16 +139,6 @@ def test_a_kidnapped_robot_relocalizes(changes):
     assert not estimate.is_lost
 
 
-def test_without_recovery_it_stays_lost_and_says_so():
-    amcl = Amcl(LIDAR, replace(PARAMS, relocalize=False))
-    amcl.reset(np.random.default_rng(2), START, MAP, SURE)
-    _follow(amcl, 60)
-    for pose, motion in _circle(60, Pose2D(5.2, 0.8, 2.3)):
-        estimate = amcl.update(_reading(pose), motion)
-    assert math.hypot(*estimate.pose.between(pose)[:2]) > 0.5
-    assert estimate.is_lost
-
-
 def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
     # A narrow zigzag: nothing in it looks like the room of the map.
     x = np.linspace(-1.0, 4.0, 21)

@@ -16,24 +16,6 @@ def _heaviest(particles, weights):
     return heaviest_cluster(bins, np.array(weights), RASTER)
 
 
-def test_weight_decides_and_not_number():
-    crowd = [(1.0 + 0.01 * k, 1.0, 0.0) for k in range(20)]
-    weight, members = _heaviest([*crowd, (5.0, 3.0, 1.0), (5.6, 3.4, 1.1)], [0.02] * 20 + [0.3, 0.3])
-    assert weight == pytest.approx(0.6)
-    np.testing.assert_allclose(members, [0.0] * 20 + [0.3, 0.3])
-
-
-def test_bins_touch_over_corners_and_across_half_a_turn():
-    across = [(0.1, 0.1, math.pi - 0.01), (0.1, 0.1, -math.pi + 0.01)]
-    assert _heaviest(across, [0.5, 0.5])[0] == pytest.approx(1.0)
-    corner = [(0.4, 0.4, 0.17), (0.6, 0.6, 0.18)]
-    assert _heaviest(corner, [0.5, 0.5])[0] == pytest.approx(1.0)
-    apart = [(0.4, 0.4, 0.0), (0.4, 0.4, math.radians(25.0))]
-    assert _heaviest(apart, [0.4, 0.6])[0] == pytest.approx(0.6)
-    apart = [(0.4, 0.4, 0.0), (1.1, 0.4, 0.0)]
-    assert _heaviest(apart, [0.4, 0.6])[0] == pytest.approx(0.6)
-
-
 def test_what_lies_off_the_map_counts_to_its_edge():
     weight, members = _heaviest([(-50.0, 90.0, 3.2), (-1.9, 4.9, 3.1), (50.0, 2.0, 0.0)], [0.3, 0.3, 0.4])
     assert weight == pytest.approx(0.6)

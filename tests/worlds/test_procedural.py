@@ -51,19 +51,11 @@ def test_splits_draw_from_disjoint_seeds(family):
         assert len(set(seeds[split])) == 5
     assert {seed % 2 for seed in seeds["train"]} == {0}
     assert {seed % 2 for seed in seeds["test"]} == {1}
-    again = world_sampler(family, size=(7.0, 7.0))(np.random.default_rng(0))
-    assert again.name == f"{family}-{seeds['train'][0]}"
-
-
-def test_a_drawn_world_can_be_made_again_from_its_name():
-    world = world_sampler("rooms", split="test")(np.random.default_rng(3))
-    family, seed = world.name.split("-")
-    assert FAMILIES[family](int(seed), None).segments.tobytes() == world.segments.tobytes()
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_bad_sizes_are_refused(family):
-    for size in ((2.0, 10.0), (10.0, -1.0), (1e9, 10.0), (10.0,)):
+    for size in ((2.0, 10.0), (1e9, 10.0), (float("nan"), 5.0), (10.0,), 5.0, ("a", 5.0)):
         with pytest.raises(ValueError, match="size must be"):
             FAMILIES[family](0, size)
 

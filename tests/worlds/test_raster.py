@@ -2,11 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import ndimage
 
 from envs.geometry import Pose2D
 from envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
-from envs.worlds.procedural.contour import contour
+from envs.worlds.procedural.caves import contour
 from envs.worlds.raster import outline
 
 
@@ -63,14 +62,6 @@ def assert_marks_match(world, resolution):
             )
     assert (grid.data[sure] == 100).all()
     assert (grid.data[~marked] == 0).all()
-
-
-def test_walls_have_no_diagonal_gaps():
-    angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    for angle in angles:
-        x, y = 0.9 * np.cos(angle), 0.9 * np.sin(angle)
-        marks = rasterize(world_of([(-x, -y, x, y)]), 0.05).data == 100
-        assert ndimage.label(marks)[1] == 1
 
 
 def test_free_area_shrinks_by_the_robots_radius():

@@ -18,6 +18,10 @@ REACH = 6
 """Half the side of the square that gets everywhere in a plan [units]: more than a robot of 0.25 m radius needs."""
 MARGIN = 14
 """How far from the walls of a room stands what is put into its middle [units]."""
+INNER = 2
+"""Thickness of inner walls [units]."""
+_DOOR_ROOM = 16
+"""How far before a door the floor stays empty [units]."""
 
 Size = tuple[float, float]
 """Width and height [m]."""
@@ -25,6 +29,8 @@ Rect = tuple[int, int, int, int]
 """Half-open rectangle of unit squares (x0, y0, x1, y1)."""
 Disc = tuple[float, float, float]
 """Centre and radius (x, y, radius) [units]."""
+Wall = tuple[bool, int, int]
+"""Whether a wall is upright, and from where to where along it two rooms touch [units]."""
 
 
 def units(metres: float) -> int:
@@ -83,6 +89,19 @@ class Plan:
         self.reserved = np.zeros_like(self.solid)
         """Where nothing may be put, such as before doors."""
         self.discs: list[Disc] = []
+
+    def open_door(self, rng: np.random.Generator, a: Rect, b: Rect, wall: Wall, width: int) -> int:
+        """Cut a door into a wall between rooms, and keep the floor before it empty; return where along it it begins."""
+        upright, low, high = wall
+        # Most doors are near a corner, as in real houses.
+        slack = high - low - width - 6
+        start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
+        p, q = (a, b) if upright else (mirror(a), mirror(b))
+        left = min(p[2], q[2])
+        solid, reserved = (self.solid, self.reserved) if upright else (self.solid.T, self.reserved.T)
+        solid[start : start + width, left : left + INNER] = False
+        reserved[start : start + width, left - _DOOR_ROOM : left + INNER + _DOOR_ROOM] = True
+        return start
 
     def settle(self) -> None:
         """Work out where a robot can be among the walls; call it once they are complete."""
@@ -190,3 +209,22 @@ def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
         (x0 + along + a, y1 - d, x0 + along + c, y1 - b),
         (x0 + b, y0 + along + a, x0 + d, y0 + along + c),
     )[side]
+
+
+def shared_wall(a: Rect, b: Rect) -> Wall | None:
+    """Return how two rooms touch: whether through an upright wall, and from where to where; None if they do not."""
+    for upright in (True, False):
+        p, q = (a, b) if upright else (mirror(a), mirror(b))
+        if p[2] + INNER == q[0] or q[2] + INNER == p[0]:
+            low, high = max(p[1], q[1]), min(p[3], q[3])
+            if high - low >= 28:
+                return upright, low, high
+    return None
+
+
+def touching_pairs(rooms: list[Rect]) -> list[tuple[int, int, Wall]]:
+    """Return the pairs of rooms (i < j) with enough of a wall between them for a door, and that wall."""
+    x0, y0, x1, y1 = np.array(rooms, dtype=int).reshape(-1, 4).T
+    touching = (x1[:, None] + INNER == x0) | (y1[:, None] + INNER == y0)
+    pairs = np.argwhere(np.tril(touching | touching.T, -1)).tolist()
+    return [(i, j, wall) for j, i in pairs if (wall := shared_wall(rooms[i], rooms[j]))]

@@ -4,8 +4,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .doors import INNER, open_door, touching_pairs
-from .plan import MARGIN, REACH, Plan, Rect, Size, mirror, units
+from .plan import INNER, MARGIN, REACH, Plan, Rect, Size, mirror, touching_pairs, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
@@ -94,7 +93,7 @@ def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corrido
         # Flats have a wide opening between rooms now and then.
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
         width = int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
-        open_door(rng, plan, every[i], every[j], wall, width)
+        plan.open_door(rng, every[i], every[j], wall, width)
 
 
 def _area(room: Rect) -> int:

@@ -4,8 +4,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .doors import INNER, open_door, shared_wall, touching_pairs
-from .plan import MARGIN, Item, Plan, Rect, Size, extent, turn, units
+from .plan import INNER, MARGIN, Item, Plan, Rect, Size, extent, shared_wall, touching_pairs, turn, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
@@ -128,7 +127,7 @@ def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tupl
     if wall is None:
         return None
     width = int(rng.integers(14, 21))
-    start = open_door(rng, plan, room, other, wall, width)
+    start = plan.open_door(rng, room, other, wall, width)
     if rng.random() < 0.6:
         return None
     upright = wall[0]
