@@ -37,31 +37,16 @@ def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, wid
     pygame.draw.circle(surface, colour, pixels[-1], 1.5 * width)
 
 
-def _footprint(robot: RobotParams) -> np.ndarray:
-    """Return the outline of a robot's body in its base frame, shape (n, 2) [m]."""
-    body = robot.body
-    if body.size is not None:
-        corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (np.array(body.size[:2]) / 2)
-    else:
-        angles = np.linspace(0.0, 2 * math.pi, 32, endpoint=False)
-        corners = np.column_stack([np.cos(angles), np.sin(angles)]) * float(body.radius or robot.radius)
-    return corners + body.center[:2]
-
-
 def draw_robot(
     surface: pygame.Surface, view: View, robot: RobotParams, pose: Pose2D, colour: Colour, ghost: bool = False
 ) -> None:
-    """Draw a robot seen from above, with an arrow in the direction it faces.
-
-    Args:
-        surface: drawn on.
-        view: maps the world onto it.
-        robot: gives the footprint.
-        pose: pose of the base, world frame.
-        colour: of the body.
-        ghost: only the outline, and a line ahead.
-    """
-    body = _footprint(robot)
+    """Draw a robot at a pose in the world frame from above, with an arrow ahead; a ghost is an outline with a line."""
+    if robot.body.size is not None:
+        body = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (np.array(robot.body.size[:2]) / 2)
+    else:
+        angles = np.linspace(0.0, 2 * math.pi, 32, endpoint=False)
+        body = np.column_stack([np.cos(angles), np.sin(angles)]) * float(robot.body.radius or robot.radius)
+    body = body + robot.body.center[:2]
     centre = body.mean(axis=0)
     radius = np.hypot(*(body - centre).T).max()
     enlarged = max(1.0, MIN_ROBOT_RADIUS / (radius * view.scale))

@@ -1,6 +1,7 @@
 """The two halves of the picture: the ground truth, and the robot's map and pose estimate."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pygame
@@ -9,7 +10,6 @@ from scipy import ndimage
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation.frontiers import frontier_mask
 from envs.robots import RobotParams
-from envs.slam import PoseGraphView
 from envs.worlds import World
 
 from . import style
@@ -32,54 +32,44 @@ def new_surface(size: tuple[int, int]) -> pygame.Surface:
     return pygame.Surface(size, 0, 32, _NO_ALPHA_MASK)
 
 
-def occupancy_palette(surface: pygame.Surface) -> np.ndarray:
+def _palette() -> np.ndarray:
     """Return the pixel of a surface for every occupancy value, shape (102,), uint32; see `View.paint_grid`."""
     shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # maps are never quite sure of anything
     known = np.array(style.FREE) * (1 - shares) + np.array(style.OCCUPIED) * shares
-    colours = [style.UNKNOWN, *known.round().astype(int).tolist()]
-    return np.array([surface.map_rgb(tuple(colour)) for colour in colours], dtype=np.uint32)
+    return (np.vstack([style.UNKNOWN, known.round()]).astype(np.uint32) << (16, 8, 0)).sum(axis=1, dtype=np.uint32)
 
 
-class TruthPanel:
-    """The ground truth: walls and bodies, the robot at its true pose, its beams, and its true path."""
+_PALETTE = _palette()
 
-    def __init__(self, size: tuple[int, int]) -> None:
-        """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
-        self._surface = new_surface(size)
-        self._beams = pygame.Surface(size, pygame.SRCALPHA, 32)
-        self._static: tuple[World, pygame.Surface] | None = None
 
-    def draw(self, scene: Scene, view: View) -> pygame.Surface:
-        """Draw the ground truth of a scene."""
-        if self._static is None or self._static[0] is not scene.world:
-            self._static = scene.world, _draw_static(scene.world, view)
-        self._surface.blit(self._static[1], (0, 0))
-        for mover in scene.world.movers:
-            centre = view.pixels(np.array(mover.position(scene.time)))[0]
-            pygame.draw.circle(self._surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
-        if scene.goal is not None:
-            draw_goal(self._surface, view, scene.start.compose(scene.goal))
-        for one in (scene, *scene.peers):
-            self._draw_beams(one, view)
-        for one in (scene, *scene.peers):
-            draw_path(self._surface, view.pixels(np.vstack([one.trail, one.pose[:2]])), style.TRUE, 4)
-            draw_robot(self._surface, view, one.robot, one.pose, style.TRUE)
-        return self._surface
+def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
+    """Draw the ground truth: walls and bodies, robots at their true poses, their beams, and their true paths."""
+    surface.blit(_static(scene.world, view.size), (0, 0))
+    for mover in scene.world.movers:
+        centre = view.pixels(np.array(mover.position(scene.time)))[0]
+        pygame.draw.circle(surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
+    if scene.goal is not None:
+        _draw_goal(surface, view, scene.start.compose(scene.goal))
+    for one in (scene, *scene.peers):
+        _draw_beams(surface, one, view)
+    for one in (scene, *scene.peers):
+        draw_path(surface, view.pixels(np.vstack([one.trail, one.pose[:2]])), style.TRUE, 4)
+        draw_robot(surface, view, one.robot, one.pose, style.TRUE)
 
-    def _draw_beams(self, scene: Scene, view: View) -> None:
-        """Lay the area that the last scan saw over the picture, with a dot where a beam hit."""
-        sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
-        hits = np.isfinite(scene.ranges)
-        sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
-        outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
-        self._beams.fill((0, 0, 0, 0))
-        if len(outline) > 2:
-            pygame.draw.polygon(self._beams, (*style.LIDAR, style.SEEN_ALPHA), outline.tolist())
-        for end in ends_px[:: max(1, len(ends_px) // 60)]:
-            pygame.draw.line(self._beams, (*style.LIDAR, style.BEAM_ALPHA), sensor_px, end, 2)
-        self._surface.blit(self._beams, (0, 0))
-        for end in ends_px[hits].tolist():
-            pygame.draw.circle(self._surface, style.LIDAR, end, 3.5)
+
+def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
+    """Lay the area that the last scan saw over the picture, with a dot where a beam hit."""
+    sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
+    sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
+    outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
+    beams = pygame.Surface(view.size, pygame.SRCALPHA, 32)
+    if len(outline) > 2:
+        pygame.draw.polygon(beams, (*style.LIDAR, style.SEEN_ALPHA), outline.tolist())
+    for end in ends_px[:: max(1, len(ends_px) // 60)]:
+        pygame.draw.line(beams, (*style.LIDAR, style.BEAM_ALPHA), sensor_px, end, 2)
+    surface.blit(beams, (0, 0))
+    for end in ends_px[np.isfinite(scene.ranges)].tolist():
+        pygame.draw.circle(surface, style.LIDAR, end, 3.5)
 
 
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,9 +83,10 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
     return pose.transform(np.array([mount]))[0], pose.transform(mount + (lengths * lidar.directions).T)
 
 
-def _draw_static(world: World, view: View) -> pygame.Surface:
+@lru_cache(maxsize=8)
+def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
     """Draw what does not move: the floor that can be reached from the spawns, the outside, and solid between them."""
-    lines = new_surface(view.size)
+    view, lines = View(world.bounds, size), new_surface(size)
     for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
         pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
     for centre, radius in zip(view.pixels(world.circles[:, :2]).tolist(), world.circles[:, 2] * view.scale):
@@ -107,57 +98,50 @@ def _draw_static(world: World, view: View) -> pygame.Surface:
     edge = solid & ndimage.binary_dilation(~solid, iterations=4)
     colours = np.full((*labels.shape, 3), style.OUTSIDE, dtype=np.uint8)
     colours[floor], colours[solid], colours[edge] = style.FLOOR, style.SOLID, style.WALL
-    surface = new_surface(view.size)
+    surface = new_surface(size)
     pygame.surfarray.blit_array(surface, colours)
     return surface
 
 
-class EstimatePanel:
-    """The map with its frontiers, the estimated pose and path, the plan, and the true pose as an outline."""
+def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
+    """Draw the map with its frontiers, the estimated poses and paths, plans, and the true poses as outlines."""
+    start, grid = scene.start, scene.belief.grid
+    view.paint_grid(grid, start, _PALETTE, pygame.surfarray.pixels2d(surface).T)
 
-    def __init__(self, size: tuple[int, int]) -> None:
-        """Prepare surfaces for a panel of `size` (width, height) [px], supersampled."""
-        self._surface = new_surface(size)
-        self._palette = occupancy_palette(self._surface)
+    def draw_dots(points: np.ndarray, diameter: int, colour: style.Colour) -> None:
+        """Draw discs at points, map frame."""
+        disc = pygame.Surface((diameter, diameter), pygame.SRCALPHA, 32)
+        pygame.draw.circle(disc, colour, (diameter / 2, diameter / 2), diameter / 2)
+        corners = np.round(view.pixels(start.transform(points)) - diameter / 2).astype(int)
+        surface.fblits([(disc, corner) for corner in corners.tolist()])
 
-    def draw(self, scene: Scene, view: View) -> pygame.Surface:
-        """Draw the map and the estimates of a scene, carried into the world frame."""
-        surface, start, grid = self._surface, scene.start, scene.belief.grid
-        view.paint_grid(grid, start, self._palette, pygame.surfarray.pixels2d(surface).T)
-        side = grid.resolution * view.scale
-        if side < _VISIBLE_SIDE:
-            walls = view.pixels(start.transform(_centres(grid, grid.data >= 65)))
-            _draw_dots(surface, walls, _VISIBLE_SIDE, style.OCCUPIED)
-        if not scene.has_known_map:
-            frontiers = view.pixels(start.transform(_centres(grid, frontier_mask(grid))))
-            _draw_dots(surface, frontiers, max(6, round(1.4 * side)), style.FRONTIER)
-        if scene.particles is not None:
-            step = max(1, len(scene.particles) // MAX_PARTICLES)
-            _draw_dots(surface, view.pixels(start.transform(scene.particles[::step, :2])), 6, style.ESTIMATED)
-        if scene.goal is not None:
-            draw_goal(surface, view, start.compose(scene.goal))
-        if scene.pose_graph is not None:
-            self._draw_graph(scene.pose_graph, start, view)
-        for one in (scene, *scene.peers):
-            if one.plan is not None:
-                draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
-            if not one.has_known_map:  # on one, the estimate jumps until it has converged
-                trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
-                draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
-            if not (one.has_known_map and one.belief.is_lost):
-                draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
-            draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
-        return surface
-
-    def _draw_graph(self, graph: PoseGraphView, start: Pose2D, view: View) -> None:
-        """Draw nodes, and lines from the nodes of loop closures to their submaps."""
-        _draw_dots(self._surface, view.pixels(start.transform(graph.graph.nodes[:, :2])), 8, style.NODE)
-        ends = view.pixels(start.transform(graph.loops.reshape(-1, 2))).reshape(-1, 2, 2)
+    side = grid.resolution * view.scale
+    if side < _VISIBLE_SIDE:
+        draw_dots(_centres(grid, grid.data >= 65), _VISIBLE_SIDE, style.OCCUPIED)
+    if not scene.has_known_map:
+        draw_dots(_centres(grid, frontier_mask(grid)), max(6, round(1.4 * side)), style.FRONTIER)
+    if scene.particles is not None:
+        step = max(1, len(scene.particles) // MAX_PARTICLES)
+        draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
+    if scene.goal is not None:
+        _draw_goal(surface, view, start.compose(scene.goal))
+    if scene.pose_graph is not None:
+        draw_dots(scene.pose_graph.graph.nodes[:, :2], 8, style.NODE)
+        ends = view.pixels(start.transform(scene.pose_graph.loops.reshape(-1, 2))).reshape(-1, 2, 2)
         for first, last in ends.tolist():
-            pygame.draw.line(self._surface, style.LOOP, first, last, 2)
+            pygame.draw.line(surface, style.LOOP, first, last, 2)
+    for one in (scene, *scene.peers):
+        if one.plan is not None:
+            draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
+        if not one.has_known_map:  # on one, the estimate jumps until it has converged
+            trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
+            draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
+        if not (one.has_known_map and one.belief.is_lost):
+            draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
+        draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
 
 
-def draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
+def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
     """Draw a goal, world frame, as a ring with a line along its heading."""
     tip = goal.transform(np.array([[30.0 / view.scale, 0.0]]))
     (centre, end) = view.pixels(np.vstack([goal[:2], tip])).tolist()
@@ -168,10 +152,3 @@ def draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
     """Return the centres of the cells set in `mask`, shape (n, 2) [m]; `argwhere` is slow where few of many are."""
     return grid.centers(np.column_stack(np.divmod(np.flatnonzero(mask), mask.shape[1])))
-
-
-def _draw_dots(surface: pygame.Surface, pixels: np.ndarray, diameter: int, colour: style.Colour) -> None:
-    """Draw a disc at each of the positions, shape (n, 2) [px]."""
-    disc = pygame.Surface((diameter, diameter), pygame.SRCALPHA, 32)
-    pygame.draw.circle(disc, colour, (diameter / 2, diameter / 2), diameter / 2)
-    surface.fblits([(disc, corner) for corner in np.round(pixels - diameter / 2).astype(int).tolist()])

@@ -9,7 +9,7 @@ import pygame
 
 from . import style
 from .glyphs import draw_mark
-from .panels import SUPERSAMPLING, EstimatePanel, TruthPanel, new_surface
+from .panels import SUPERSAMPLING, draw_estimate, draw_truth, new_surface
 from .scene import Scene
 from .view import View
 
@@ -57,17 +57,6 @@ class Typesetter:
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
-    def header(self, surface: pygame.Surface, scene: Scene, box: pygame.Rect, *errors: tuple[str, str]) -> None:
-        """Write world and robot at the left of a box, and collisions, errors (label, value) and time at its right."""
-        name, right = scene.world.name, box.right
-        self.write(surface, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(box.left, 14))
-        self.write(surface, scene.robot.name, topleft=(box.left, 46))
-        time = f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}"
-        for label, value in (("collisions", f"{scene.collisions}"), *errors, ("time", time)):
-            self.write(surface, value, "number", topright=(right, 14))
-            self.write(surface, label, topright=(right, 46))
-            right -= 124
-
     def legend(
         self, surface: pygame.Surface, box: pygame.Rect, entries: Iterable[tuple[str, style.Colour, str]]
     ) -> None:
@@ -85,9 +74,8 @@ class Picture:
         """Lay out a picture of `size` (width, height) [px]."""
         width, height = size
         panel = ((width - 3 * GAP) // 2, height - HEADER - FOOTER)
-        large = (panel[0] * SUPERSAMPLING, panel[1] * SUPERSAMPLING)
         self._boxes = [pygame.Rect((GAP + i * (panel[0] + GAP), HEADER), panel) for i in (0, 1)]
-        self._panels: list[TruthPanel | EstimatePanel] = [TruthPanel(large), EstimatePanel(large)]
+        self._panel = new_surface((panel[0] * SUPERSAMPLING, panel[1] * SUPERSAMPLING))
         self._text = Typesetter()
         self._background, self._frame = new_surface(size), new_surface(size)
         self._background.fill(style.PAPER)
@@ -98,9 +86,10 @@ class Picture:
     def paint(self, scene: Scene) -> pygame.Surface:
         """Draw a scene; the surface is used again for the next one."""
         self._frame.blit(self._background, (0, 0))
-        view = View(scene.world.bounds, (self._boxes[0].width * SUPERSAMPLING, self._boxes[0].height * SUPERSAMPLING))
-        for box, panel in zip(self._boxes, self._panels):
-            pygame.transform.smoothscale(panel.draw(scene, view), box.size, self._frame.subsurface(box))
+        view = View(scene.world.bounds, self._panel.get_size())
+        for box, draw in zip(self._boxes, (draw_truth, draw_estimate)):
+            draw(self._panel, scene, view)
+            pygame.transform.smoothscale(self._panel, box.size, self._frame.subsurface(box))
             pygame.draw.rect(self._frame, style.RULE, box.inflate(2, 2), 1)
         if scene.pose_graph is not None:
             box = self._boxes[1]
@@ -111,11 +100,20 @@ class Picture:
         return self._frame
 
     def _draw_header(self, scene: Scene) -> None:
-        frame, text, middle = self._frame, self._text, self._boxes[1].left
+        frame, text, middle, right = self._frame, self._text, self._boxes[1].left, self._boxes[1].right
+        name = scene.world.name
+        text.write(frame, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(GAP, 14))
+        text.write(frame, scene.robot.name, topleft=(GAP, 46))
         position, heading = scene.pose_error
-        errors = ("heading error", f"{math.degrees(heading):.1f}°"), ("position error", f"{100 * position:.1f} cm")
-        text.header(frame, scene, self._boxes[0].union(self._boxes[1]), *errors)
-
+        numbers = {
+            "collisions": f"{scene.collisions}",
+            "heading error": f"{math.degrees(heading):.1f}°",
+            "position error": f"{100 * position:.1f} cm",
+            "time": f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}",
+        }
+        for k, (label, value) in enumerate(numbers.items()):
+            text.write(frame, value, "number", topright=(right - 124 * k, 14))
+            text.write(frame, label, topright=(right - 124 * k, 46))
         share = min(max(scene.progress, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
         # Rounded down: 100 % is only said when nothing is left.

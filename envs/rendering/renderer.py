@@ -14,11 +14,7 @@ _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a window (`pygame.Window`).
-
-    Args:
-        title: of the window.
-        size: width and height [px].
+    """Open a `pygame.Window` of a width and height [px].
 
     Raises:
         RuntimeError: if there is no display to open it on. SDL would fall back to an invisible window, which is only
@@ -44,12 +40,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
 class Renderer:
     """Draws scenes, for `human` into a window at a steady pace, for `rgb_array` into arrays without any display."""
 
-    def __init__(
-        self,
-        mode: str,
-        fps: float,
-        size: tuple[int, int] = (1280, 720),
-    ) -> None:
+    def __init__(self, mode: str, fps: float, size: tuple[int, int] = (1280, 720)) -> None:
         """Prepare to draw; a window opens with the first scene.
 
         Args:
@@ -64,9 +55,7 @@ class Renderer:
             raise ValueError(f"render mode must be one of {', '.join(MODES)}, got {mode!r}")
         if not fps > 0:
             raise ValueError(f"fps must be positive, got {fps!r}")
-        self.mode = mode
-        self.fps = fps
-        self.size = size
+        self.mode, self.fps, self.size = mode, fps, size
         self._picture: Any = None
         self._window: Any = None
         self._clock: Any = None
