@@ -15,7 +15,7 @@ from baselines.episode import begin_episode, decide_with
 from baselines.route_follower import RouteFollower
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
-from envs.localization.fusion import CompassMeter, WheelMeter
+from envs.localization.fusion import measure_heading, measure_wheels
 from envs.robots import load_robot
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.route import Progress, Route, rectangle
@@ -196,9 +196,7 @@ def test_a_route_through_a_wall_is_no_route():
 
 def test_encoders_tell_the_mean_of_a_period_for_its_middle():
     robot = load_robot("mpo_500")
-    meter = WheelMeter(robot)
-    meter.reset(1.0, (100, 100))
-    measurement = meter.update(1.2, (150, 160))
+    measurement = measure_wheels(robot, 1.2, 1.2 - 1.0, (50, 60))
     tick = 2 * math.pi * 0.127 / 500
     assert measurement.time == pytest.approx(1.1)
     np.testing.assert_allclose(measurement.values, [55 * tick / 0.2, 10 * tick / 0.548 / 0.2])
@@ -209,19 +207,26 @@ def test_encoders_tell_the_mean_of_a_period_for_its_middle():
     draws += rng.normal(size=(100_000, 2)) * robot.drive.slip_std * np.sqrt(np.array([50, 60]) * tick)
     values = np.column_stack([draws.mean(axis=1), (draws[:, 1] - draws[:, 0]) / 0.548]) / 0.2
     np.testing.assert_allclose(np.cov(values.T), measurement.covariance, rtol=0.03, atol=2e-5)
+
+
+def test_two_readings_of_one_time_are_refused():
+    env = LidarEnv(FollowRoute, **QUICK)
+    env.reset(seed=0)
     with pytest.raises(ValueError, match="time must go on"):
-        meter.update(1.2, (150, 160))
+        env.robots[0].estimator.update(env.reading, Pose2D(0.0, 0.0, 0.0))
 
 
 def test_the_compass_tells_headings_in_the_map_frame():
-    meter = CompassMeter(load_robot("mpo_500"))
-    meter.reset(0.0, 0.5)
-    first, second = meter.update(0.1, 3.6), meter.update(0.2, 3.7)
+    robot = load_robot("mpo_500")
+    first, second = (
+        measure_heading(robot, 0.1, 0.1, math.nan, 3.1),
+        measure_heading(robot, 0.2, 0.1, 3.1, 3.2 - 2 * math.pi),
+    )
     assert first.values == pytest.approx([3.1, 0.0])
     assert second.values == pytest.approx([3.2 - 2 * math.pi, 1.0])
     assert first.covariance[1, 1] > second.covariance[1, 1]
     assert second.covariance[0, 0] == pytest.approx(math.radians(0.1) ** 2 / 12, rel=0.1)
-    assert np.isnan(meter.update(0.3, math.nan).values).all()
+    assert np.isnan(measure_heading(robot, 0.3, 0.1, 3.1, math.nan).values).all()
 
 
 def test_render_shows_the_robot_on_its_map():

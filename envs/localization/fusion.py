@@ -44,80 +44,39 @@ def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
-def _elapsed(before: float, now: float, sensor: str) -> float:
-    if not now > before:
-        raise ValueError(f"time must go on between two {sensor} readings, got {now!r} s after {before!r} s")
-    return now - before
+def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
+    """Return speed and yaw rate from encoder counts (left, right) during a period [s] that ends at a time [s].
 
-
-class WheelMeter:
-    """Turns encoder counts into speed and yaw rate, with the wheel radius and track of the robot's controller.
-
-    Counts give the mean over the period since the last call, so the measurement's time is the middle of the period. Its
-    covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
+    They are means, so the measurement's time is the middle of the period. Wheel radius and track are the controller's;
+    the covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
     """
-
-    def __init__(self, robot: RobotParams) -> None:
-        self._metres_per_tick = robot.odometry.metres_per_tick
-        self._track = robot.odometry.track
-        self._slip_variance = robot.drive.slip_std**2
-
-    def reset(self, time: float, ticks: tuple[int, int]) -> None:
-        """Start from cumulative counts (left, right) at a time [s]."""
-        self._time, self._ticks = time, ticks
-
-    def update(self, time: float, ticks: tuple[int, int]) -> Measurement:
-        """Return speed and yaw rate since the last call, from cumulative counts (left, right) at a time [s].
-
-        Raises:
-            ValueError: no time has passed since the last call.
-        """
-        period = _elapsed(self._time, time, "encoder")
-        left, right = ((now - before) * self._metres_per_tick for now, before in zip(ticks, self._ticks))
-        self._time, self._ticks = time, ticks
-        quantisation = self._metres_per_tick**2 / 6.0
-        left_variance, right_variance = (quantisation + self._slip_variance * abs(rolled) for rolled in (left, right))
-        both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
-        track = self._track
-        return Measurement(
-            time - 0.5 * period,
-            "encoder",
-            np.array([0.5 * (left + right), (right - left) / track]) / period,
-            np.array([[0.25 * both, 0.5 * across / track], [0.5 * across / track, both / track**2]]),
-        )
+    per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
+    left, right = counts[0] * per_tick, counts[1] * per_tick
+    left_variance, right_variance = (per_tick**2 / 6.0 + slip**2 * abs(rolled) for rolled in (left, right))
+    both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
+    return Measurement(
+        time - 0.5 * period,
+        "encoder",
+        np.array([0.5 * (left + right), (right - left) / track]) / period,
+        np.array([[0.25 * both, 0.5 * across / track], [0.5 * across / track, both / track**2]]),
+    )
 
 
-class CompassMeter:
-    """Turns compass readings into heading and yaw rate; the rate is the change of the heading since the last call."""
+def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
+    """Return heading and yaw rate from the compass's headings at a time and a period [s] before, map frame [rad].
 
-    def __init__(self, robot: RobotParams) -> None:
-        imu = robot.imu
-        # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
-        self._variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
-        self._max_w, self._max_acc_w = robot.max_w, robot.max_acc_w
-
-    def reset(self, time: float, north: float) -> None:
-        """Start at a time [s]; `north` is what the compass reads in the direction of the map's x axis [rad]."""
-        self._time, self._north = time, north
-        self._heading = math.nan
-
-    def update(self, time: float, reading: float) -> Measurement:
-        """Return heading in the map frame and yaw rate from a reading [rad] at a time [s]; NaN gives NaN.
-
-        Raises:
-            ValueError: no time has passed since the last call.
-        """
-        period = _elapsed(self._time, time, "compass")
-        heading = wrap_angle(reading - self._north)
-        rate = wrap_angle(heading - self._heading) / period
-        variance, lag = self._variance, 0.5 * self._max_acc_w * period
-        rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
-        if math.isnan(rate) and not math.isnan(heading):
-            rate, rate_variance, common = 0.0, self._max_w**2, 0.0
-        self._time, self._heading = time, heading
-        return Measurement(
-            time, "compass", np.array([heading, rate]), np.array([[variance, common], [common, rate_variance]])
-        )
+    NaN gives NaN; but if only the heading before is NaN, the rate is unknown.
+    """
+    imu = robot.imu
+    # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
+    variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
+    rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
+    rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
+    if math.isnan(rate) and not math.isnan(heading):
+        rate, rate_variance, common = 0.0, robot.max_w**2, 0.0
+    return Measurement(
+        time, "compass", np.array([heading, rate]), np.array([[variance, common], [common, rate_variance]])
+    )
 
 
 class FusedPose:
@@ -143,12 +102,9 @@ class FusedPose:
         """The fused pose and velocity."""
         self.belief: Belief
         """The fused pose on the map."""
-        self._kinds = FUSIONS[fusion]
-        self._latency = latency
-        self._has_compass = robot.imu.has_compass
         self.north = math.nan
         """What the compass reads in the direction of the map's x axis [rad]; set it before a reset."""
-        self._wheels, self._compass = WheelMeter(robot), CompassMeter(robot)
+        self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
     def reset(
@@ -162,7 +118,7 @@ class FusedPose:
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
-        self._has_begun = False
+        self._last: Reading | None = None
         self._delayed.clear()
         located = self.localizer.reset(rng, pose, map, np.diag(self._start[:3]))
         self.belief = Belief(pose, located.grid)
@@ -173,27 +129,29 @@ class FusedPose:
         """Particles of the localizer; see `Amcl`."""
         return self.localizer.particles
 
-    def _begin(self, reading: Reading) -> Belief:
-        """Process the reading of the start."""
-        self._has_begun = True
-        covariance = np.diag(self._start)
-        self._wheels.reset(reading.time, reading.ticks)
-        self._compass.reset(reading.time, self.north)
-        self.localizer.update(reading, ORIGIN)
-        self.ekf.reset(self.belief.pose, covariance, time=reading.time)
-        self.measurements = []
-        self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, covariance)
-        return self.belief
-
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Update by a reading; see `Estimator`."""
-        if not self._has_begun:
-            return self._begin(reading)
+        """Update by a reading; see `Estimator`.
+
+        Raises:
+            ValueError: no time has passed since the last reading.
+        """
+        last, self._last = self._last, reading
+        if last is None:
+            self.localizer.update(reading, ORIGIN)
+            self.ekf.reset(self.belief.pose, np.diag(self._start), time=reading.time)
+            self.measurements, self._heading = [], math.nan
+            self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, np.diag(self._start))
+            return self.belief
+        period = reading.time - last.time
+        if not period > 0.0:
+            raise ValueError(f"time must go on between two readings, got {reading.time!r} s after {last.time!r} s")
         localized = self.localizer.update(reading, motion)
-        wheels = self._wheels.update(reading.time, reading.ticks)
+        counts = reading.ticks[0] - last.ticks[0], reading.ticks[1] - last.ticks[1]
+        wheels = measure_wheels(self._robot, reading.time, period, counts)
         self.measurements = [wheels]
-        if self._has_compass:
-            self.measurements.append(self._compass.update(reading.time, reading.heading))
+        if self._robot.imu.has_compass:
+            before, self._heading = self._heading, wrap_angle(reading.heading - self.north)
+            self.measurements.append(measure_heading(self._robot, reading.time, period, before, self._heading))
         if self.localizer.is_corrected and not localized.is_lost:
             covariance = localized.covariance + np.diag(np.square(MAP_STD))
             measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
