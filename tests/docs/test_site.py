@@ -16,7 +16,6 @@ SITE = Path(os.environ.get("LIDARNAUT_SITE", ""))
 """Folder of the site; `make docs` names it once it has built it."""
 needs_site = pytest.mark.skipif(not os.environ.get("LIDARNAUT_SITE"), reason="`make docs` builds the site")
 NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/tutorials/*.ipynb"))
-HARNESS = Path(__file__).with_name("site.html")
 
 
 class Page(HTMLParser):
@@ -86,31 +85,18 @@ def test_the_tutorial_trains_what_explores_faster_than_nearest():
     assert trained < 0.8 * nearest
 
 
-@functools.cache
-def measure(width):
-    """Return what is wider than its place, by page."""
-    pages = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
-    return visit(SITE, HARNESS, f"width={width}&pages={pages}")["pages"]
-
-
 @needs_site
 @needs_browser
 @pytest.mark.parametrize("width", [1280, 390])
-def test_nothing_lies_out_of_reach(width):
-    assert {name: page for name, page in measure(width).items() if page["page"] > 0 or page["cut"]} == {}
-
-
-@needs_site
-@needs_browser
-def test_nothing_is_cut_where_there_is_room():
-    assert {name: page["scrolled"] for name, page in measure(1280).items() if page["scrolled"]} == {}
-
-
-@needs_site
-@needs_browser
-def test_code_is_not_cut_on_a_phone():
-    found = {name: [what for what in page["scrolled"] if what.startswith("pre")] for name, page in measure(390).items()}
-    assert {name: cut for name, cut in found.items() if cut} == {}
+def test_nothing_lies_out_of_reach_and_code_is_not_cut(width):
+    paths = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
+    pages = visit(SITE, Path(__file__).with_name("site.html"), f"width={width}&pages={paths}")["pages"]
+    assert {name: page for name, page in pages.items() if page["page"] > 0 or page["cut"]} == {}
+    found = {
+        name: [what for what in page["scrolled"] if width > 1000 or what.startswith("pre")]
+        for name, page in pages.items()
+    }
+    assert {name: scrolled for name, scrolled in found.items() if scrolled} == {}
 
 
 def test_a_broken_link_would_be_found(tmp_path):
