@@ -1,5 +1,6 @@
-"""Links between the Markdown files: what they lead to is there, headings included."""
+"""Links between the Markdown files, and files, modules and configurations that they name: all of them are there."""
 
+import importlib.util
 import re
 from pathlib import Path
 from urllib.parse import unquote
@@ -48,6 +49,21 @@ def test_links_lead_somewhere(page):
     assert broken == []
 
 
+def missing(text):
+    """Return what a page names in code and what is not there: paths, modules of commands, configurations."""
+    paths = re.findall(r"`((?:envs|agents|baselines|benchmarks|configs|tests|docs|examples)/[\w/.]*)`", text)
+    modules = re.findall(r"python -m ([\w.]+)", text)
+    configs = re.findall(r"--config ([a-z_]+)(?=\s|`)", text)
+    found = [path for path in paths if not (ROOT / path).exists() and "my_" not in path]
+    found += [name for name in modules if "my_" not in name and not importlib.util.find_spec(name)]
+    return found + [name for name in configs if not list((ROOT / "configs").rglob(f"{name}.yaml"))]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "notes/" not in page and page != "CHANGELOG.md"])
+def test_files_modules_and_configurations_are_there(page):
+    assert missing((ROOT / page).read_text(encoding="utf-8")) == []
+
+
 def test_a_broken_link_would_be_found(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
@@ -55,3 +71,4 @@ def test_a_broken_link_would_be_found(tmp_path):
     )
     assert anchors(page) == ["a-head-of-mine"]
     assert re.findall(r"\]\(([^)]+)\)", prose(page)) == ["x.md", "#a-head-of-mine"]
+    assert missing("`envs/x.py` `envs/core.py` `python -m envs.x` --config x ") == ["envs/x.py", "envs.x", "x"]
