@@ -15,7 +15,7 @@ MARGIN = 0.3
 """A beam may pass through occupied cells this near to its end [m]: walls have widths, and grazing beams touch them."""
 MAX_CONFLICTS = 0.2
 """Share of conflicting beams above which a map does not fit. In the Intel Research Lab it is 0.06 to 0.16 where a SLAM
-succeeds, and 0.24 to 0.53 by odometry alone or where a SLAM fails (docs/slam.md, "Sparse logs")."""
+succeeds, and 0.24 to 0.53 by odometry alone or where a SLAM fails (docs/notes/slam.md, "Sparse logs")."""
 CHUNK = 256
 """Scans that are integrated at once."""
 
