@@ -16,7 +16,8 @@ import tyro
 from rich.table import Table
 
 from benchmarks.drives.ekf import compare_faults, compare_fusions
-from benchmarks.drives.localization import compare_amcl, compare_on_log, time_amcl
+from benchmarks.drives.localization import compare_amcl, compare_on_log
+from benchmarks.drives.localization_times import time_amcl
 from benchmarks.drives.maps import draw_maps
 from benchmarks.drives.planning import time_planning
 from benchmarks.drives.recording import Row

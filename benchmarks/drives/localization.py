@@ -2,16 +2,13 @@
 
 import itertools
 import math
-import os
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy import ndimage
 
 from benchmarks.drives.recording import (
@@ -33,9 +30,6 @@ from envs.arguments import choose_robot
 from envs.command_line import Count
 from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset
-from envs.localization.likelihood_field import LikelihoodField
-from envs.localization.motion_model import move_particles
-from envs.localization.resampling import resample
 from envs.logs import Log, load_log, pose_errors, rms
 from envs.robots import LidarParams
 from envs.simulation import Reading
@@ -81,10 +75,6 @@ FILTERS = {
     "default, 2000 particles, all beams": replace(ALONE, min_particles=2000, max_beams=180, squash=9.0),
 }
 """Filters that are compared on the log, without relocalization, so that no error is hidden."""
-REPEATS = 5
-"""Measurements of a time; the median of their medians is reported."""
-PARTICLE_TIMES = (0.0, 0.2, 3.0, 15.0)
-"""Times at which particles are drawn [s]."""
 
 
 class Track(NamedTuple):
@@ -177,25 +167,14 @@ def compare_amcl(
         tasks = [(world, preset, physics, seed) for seed in range(first_seed, first_seed + runs)]
         found = run_each(run, tasks, jobs, world)
         done = {key: np.array([one[key] for one in found]) for key in found[0]}
-        row = {
-            "world": world,
-            "tracking_rmse_m": rms(done["position"]),
-            "tracking_rmse_deg": rms(done["heading"]),
-            "tracking_worst_run_m": float(done["position"].max()),
-            "tracking_worst_run_deg": float(done["heading"].max()),
-            "symmetries": len(symmetries(known_map(load_known_world(world, physics).area))),
-            "global_success": float(done["found"].mean()),
-            "global_success_up_to_symmetry": float(done["found_up_to_symmetry"].mean()),
-            "global_median_s": time_quantile(done["found_after"], 0.5),
-            "global_p90_s": time_quantile(done["found_after"], 0.9),
-            "kidnapped_recovery": float(np.isfinite(done["recovered_after"]).mean()),
-            "kidnapped_median_s": time_quantile(done["recovered_after"], 0.5),
-            "kidnapped_p90_s": time_quantile(done["recovered_after"], 0.9),
-            "kidnapped_noticed_median_s": time_quantile(done["noticed_after"], 0.5),
-            "confident_and_wrong_share": float(done["confident_and_wrong"].mean()),
-            "lost_while_right_share": float(done["lost_while_right"].mean()),
-        }
-        rows.append(row)
+        row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world, physics).area)))}
+        row |= {f"tracking_rmse_{unit}": rms(done[f"tracking_{unit}"]) for unit in ("m", "deg")}
+        row |= {f"tracking_worst_run_{unit}": float(done[f"tracking_{unit}"].max()) for unit in ("m", "deg")}
+        for what in ("global_after", "kidnapped_after", "kidnapped_noticed_after"):
+            row |= {f"{what}_median_s": time_quantile(done[what], 0.5), f"{what}_p90_s": time_quantile(done[what], 0.9)}
+        for what in ("global_after", "global_after_up_to_symmetry", "kidnapped_after"):
+            row[what.replace("after", "success")] = float(np.isfinite(done[what]).mean())
+        rows.append(row | {name: float(done[name].mean()) for name in ("confident_and_wrong", "lost_while_right")})
     return rows
 
 
@@ -220,23 +199,21 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     found = localize(amcl, grid, drive, seed, None)
     is_right = _is_right(found.poses, drive.truth)
     turned = [[motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()] for motion in symmetries(grid)]
-    is_right_turned = [is_right, *(_is_right(found.poses, np.array(truth)) for truth in turned)]
+    after_turned = [right_since(_is_right(found.poses, np.array(truth)), HOLD) for truth in turned]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
-    recovered = localize(amcl, grid, kidnapped, seed, START_STD)
-    is_right_again = _is_right(recovered.poses, kidnapped.truth)[scans:]
-    is_lost_again = recovered.is_lost[scans:]
+    again = localize(amcl, grid, kidnapped, seed, START_STD)
+    is_right_again, is_lost_again = _is_right(again.poses, kidnapped.truth)[scans:], again.is_lost[scans:]
     wrong = np.concatenate([~is_right & ~found.is_lost, ~is_right_again & ~is_lost_again])
     return {
-        "position": rms(distance),
-        "heading": math.degrees(rms(angle)),
+        "tracking_m": rms(distance),
+        "tracking_deg": math.degrees(rms(angle)),
         "lost_while_right": float(np.mean(tracked.is_lost & _is_right(tracked.poses, drive.truth))),
-        "found": math.isfinite(right_since(is_right, HOLD)),
-        "found_up_to_symmetry": any(math.isfinite(right_since(one, HOLD)) for one in is_right_turned),
-        "found_after": right_since(is_right, HOLD),
-        "recovered_after": right_since(is_right_again, HOLD),
-        "noticed_after": first_time(is_lost_again),
+        "global_after": right_since(is_right, HOLD),
+        "global_after_up_to_symmetry": min([right_since(is_right, HOLD), *after_turned]),
+        "kidnapped_after": right_since(is_right_again, HOLD),
+        "kidnapped_noticed_after": first_time(is_lost_again),
         "confident_and_wrong": float(np.mean(wrong)),  # share of the time of these two experiments
     }
 
@@ -302,129 +279,3 @@ def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params
         "particles": float(np.mean(done.num_particles[done.is_corrected])),
         "lost_share": float(np.mean(done.is_lost)),
     }
-
-
-def time_amcl(picture: Path | None = None) -> list[Row]:
-    """Time of AMCL's updates [us] on one core: by number of particles, and as they fall in a global localization.
-
-    Particles are those of 60 beams that all return: the lidar of the house's robot gets a range of 15 m.
-
-    Args:
-        picture: also draw particles, errors and cost to this file.
-    """
-    house = load_known_world("turtlebot3_house")
-    rows = update_times(house)
-    when, sizes, spent = cost = cost_by_size(house, 1)
-    for k in sorted({0, 1, 2, 4, 8, 16, len(sizes) - 1} & set(range(len(sizes)))):
-        what = f"global localization, scan {k + 1}, {when[k]:.1f} s"
-        rows.append({"what": what, "particles": int(sizes[k]), "update_us": float(spent[k])})
-    if picture is not None:
-        draw(house, 1, cost, picture)
-    return rows
-
-
-def update_times(setup: Setup) -> list[Row]:
-    """Time whole updates and their steps for fixed numbers of particles, pinned to one core."""
-    lidar = replace(setup.robot.lidar, range_max=15.0)
-    setup = setup._replace(robot=replace(setup.robot, lidar=lidar))
-    grid, drive = known_map(setup.area), record_from_anywhere(setup, np.random.SeedSequence(0), 30.0)
-    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    if cores is not None:
-        os.sched_setaffinity(0, {min(cores)})
-    spent: dict[tuple[int, str], list[tuple[float, float]]] = {}
-    for n, sensor in [*itertools.product((1000, 2000), ("likelihood_field", "likelihood_field_prob"))] * REPEATS:
-        params = replace(PRESETS["nav2"], min_particles=n, max_particles=n, sensor=sensor)
-        steps = _time_steps(grid, lidar, drive, params)
-        params = replace(params, update_min_d=0.0, update_min_a=0.0)  # so that every scan is used
-        whole = localize(Amcl(lidar, params), grid, drive, 0, START_STD).seconds
-        spent.setdefault((n, sensor), []).append((np.median(steps[20:]), np.median(whole[20:])))
-    if cores is not None:
-        os.sched_setaffinity(0, cores)
-    return [
-        {"what": sensor, "particles": n, **dict(zip(("steps_us", "update_us"), 1e6 * np.median(times, axis=0)))}
-        for (n, sensor), times in spent.items()
-    ]
-
-
-def _time_steps(grid: OccupancyGrid, lidar: LidarParams, drive: Drive, params: AmclParams) -> list[float]:
-    """Return the times of propagating, weighting and resampling alone [s], without the estimate."""
-    weigh, particles, rng = LikelihoodField(params, lidar, grid), params.max_particles, np.random.default_rng(0)
-    cloud = (drive.truth[0] + START_STD * rng.standard_normal((particles, 3))).T.astype(np.float32).copy()
-    other, none = np.empty_like(cloud), np.empty((3, 0), dtype=np.float32)
-    bins, seen, kld = np.zeros(particles, dtype=np.int32), np.zeros(1, dtype=bool), (particles, 0.05, 0.99)
-    spent = []
-    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
-        began = time.perf_counter()
-        move_particles(cloud, Pose2D(*motion), params, rng)
-        weights = np.full(particles, 1.0 / particles)
-        weigher = weigh(ranges)
-        assert weigher is not None
-        weigher(cloud, weights)
-        weights /= weights.sum()
-        resample(cloud, weights, bins, rng.random(), kld, none, 0.0, seen, other)
-        cloud, other = other, cloud
-        spent.append(time.perf_counter() - began)
-    return spent
-
-
-def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time the updates of the default preset during global localization.
-
-    Returns:
-        For each scan that was used: its time [s], the number of particles that were weighted, and the time of the
-        update [us].
-    """
-    drive, params = record_from_anywhere(setup, np.random.SeedSequence(seed), 30.0), PRESETS["default"]
-    amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
-    localize(amcl, grid, drive, seed, None)  # compiles the kernels
-    done = localize(amcl, grid, drive, seed, None)
-    weighted, used = np.concatenate([[params.most_particles], done.num_particles[:-1]]), done.is_corrected
-    return PERIOD * np.flatnonzero(used), weighted[used], 1e6 * done.seconds[used]
-
-
-def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Draw particles during global localization, errors of a kidnapped robot over time, and cost (`cost_by_size`)."""
-    figure, grid = Figure(figsize=(15, 7.6), layout="constrained"), known_map(setup.area)
-    axes = figure.subplot_mosaic("0123;eecc")
-    amcl = Amcl(setup.robot.lidar, PRESETS["default"])
-    _draw_particles([axes[key] for key in "0123"], setup, grid, amcl, seed)
-
-    first, second = np.random.SeedSequence(seed).spawn(2)
-    drive = record_from_anywhere(setup, first, KIDNAPPED_AT)
-    drive = drive.then(record_from_anywhere(setup, second, 40.0), round(KIDNAPPED_AT / PERIOD))
-    done, ax = localize(amcl, grid, drive, seed, START_STD), axes["e"]
-    times = PERIOD * np.arange(len(done.poses))
-    ax.semilogy(times, pose_errors(done.poses, drive.truth)[0], color="tab:blue", label="error of the position [m]")
-    ax.semilogy(times, done.fit, color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
-    low, high = ax.get_ylim()
-    ax.fill_between(times, low, high, where=done.is_lost, color="tab:orange", alpha=0.3, linewidth=0, label="lost")
-    ax.set_ylim(low, high)
-    ax.axvline(KIDNAPPED_AT, color="grey", linestyle=":")
-    ax.set(xlabel="time [s]", title=f"kidnapped after {KIDNAPPED_AT:g} s")
-    ax.legend(loc="lower right", fontsize=8)
-
-    when, sizes, spent = cost
-    ax = axes["c"]
-    ax.semilogy(when, sizes, ".-", color="tab:blue", label="particles weighted")
-    ax.semilogy(when, spent, ".-", color="tab:red", label="time of the update [us]")
-    ax.set(xlabel="time [s]", title="cost follows the number of particles")
-    ax.legend(fontsize=8)
-    figure.savefig(path, dpi=80)
-
-
-def _draw_particles(axes: Sequence[Any], setup: Setup, grid: OccupancyGrid, amcl: Amcl, seed: int) -> None:
-    drive = record_from_anywhere(setup, np.random.SeedSequence(seed), max(PARTICLE_TIMES))
-    amcl.reset(np.random.default_rng(seed), None, grid)
-    x_min, y_min, x_max, y_max = grid.bounds
-    ax_at = dict(zip((round(time / PERIOD) for time in PARTICLE_TIMES), axes))
-    for k, (ranges, motion) in enumerate(zip(drive.ranges, drive.motions.tolist())):
-        if k in ax_at:
-            ax, particles = ax_at[k], amcl.particles
-            shown = particles[:: max(1, len(particles) // 4000)]
-            shades, extent = np.where(grid.data < 0, 60, grid.data), (x_min, x_max, y_min, y_max)
-            ax.imshow(shades, cmap="Greys", origin="lower", extent=extent, vmax=160)
-            ax.scatter(shown[:, 0], shown[:, 1], s=2, color="tab:blue", linewidths=0)
-            ax.plot(*drive.truth[k, :2], "o", color="tab:red", markersize=7, markerfacecolor="none")
-            ax.set_title(f"{k * PERIOD:g} s: {len(particles):,} particles")
-            ax.set_axis_off()
-        amcl.update(Reading.of_scan(ranges), Pose2D(*motion))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.drives import maps, teams
+from benchmarks.drives import localization, localization_times, maps, teams
 from benchmarks.drives.__main__ import Command, main, table
 from benchmarks.drives.localization import (
     compare_amcl,
@@ -110,6 +110,15 @@ def test_the_maps_of_a_drive_are_drawn(tmp_path, monkeypatch, capsys):
 
 
 @no_log
+def test_amcl_on_a_log(monkeypatch):
+    monkeypatch.setattr(localization, "FILTERS", {"default": localization.ALONE})
+    monkeypatch.setattr(localization, "LOG_SEEDS", range(100, 101))
+    (row,) = localization.compare_on_log()
+    assert row["position_rmse_m"] < 0.07
+    assert row["lost_share"] == 0.0
+
+
+@no_log
 def test_the_maps_of_a_log_are_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(maps, "NAMES", {"hector": "Hector"})
     (row,) = maps.draw_log(tmp_path / "log.png", seed=0)
@@ -131,7 +140,16 @@ def test_a_robot_is_tracked_localized_and_kidnapped():
     assert row["tracking_rmse_m"] < 0.03
     assert row["tracking_rmse_deg"] < 0.7
     assert row["global_success_up_to_symmetry"] >= row["global_success"]
-    assert 0 <= row["confident_and_wrong_share"] < 0.5
+    assert 0 <= row["confident_and_wrong"] < 0.5
+
+
+def test_updates_are_timed_and_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(localization_times, "REPEATS", 1)
+    monkeypatch.setattr(localization_times, "PARTICLE_TIMES", {"0": 0.0, "1": 0.2})
+    rows = localization_times.time_amcl(tmp_path / "localization.png")
+    assert [row["particles"] for row in rows[:5]] == [1000, 1000, 2000, 2000, 100_000]
+    assert all(row["update_us"] > 0.0 for row in rows)
+    assert (tmp_path / "localization.png").stat().st_size > 10_000
 
 
 def test_symmetries_of_a_rectangle_and_of_an_l():
