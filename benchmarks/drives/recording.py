@@ -65,39 +65,6 @@ class Drive:
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
 
-class RandomGoalDriver:
-    """Drives to random poses of a known world, one after another, by ground truth."""
-
-    def __init__(self, robot: RobotParams, area: ExplorableArea, rng: np.random.Generator) -> None:
-        """Prepare for a drive; goals are drawn from `rng`."""
-        self._robot, self._area, self._rng = robot, area, rng
-        params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
-        self._costmap = make_costmap(area.walls, params)
-        self._path = np.empty((0, 2))
-
-    def act(self, pose: Pose2D) -> Twist:
-        """Return the next command for a robot at `pose` (world frame)."""
-        self._forget_passed(pose)
-        while len(self._path) == 0:
-            goal = self._area.draw_pose(self._rng)
-            path = plan_path(self._costmap, pose[:2], goal[:2], tolerance=0.3)
-            self._path = np.empty((0, 2)) if path is None else path
-            self._forget_passed(pose)
-        carrot = pose.inverse().transform(self._path[:1])[0]
-        angle = math.atan2(carrot[1], carrot[0])
-        top_w = min(self._robot.max_w, 1.0)
-        if abs(angle) > 0.6:
-            return Twist(0.0, math.copysign(top_w, angle))
-        speed = self._robot.max_v * math.cos(angle) ** 2
-        return Twist(speed, float(np.clip(2.0 * angle, -top_w, top_w)))
-
-    def _forget_passed(self, pose: Pose2D) -> None:
-        """Drop the points of the path that have been reached."""
-        near = np.flatnonzero(np.hypot(*(self._path - pose[:2]).T) < 0.3)
-        if len(near):
-            self._path = self._path[near[-1] + 1 :]
-
-
 def record(
     setup: Setup,
     start: Pose2D,
@@ -105,20 +72,41 @@ def record(
     rng_driver: np.random.Generator,
     duration: float,
 ) -> Drive:
-    """Drive a robot from a pose in the world to one random goal after another, drawn from `rng_driver`, so long [s]."""
-    driver = RandomGoalDriver(setup.robot, setup.area, rng_driver)
-    simulator = make_simulator(setup.physics, setup.robot, PERIOD)
+    """Drive a robot from a pose in the world, by ground truth, to one random goal after another, for so long [s]."""
+    robot = setup.robot
+    params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
+    costmap, path = make_costmap(setup.area.walls, params), np.empty((0, 2))
+    simulator = make_simulator(setup.physics, robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
-    odometry = make_motion_source(setup.robot, PERIOD)
+    odometry = make_motion_source(robot, PERIOD)
     odometry.reset(reading)
     ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.states[0].pose]
     for _ in range(round(duration / PERIOD)):
-        reading = simulator.step([driver.act(truth[-1])])[0]
+        path = _ahead(path, truth[-1])
+        while len(path) == 0:
+            goal = setup.area.draw_pose(rng_driver)
+            found = plan_path(costmap, truth[-1][:2], goal[:2], tolerance=0.3)
+            path = path if found is None else _ahead(found, truth[-1])
+        reading = simulator.step([_steer(robot, truth[-1].inverse().transform(path[:1])[0])])[0]
         ranges.append(reading.ranges)
         motions.append(odometry.update(reading))
         truth.append(simulator.states[0].pose)
     simulator.close()
     return Drive(np.array(ranges), np.array(motions), np.array(truth))
+
+
+def _ahead(path: np.ndarray, pose: Pose2D) -> np.ndarray:
+    """Return the part of a path, shape (k, 2) [m], after its last point that has been reached."""
+    near = np.flatnonzero(np.hypot(*(path - pose[:2]).T) < 0.3)
+    return path[near[-1] + 1 :] if len(near) else path
+
+
+def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
+    """Return the command that leads to a point in the robot's frame, shape (2,) [m]."""
+    angle, top_w = math.atan2(carrot[1], carrot[0]), min(robot.max_w, 1.0)
+    if abs(angle) > 0.6:
+        return Twist(0.0, math.copysign(top_w, angle))
+    return Twist(robot.max_v * math.cos(angle) ** 2, float(np.clip(2.0 * angle, -top_w, top_w)))
 
 
 def record_drive(setup: Setup, seed: int, duration: float) -> Drive:

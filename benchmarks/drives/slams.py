@@ -34,7 +34,7 @@ from envs.logs import Log, compose_poses, load_log, load_relations, pose_errors,
 from envs.logs.relations import load_mask
 from envs.logs.runs import Replayed, Run, measure, replay
 from envs.progress import Progress
-from envs.robots import RobotParams, load_robot
+from envs.robots import load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
 from envs.tasks.coverage import map_iou
 from envs.worlds import load_world
@@ -82,8 +82,10 @@ def compare_slams(
         raise ValueError("--log and --relations go together")
     rows = [] if log is None or relations is None else list(log_rows(log, relations, slams, seeds))
     for name in drives:
-        world, _, robot = name.partition(":")
-        setup = make_setup(load_world(world), tilted(load_robot(robot), tilt), physics)
+        world, _, robot_name = name.partition(":")
+        robot = load_robot(robot_name)
+        lidar = replace(robot.lidar, mount=replace(robot.lidar.mount, pitch=math.radians(tilt)))
+        setup = make_setup(load_world(world), replace(robot, lidar=lidar), physics)
         recorded = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
         for slam_name in Progress(slams, name, leave=False):
             slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
@@ -132,12 +134,6 @@ def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> Row
         "ms_per_scan": 1e3 * float(seconds.mean()),
         "p99_ms": 1e3 * float(np.percentile(seconds, 99)),
     }
-
-
-def tilted(robot: RobotParams, tilt: float) -> RobotParams:
-    """Return a robot whose lidar looks down by an angle [deg]."""
-    mount = replace(robot.lidar.mount, pitch=math.radians(tilt))
-    return replace(robot, lidar=replace(robot.lidar, mount=mount))
 
 
 def compare_kidnapped(
