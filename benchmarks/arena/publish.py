@@ -14,7 +14,7 @@ from benchmarks.arena.measures import Measures
 from benchmarks.arena.overview import case_sections, curves_section, gallery_section, players_section, worst_section
 from benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from benchmarks.arena.policies import short
-from benchmarks.arena.records import SETTINGS_FILE, key_of, write_table
+from benchmarks.arena.records import SETTINGS_FILE, Key, write_table
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import estimator_of
 from benchmarks.arena.verdict import verdict_section
@@ -94,7 +94,7 @@ def publish(
     axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
     # The rows of the evaluation and of its SLAM axis, each once.
-    everything = Episodes({key_of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
+    everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
     # In the report alone, because other pages lie elsewhere.

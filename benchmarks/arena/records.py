@@ -1,4 +1,4 @@
-"""The tables of an evaluation: a row per episode, written as it ends, and a row per episode that could not be run."""
+"""The folder of an evaluation: a row per episode, written as it ends, and a row per episode that could not be run."""
 
 import csv
 import hashlib
@@ -13,19 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.run_folder import commit
-from baselines.episode import Episode
 from benchmarks.arena.measures import Measures
-from benchmarks.arena.policies import Policy
 from envs.files import naming, read_mapping, sweep, write_file
 
-ROWS = "episodes"
-"""The rows are in `episodes.csv`, those of a shard in a file of its own, `episodes-<shard>.csv`."""
-FAILURES = "failures"
-"""What could not be run is in `failures.csv` or `failures-<shard>.csv`."""
-WORLDS = "worlds"
-"""Which worlds of the user's own there are rows of is in `worlds.csv` or `worlds-<shard>.csv`."""
-TRACES = "episodes"
-"""Folder of the traces."""
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
@@ -47,36 +37,23 @@ class Key(NamedTuple):
     slam: str
     """Of an environment with a localizer instead, that one."""
 
-
-ENDING: Readers = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
-"""Fields of `Episode` that are the same for all tasks."""
-FAILURE_COLUMNS: Readers = Key.__annotations__ | {"reason": str}
-WORLD_COLUMNS: Readers = {"world": str, "source": str, "content": str}
-"""Columns of `WORLDS`: what a world is called, its path or `module:attribute`, and the fingerprint of its file."""
+    @classmethod
+    def of(cls, row: Row) -> "Key":
+        """Return the key of a row's episode."""
+        return cls(*(row[name] for name in cls._fields))
 
 
 def columns_of(measures: Measures) -> Readers:
     """Return the columns of rows: which episode, fingerprint of a learned policy's weights, measures, how it ended."""
     own = {measure.name: int if measure.is_share else float for measure in measures.all}
-    return {**Key.__annotations__, "model": str, **own, **ENDING}
-
-
-def make_row(policy: Policy, key: Key, episode: Episode, columns: Readers) -> Row:
-    """Lay out an episode as a row."""
-    known = key._asdict() | {"model": policy.model}
-    known |= {name: getattr(episode, name) for name in columns if name not in known}
-    return {name: read(known[name]) for name, read in columns.items()}
-
-
-def key_of(row: Row) -> Key:
-    """Return the key of a row's episode."""
-    return Key(*(row[name] for name in Key._fields))
+    ending = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
+    return {**Key.__annotations__, "model": str, **own, **ending}
 
 
 class Records:
     """The folder of an evaluation. Rows are appended as episodes end, so that a crash loses only unfinished ones.
 
-    Each shard writes files of its own and reads those of all, so that machines may share a folder.
+    Each shard writes files of its own, `episodes-1of4.csv`, and reads all: machines may share a folder.
     """
 
     def __init__(
@@ -100,19 +77,18 @@ class Records:
             ValueError: if the folder holds an evaluation with other settings or worlds, or rows that this version
                 cannot read.
         """
-        self.folder, self._columns, self._settings, self._shard = folder, columns, settings, shard
-        self._worlds: dict[str, Row] = {
+        self.folder, self._settings, self._shard = folder, settings, shard
+        self._episodes = _Table(folder, "episodes", columns, shard)
+        self._reasons = _Table(folder, "failures", Key.__annotations__ | {"reason": str}, shard)
+        self._worlds = _Table(folder, "worlds", {"world": str, "source": str, "content": str}, shard)
+        self._own_worlds: dict[str, Row] = {
             world: {"world": world, "source": source, "content": _fingerprint(source)}
             for world, source in (worlds or {}).items()
         }
         folder.mkdir(parents=True, exist_ok=True)
-        for part in (folder, folder / TRACES):
+        for part in (folder, folder / "episodes"):
             sweep(part)
         self._check_settings()
-        ending = f"-{shard}.csv" if shard else ".csv"
-        self._rows_file = folder / f"{ROWS}{ending}"
-        self._failures_file = folder / f"{FAILURES}{ending}"
-        self._worlds_file = folder / f"{WORLDS}{ending}"
         self._read()
 
     def begin(self) -> None:
@@ -125,26 +101,24 @@ class Records:
         self._read()
         if self._shard:
             number, _, total = self._shard.partition("of")
-            names = [path.name for path in self.folder.glob(f"{ROWS}-*.csv")]
-            totals = {match[1] for name in names if (match := re.fullmatch(rf"{ROWS}-\d+of(\d+)\.csv", name))}
-            if others := sorted(totals - {total}):
+            names = " ".join(path.name for path in self.folder.glob("episodes-*.csv"))
+            if others := sorted(set(re.findall(r"episodes-\d+of(\d+)\.csv", names)) - {total}):
                 raise ValueError(
                     f"{self.folder} holds shards I/{', I/'.join(others)}, and --shard is {number}/{total}: episodes "
                     f"would be run twice; use I/{others[0]}, or leave out --shard"
                 )
         self._check_settings()
-        self._rows_file.touch()  # from now on, the folder belongs to these settings
+        self._episodes.path.touch()  # from now on, the folder belongs to these settings
         self._check_settings()  # another shard may have begun at the same time, with others
 
     def _read(self) -> None:
-        self._rows = {key_of(row): row for row in read_tables(self.folder, ROWS, self._columns)}
-        failures = read_tables(self.folder, FAILURES, FAILURE_COLUMNS)
-        self._failures = {key_of(row): row["reason"] for row in failures}
-        self._known_worlds = {row["world"]: row for row in read_tables(self.folder, WORLDS, WORLD_COLUMNS)}
+        self._rows = {Key.of(row): row for row in self._episodes.read()}
+        self._failures = {Key.of(row): row["reason"] for row in self._reasons.read()}
+        self._known_worlds = {row["world"]: row for row in self._worlds.read()}
         there = {key.world for key in self._rows}
-        for world, own in self._worlds.items():
+        for world, own in self._own_worlds.items():
             known = self._known_worlds.get(world, own)
-            if world in there and _identity(known) != _identity(own):
+            if world in there and (known["content"] or known["source"]) != (own["content"] or own["source"]):
                 was, now = known["source"], own["source"]
                 what = f"of what {now} was before it changed" if was == now else f"of {was}, not of {now}"
                 raise ValueError(
@@ -152,16 +126,16 @@ class Records:
                     "LABEL=PATH, choose another --out, or remove the folder"
                 )
 
-    def find(self, policy: Policy, key: Key) -> Row | None:
+    def find(self, key: Key, model: str = "") -> Row | None:
         """Return the row of an episode, or None if it has not been run.
 
         Raises:
-            ValueError: if it was run with other weights.
+            ValueError: if it was run with other weights, whose fingerprint is not `model`.
         """
         row = self._rows.get(key)
-        if row and row["model"] != policy.model:
+        if row and row["model"] != model:
             raise ValueError(
-                f"{self.folder} holds episodes of {policy.name} with other weights (a training has gone on?); "
+                f"{self.folder} holds episodes of {key.policy} with other weights (a training has gone on?); "
                 "choose another --out, or remove the folder"
             )
         return row
@@ -172,31 +146,31 @@ class Records:
 
     def add(self, row: Row) -> None:
         """Append a row and see it to the disk; before the first one in a world of the user's own, which one that is."""
-        own = self._worlds.get(row["world"])
+        own = self._own_worlds.get(row["world"])
         if own and self._known_worlds.get(row["world"]) != own:
-            append_row(self._worlds_file, WORLD_COLUMNS, own)
+            self._worlds.append(own)
             self._known_worlds[row["world"]] = own
-        append_row(self._rows_file, self._columns, row)
-        self._rows[key_of(row)] = row
+        self._episodes.append(row)
+        self._rows[Key.of(row)] = row
 
     def add_failure(self, key: Key, reason: str) -> None:
         """Record an episode that could not be run."""
         if self._failures.get(key) != reason:
-            append_row(self._failures_file, FAILURE_COLUMNS, key._asdict() | {"reason": reason})
+            self._reasons.append(key._asdict() | {"reason": reason})
             self._failures[key] = reason
 
     def _check_settings(self) -> None:
-        path, settings = self.folder / SETTINGS_FILE, self._settings
-        if not path.exists() or not any(self.folder.glob(f"{ROWS}*.csv")):  # or of one that never began
-            write_file(path, json.dumps(settings | {"versions": _versions()}, indent=1) + "\n")
+        path = self.folder / SETTINGS_FILE
+        if not path.exists() or not any(self.folder.glob("episodes*.csv")):  # or of one that never began
+            versions = {"commit": commit(), "python": platform.python_version()}
+            versions |= {name: version(name) for name in LIBRARIES}
+            write_file(path, json.dumps(self._settings | {"versions": versions}, indent=1) + "\n")
             return
         try:
-            there = json.loads(path.read_text())
-            if not isinstance(there, dict):
-                raise ValueError(f"holds {type(there).__name__}")
-        except (ValueError, RecursionError) as error:
+            there = dict(json.loads(path.read_text()))
+        except (TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or remove the folder") from error
-        for key, value in settings.items():
+        for key, value in self._settings.items():
             if there.get(key) != value:
                 raise ValueError(
                     f"{self.folder} holds an evaluation with {key} {there.get(key)!r}, not {value!r}; "
@@ -204,56 +178,62 @@ class Records:
                 )
 
 
-def write_table(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
-    """Write a table as a CSV file."""
-    write_file(path, "".join(map(_line, (head, *lines))))
+class _Table:
+    """A CSV table in one part per shard: all are read, and rows are appended to one's own."""
+
+    def __init__(self, folder: Path, name: str, columns: Readers, shard: str) -> None:
+        self._folder, self._name, self._columns = folder, name, columns
+        self.path = folder / (f"{name}-{shard}.csv" if shard else f"{name}.csv")
+
+    def read(self) -> Iterator[Row]:
+        """Yield the rows of all parts; an incomplete last line is skipped."""
+        for path in sorted([*self._folder.glob(f"{self._name}.csv"), *self._folder.glob(f"{self._name}-*.csv")]):
+            yield from read_table(path, self._columns)
+
+    def append(self, row: Row) -> None:
+        """Append a row, below the columns if the table is new, and see it to the disk."""
+        content = self.path.read_bytes() if self.path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        with naming(self.path):
+            if whole != content:
+                # The process died while it wrote the last line: that episode runs again.
+                os.truncate(self.path, len(whole))
+            with open(self.path, "a", newline="") as file:
+                lines = [row[name] for name in self._columns]
+                file.write(_lines([lines] if whole else [self._columns, lines]))
+                file.flush()
+                os.fsync(file.fileno())
 
 
-def append_row(path: Path, columns: Readers, row: Row) -> None:
-    """Append a row to a table, which gets its columns at the top if it is new, and see it to the disk."""
-    content = path.read_bytes() if path.exists() else b""
-    whole = content[: content.rfind(b"\n") + 1]
-    with naming(path):
-        if whole != content:
-            # The process died while it wrote the last line: that episode runs again.
-            os.truncate(path, len(whole))
-        with open(path, "a", newline="") as file:
-            file.write(("" if whole else _line(columns)) + _line(row[name] for name in columns))
-            file.flush()
-            os.fsync(file.fileno())
-
-
-def _line(values: Iterable[Any]) -> str:
-    line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow(values)
-    return line.getvalue()
-
-
-def read_tables(folder: Path, name: str, columns: Readers) -> Iterator[Row]:
-    """Yield the rows of all parts of a table, `<name>.csv` and `<name>-*.csv`; an incomplete last line is skipped.
+def read_table(path: Path, columns: Readers) -> Iterator[Row]:
+    """Yield the rows of a table; an incomplete last line is skipped.
 
     Raises:
-        ValueError: if a file has other columns.
+        ValueError: if it is damaged, or has other columns.
     """
-    for path in sorted([*folder.glob(f"{name}.csv"), *folder.glob(f"{name}-*.csv")]):
+    try:
+        content = path.read_bytes().decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no table: {error}") from error
+    header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
+    if header and header != list(columns):
+        raise ValueError(f"{path} has other columns than this version writes; choose another --out")
+    for number, record in enumerate(records, start=2):
         try:
-            content = path.read_bytes().decode()
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path} is no table: {error}") from error
-        header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
-        if header and header != list(columns):
-            raise ValueError(f"{path} has other columns than this version writes; choose another --out")
-        for number, record in enumerate(records, start=2):
-            try:
-                yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
-            except ValueError as error:
-                raise ValueError(
-                    f"{path}, row {number}: damaged: {error}; remove the row, and it runs again"
-                ) from error
+            yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
+        except ValueError as error:
+            raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row, and it runs again") from error
 
 
-def _identity(world: Row) -> str:
-    return world["content"] or world["source"]
+def write_table(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
+    """Write a table as a CSV file."""
+    write_file(path, _lines([head, *lines]))
+
+
+def _lines(lines: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def _fingerprint(source: str) -> str:
@@ -263,8 +243,3 @@ def _fingerprint(source: str) -> str:
         return ""
     content, image = path.read_bytes(), read_mapping(path).get("image")
     return hashlib.sha256(content + (path.parent.joinpath(image).read_bytes() if image else b"")).hexdigest()[:12]
-
-
-def _versions() -> dict[str, str]:
-    versions = {"commit": commit(), "python": platform.python_version()}
-    return versions | {name: version(name) for name in LIBRARIES}

@@ -3,7 +3,7 @@
 import contextlib
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,32 +82,34 @@ class Evaluation:
                 allowed.
             agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
-        self.settings = settings
-        self.folder = folder
+        self.settings, self.folder, self._shard = settings, folder, shard
         self._given = dict(given or {})
         self._robots: dict[Case, str] = {}
         classic = self._look_around()
-        self.policies = {}
+        self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
-                self.policies[name] = parse_policy(name, classic, self._given)
-        names = [policy.name for policy in self.policies.values()]
+                self._policies[name] = parse_policy(name, classic, self._given)
+        names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
+        self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
+        self._check_fit()
         # Pairs stay together, so that a part of an evaluation is a fair one.
-        tasks = self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
-        groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in tasks))}
-        own = [task for key, task in tasks.items() if groups[key.world, key.seed] % shard.total == shard.number - 1]
-        self._check_fit(list(tasks.values()))
-        self._shard = shard
-        cases = {task.case.world_name: task.case.world for task in tasks.values()}
-        own_worlds = {name: world for name, world in cases.items() if world not in {USUAL, *WORLD_NAMES, *FAMILIES}}
+        groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._all_tasks))}
+        own = [
+            task
+            for key, task in self._all_tasks.items()
+            if groups[key.world, key.seed] % shard.total == shard.number - 1
+        ]
+        worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
+        own_worlds = {name: world for name, world in worlds.items() if world not in {USUAL, *WORLD_NAMES, *FAMILIES}}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
         self._records = Records(folder, self.columns, common, shard.name, own_worlds)
-        self._missing = [task for task in own if self._find(task) is None]
+        self._missing = self._not_found(own)
         self.total = len(own)
         """Number of the episodes of this shard."""
 
@@ -120,7 +122,7 @@ class Evaluation:
         self,
         jobs: int = 1,
         ray: str | None = None,
-        on_result: Callable[[Result], None] | None = None,
+        on_result: Callable[[Result], None] = lambda _: None,
         bags: Path | None = None,
         record: bool = False,
     ) -> list[Result]:
@@ -144,45 +146,31 @@ class Evaluation:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         if bags and ray:
             raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
-        name = self._shard.name
+        failures = []
         with contextlib.ExitStack() as locks:
             # Shards share the folder with each other, and not with a run of the whole.
-            locks.enter_context(Lock(self.folder, shared=bool(name)))
-            if name:
-                locks.enter_context(Lock(self.folder, f"lock-{name}"))
+            locks.enter_context(Lock(self.folder, shared=bool(self._shard.name)))
+            if self._shard.name:
+                locks.enter_context(Lock(self.folder, f"lock-{self._shard.name}"))
             self._records.begin()
-            return self._run(jobs, ray, on_result, bags, record)
-
-    def _run(
-        self,
-        jobs: int,
-        ray: str | None,
-        on_result: Callable[[Result], None] | None,
-        bags: Path | None,
-        record: bool,
-    ) -> list[Result]:
-        self._missing = [task for task in self._missing if self._find(task) is None]
-        tasks = [replace(task, has_recording=record) for task in self._missing]
-        if bags:
-            bags.mkdir(parents=True, exist_ok=True)
-            tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
-        failures = []
-        for result in run_on_ray(tasks, ray) if ray else run_all(tasks, jobs):
-            if result.row is None:
-                self._records.add_failure(result.key, result.reason)
-                failures.append(result)
-            else:
-                path = trace_path(self.folder, result.row)
-                path.parent.mkdir(exist_ok=True)
-                write_file(path, result.trace)
-                if result.recording:
-                    path = recording_path(self.folder, result.row)
-                    path.parent.mkdir(exist_ok=True)
-                    write_file(path, result.recording)
-                self._records.add(result.row)
-            if on_result:
+            self._missing = self._not_found(self._missing)
+            tasks = [replace(task, has_recording=record) for task in self._missing]
+            if bags:
+                bags.mkdir(parents=True, exist_ok=True)
+                tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
+            for result in run_on_ray(tasks, ray) if ray else run_all(tasks, jobs):
+                if result.row is None:
+                    self._records.add_failure(result.key, result.reason)
+                    failures.append(result)
+                else:
+                    for where, content in ((trace_path, result.trace), (recording_path, result.recording)):
+                        if content:
+                            path = where(self.folder, result.row)
+                            path.parent.mkdir(exist_ok=True)
+                            write_file(path, content)
+                    self._records.add(result.row)
                 on_result(result)
-        self._missing = [task for task in self._missing if self._find(task) is None]
+            self._missing = self._not_found(self._missing)
         return failures
 
     def rows(self) -> list[Row]:
@@ -195,52 +183,14 @@ class Evaluation:
 
     def missing(self) -> list[Result]:
         """Return the episodes of all shards that the folder does not hold, and why."""
-        missing = [key for key, task in self._all_tasks.items() if self._find(task) is None]
-        return [Result(key, reason=self._records.failure(key) or NOT_RUN) for key in missing]
-
-    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
-        tasks: dict[Key, Task] = {}
-        for case, seed, policies in starts:
-            for policy in (self.policies[name] for name in policies):
-                key = Key(policy.name, case.world_name, seed, self._robots[case], case.physics_name, case.slam_name)
-                run_case = replace(case, id=self._id_for(policy))
-                if is_bound(policy.name):
-                    # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
-                    run_case = replace(run_case, slam="truth")
-                # Where the usual robot is also named, it drives once.
-                tasks.setdefault(key, Task(key, policy, run_case, self.settings.time_limit, self._objects(run_case)))
-        return list(tasks.values())
+        missing = self._not_found(self._all_tasks.values())
+        return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 
     def _find(self, task: Task) -> Row | None:
-        return self._records.find(task.policy, task.key)
+        return self._records.find(task.key, task.policy.model)
 
-    def _check_fit(self, tasks: Sequence[Task]) -> None:
-        """See that every policy gets along with one of its environments; in others, its episodes will say so."""
-        groups: dict[tuple[Any, ...], list[Task]] = {}
-        for task in tasks:
-            groups.setdefault(task.conditions, []).append(task)
-        pending = {task.policy.name for task in tasks}
-        first: Exception | None = None
-        for here in groups.values():
-            candidates = {task.policy.name: task for task in reversed(here) if task.policy.name in pending}
-            if not candidates:
-                continue
-            with contextlib.closing(here[0].make_env()) as env:
-                for name, task in candidates.items():
-                    try:
-                        prepare(env, task.policy.make(env.action_space), task.key.seed)
-                    except (ValueError, CheckpointError) as error:
-                        first = first or error
-                        continue
-                    except FAULTS:  # a fault in the explorer: its episodes will tell
-                        pass
-                    pending.discard(name)
-        if pending and first:
-            raise first
-
-    def _objects(self, case: Case) -> dict[str, Any]:
-        """Return those of the given objects that the environment of a case is made of."""
-        return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
+    def _not_found(self, tasks: Iterable[Task]) -> list[Task]:
+        return [task for task in tasks if self._find(task) is None]
 
     def _look_around(self) -> Makers:
         """Make the environment of every case, which refuses what it does not know; return the policies that fit.
@@ -252,8 +202,8 @@ class Evaluation:
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
             if case in self._robots:
                 continue
-            with _blaming(f"{case.slam} in {case.world_name}"):
-                env = case.make_env(self.settings.time_limit, given=self._objects(case))
+            with _blaming(f"{case.slam} in {case.name('world')}"):
+                env = case.make_env(self._objects(case))
             with contextlib.closing(env):
                 inner = lidar_env_of(env)
                 self._robots[case] = inner.robot.name
@@ -273,6 +223,22 @@ class Evaluation:
         self.columns = columns_of(self.measures)
         return classic
 
+    def _objects(self, case: Case) -> dict[str, Any]:
+        """Return those of the given objects that the environment of a case is made of."""
+        return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
+
+    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
+        tasks: dict[Key, Task] = {}
+        for case, seed, policies in starts:
+            for policy in (self._policies[name] for name in policies):
+                conditions = self._robots[case], case.name("physics"), case.name("slam")
+                key = Key(policy.name, case.name("world"), seed, *conditions)
+                # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
+                own = replace(case, id=self._id_for(policy), slam="truth" if is_bound(policy.name) else case.slam)
+                # Where the usual robot is also named, it drives once.
+                tasks.setdefault(key, Task(key, policy, own, self._objects(own)))
+        return list(tasks.values())
+
     def _id_for(self, policy: Policy) -> str:
         """Return the environment in which a policy acts: one that chooses frontiers explores by decisions.
 
@@ -286,3 +252,27 @@ class Evaluation:
             return CHOOSE
         wanted = "frontiers" if self._chooses else "twists"
         raise ValueError(f"{policy.name} decides by {policy.level}s, and {id} takes {wanted}")
+
+    def _check_fit(self) -> None:
+        """See that every policy gets along with one of its environments; in others, its episodes will say so."""
+        groups: dict[tuple[Any, ...], list[Task]] = {}
+        for task in self._all_tasks.values():
+            groups.setdefault(task.conditions, []).append(task)
+        pending = {task.policy.name for task in self._all_tasks.values()}
+        first: Exception | None = None
+        for here in groups.values():
+            candidates = {task.policy.name: task for task in reversed(here) if task.policy.name in pending}
+            if not candidates:
+                continue
+            with contextlib.closing(here[0].make_env()) as env:
+                for name, task in candidates.items():
+                    try:
+                        prepare(env, task.policy.make(env.action_space), task.key.seed)
+                    except (ValueError, CheckpointError) as error:
+                        first = first or error
+                        continue
+                    except FAULTS:  # a fault in the explorer: its episodes will tell
+                        pass
+                    pending.discard(name)
+        if pending and first:
+            raise first

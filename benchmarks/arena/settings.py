@@ -1,7 +1,7 @@
 """What an evaluation consists of."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from types import MappingProxyType
@@ -30,10 +30,7 @@ def estimator_of(id: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """World, robot, physics and SLAM of an episode, as the environment takes them, or names of those that are given.
-
-    Each of them may be `usual`.
-    """
+    """World, robot, physics and SLAM of an episode, as the environment takes them, or `usual`."""
 
     world: str
     robot: str
@@ -47,45 +44,26 @@ class Case:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
     """Further arguments of the environment, the same for all cases of an evaluation."""
 
-    @property
-    def world_name(self) -> str:
-        """What the world is called in tables and files."""
-        return self.label or self._named("world", self.world)
-
-    @property
-    def physics_name(self) -> str:
-        """The physics."""
-        return self._named("physics", self.physics)
-
-    @property
-    def slam_name(self) -> str:
-        """The SLAM or localizer; empty where the environment has neither."""
-        return self._named(estimator_of(self.id), self.slam)
-
-    def _named(self, argument: str, value: str) -> str:
-        """Return a value of an argument, or for the usual one what that is."""
+    def name(self, part: str) -> str:
+        """Return what the `world`, `physics` or `slam` is called in tables and files; empty where there is none."""
+        value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
+        if part == "world" and self.label:
+            return self.label
         usual = {**arguments_of(self.id), **self.arguments}.get(argument, "")
         return value if value != USUAL else str(getattr(usual, "name", usual))
 
     def make_env(
-        self,
-        time_limit: float | None = None,
-        render_mode: str | None = None,
-        given: Mapping[str, Any] = MappingProxyType({}),
-        observations: Observations | None = None,
+        self, given: Mapping[str, Any] = MappingProxyType({}), observations: Observations | None = None
     ) -> gymnasium.Env[Any, Any]:
         """Make the environment; procedural families draw from their test split.
 
-        `time_limit` is the length of an episode [s], None lets the environment choose it for the world. `given` holds
-        worlds, robots and SLAMs of the user's own that names stand for. `observations` are the parts of the
-        observation, None for the environment's own.
+        `given` holds worlds, robots and SLAMs of the user's own that names stand for, `observations` are the parts of
+        the observation, None for the environment's own.
         """
-        taken = arguments_of(self.id)
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, estimator_of(self.id): self.slam}
         own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
-        more = {"time_limit": time_limit, "observations": observations, "render_mode": render_mode}
-        own |= {name: value for name, value in more.items() if value is not None}
-        usual = {"split": "test"} if "split" in taken else {}
+        own |= {} if observations is None else {"observations": observations}
+        usual = {"split": "test"} if "split" in arguments_of(self.id) else {}
         return gymnasium.make(self.id, **{**usual, **self.arguments, **own}, disable_env_checker=True)
 
 
@@ -159,9 +137,10 @@ class Settings(Section):
     @field_validator("policies", "worlds")
     @classmethod
     def _expand(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        called: Sequence[str] = names
         if info.field_name == "worlds":
             names = tuple(one for name in names for one in GROUPS.get(name, (name,)))
-        called = [parse_world(name)[0] for name in names] if info.field_name == "worlds" else names
+            called = [parse_world(name)[0] for name in names]
         if len(set(called)) < len(called):
             raise ValueError("must name none twice")
         return names
@@ -177,20 +156,15 @@ class Settings(Section):
 
     @property
     def all_policies(self) -> tuple[str, ...]:
-        """Explorers of the evaluation and of its SLAM axis."""
+        """Policies of the evaluation and of its SLAM axis."""
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield every case and seed, and the policies that start there."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam):
-            episodes = (case.world_name in FAMILIES and self.family_episodes) or self.episodes
+            episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
-
-    def _cases(self, worlds: tuple[str, ...], *conditions: tuple[str, ...]) -> Iterator[Case]:
-        for name, robot, physics, slam in product(worlds, *conditions):
-            label, world = parse_world(name)
-            yield Case(world, robot, physics, slam, label if label != world else "", self.id, self.arguments)
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the same for the SLAM axis; those of the evaluation may be among them."""
@@ -198,3 +172,9 @@ class Settings(Section):
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
             for seed in range(self.seed, self.seed + axis.episodes):
                 yield case, seed, axis.policies
+
+    def _cases(self, worlds: tuple[str, ...], *conditions: tuple[str, ...]) -> Iterator[Case]:
+        arguments = self.arguments | ({} if self.time_limit is None else {"time_limit": self.time_limit})
+        for name, robot, physics, slam in product(worlds, *conditions):
+            label, world = parse_world(name)
+            yield Case(world, robot, physics, slam, label if label != world else "", self.id, arguments)

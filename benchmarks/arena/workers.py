@@ -18,9 +18,8 @@ from agents.run_folder import CheckpointError
 from baselines.episode import begin_episode, decide_with, run, run_episode
 from baselines.explorer import Policy as Driver
 from benchmarks.arena.measures import Measures
-from benchmarks.arena.policies import Policy
-from benchmarks.arena.recordings import describe
-from benchmarks.arena.records import Key, Row, columns_of, make_row
+from benchmarks.arena.policies import Policy, short
+from benchmarks.arena.records import Key, Row, columns_of
 from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
 from envs.core import lidar_env_of
@@ -32,28 +31,19 @@ MAX_RETRIES = 1
 """How often an episode whose machine or process has died on a Ray cluster is tried again."""
 WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
-
-
 NOT_RUN = "not tried yet"
 """Why an episode is missing that was not tried."""
 FAULTS = (Exception, SystemExit)
 """What users' code may raise without ending the evaluation."""
 
 
-def explain_fault(error: BaseException) -> str:
-    """Return kind and text of what was raised, and where."""
-    *_, last = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
-
-
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One episode to run, at most `time_limit` long [s]; None lets the environment choose."""
+    """One episode to run."""
 
     key: Key
     policy: Policy
     case: Case
-    time_limit: float | None
     given: Mapping[str, Any] = field(default_factory=dict)
     """World, robot and SLAM of the user's own that the case names."""
     bag: Path | None = None
@@ -61,14 +51,14 @@ class Task:
     has_recording: bool = False
     """Whether the episode is recorded for the player."""
 
-    def make_env(self) -> gymnasium.Env[Any, Any]:
-        """Make the environment."""
-        return self.case.make_env(self.time_limit, given=self.given, observations=self.policy.observations)
-
     @property
     def conditions(self) -> tuple[Any, ...]:
         """What decides which environment it is."""
-        return self.case, self.time_limit, repr(self.policy.observations)
+        return self.case, repr(self.policy.observations)
+
+    def make_env(self) -> gymnasium.Env[Any, Any]:
+        """Make the environment."""
+        return self.case.make_env(self.given, self.policy.observations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +74,12 @@ class Result:
     """Its recording for the player, as a file holds it; empty without one."""
     reason: str = ""
     """Why it could not be run."""
+
+
+def explain_fault(error: BaseException) -> str:
+    """Return kind and text of what was raised, and where."""
+    *_, last = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
 
 def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
@@ -147,11 +143,6 @@ def run_on_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         ray.shutdown()
 
 
-def run_in_worker(task: Task) -> Result:
-    """Run a task in a process that keeps its environment and policies for the next one."""
-    return _worker.run(task)
-
-
 class _Worker:
     """Keeps one environment and the policies between the episodes of a process."""
 
@@ -183,7 +174,9 @@ class _Worker:
         film = EpisodeRecorder(env, policy) if task.has_recording else None
         with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext(), film or contextlib.nullcontext():
             episode = run_episode(env, policy, task.key.seed, recorder.watch)
-        row = make_row(task.policy, task.key, episode, columns_of(measures))
+        known = task.key._asdict() | {"model": task.policy.model}
+        columns = columns_of(measures).items()
+        row = {name: read(known[name] if name in known else getattr(episode, name)) for name, read in columns}
         recording = film.recording(describe(row, measures)).to_bytes() if film else b""
         return Result(task.key, row, recorder.trace(episode).to_bytes(), recording)
 
@@ -194,10 +187,28 @@ class _Worker:
             self._env = None
 
 
+_worker = _Worker()
+
+
+def run_in_worker(task: Task) -> Result:
+    """Run a task in a process that keeps its environment and policies for the next one."""
+    return _worker.run(task)
+
+
 def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
     """Let a policy get ready for an environment, and drive it for a few steps that are not measured."""
     observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
     run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
-_worker = _Worker()
+def describe(row: Row, measures: Measures) -> dict[str, Any]:
+    """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
+    figures = {}
+    for measure in measures.all:
+        if measure.name not in ("decision_ms", "success"):  # differs from run to run; is told by the end
+            title = f"{measure.label} [{measure.unit}]" if measure.unit else measure.label
+            figures[title] = measure.text(row[measure.name]).removesuffix(".0" if measure.name == "collisions" else "-")
+    about = {"explorer": short(row["policy"])} | {name: row[name] for name in ("world", "robot", "seed")}
+    about["progress"] = measures.label
+    ended = {"duration [s]": f"{row['duration']:.0f}", "ended by": row["end_reason"].replace("_", " ")}
+    return about | {"end_reason": row["end_reason"], "figures": figures | ended}

@@ -133,7 +133,7 @@ def test_what_cannot_be_made_is_named_before_any_episode(own_folder, capsys, opt
     [
         ("own_explorers:Circlign", ["own_explorers", "no attribute", "did you mean 'Circling'"]),
         ("nowhere.at_all:Mine", ["no module 'nowhere'"]),
-        ("own_explorers:REWARD", ["is no explorer", "predict(observation)"]),
+        ("own_explorers:WORLD", ["is no explorer", "predict(observation)"]),
         ("nearest=own_explorers:Circling", ["not that of a classic policy"]),
     ],
 )

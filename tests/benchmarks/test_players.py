@@ -2,9 +2,9 @@ import re
 
 import pytest
 
-from benchmarks.arena.recordings import describe
-from benchmarks.arena.records import read_tables
+from benchmarks.arena.records import read_table
 from benchmarks.arena.trace import Trace
+from benchmarks.arena.workers import describe
 from envs.player import Recording
 from evaluate import main
 from tests.benchmarks.explorations import COLUMNS, MEASURES
@@ -59,7 +59,7 @@ def test_what_was_not_recorded_is_left_out(folder, tmp_path):
 
 
 def test_figures_are_texts_with_units_and_without_times_of_the_machine(folder):
-    row = next(read_tables(folder, "episodes", COLUMNS))
+    row = next(read_table(folder / "episodes.csv", COLUMNS))
     figures = describe(row, MEASURES)["figures"]
     assert figures["time to 95 % [s]"] == "never"
     assert figures["explored [%]"] == f"{100 * row['explored_fraction']:.1f}"

@@ -2,84 +2,83 @@ import json
 
 import pytest
 
-from benchmarks.arena.policies import Policy
-from benchmarks.arena.records import ROWS, SETTINGS_FILE, Key, Records, key_of
+from benchmarks.arena.records import SETTINGS_FILE, Key, Records
 from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}
-RANDOM = Policy("random")
-LEARNED = Policy('ppo:a,"odd" path', checkpoint="/checkpoint", model="f" * 12)
+LEARNED = 'ppo:a,"odd" path'
+MODELS = {"random": "", LEARNED: "f" * 12}
 
 
-def key(policy, seed):
-    return Key(policy.name, "maze", seed, "tugbot", "kinematic", "truth")
+def key(seed, policy="random"):
+    return Key(policy, "maze", seed, "tugbot", "kinematic", "truth")
 
 
-def row(policy, seed):
+def row(seed, policy="random"):
     samples = {str: "x", int: 7, float: 1.0 / 3.0}
     values = {name: samples[read] for name, read in COLUMNS.items()}
-    return values | key(policy, seed)._asdict() | {"model": policy.model}
+    return values | key(seed, policy)._asdict() | {"model": MODELS[policy]}
 
 
 def test_rows_survive_exactly(tmp_path):
-    written = [row(RANDOM, 3), row(LEARNED, 3)]
+    written = [row(3), row(3, LEARNED)]
     records = Records(tmp_path, COLUMNS, SETTINGS)
     for one in written:
         records.add(one)
     again = Records(tmp_path, COLUMNS, SETTINGS)
-    assert [again.find(policy, key(policy, 3)) for policy in (RANDOM, LEARNED)] == written
-    assert key_of(written[0]) == key(RANDOM, 3)
-    for other in (key(RANDOM, 4), key(RANDOM, 3)._replace(slam="odometry")):
-        assert again.find(RANDOM, other) is None
+    assert [again.find(key(3, policy), model) for policy, model in MODELS.items()] == written
+    assert Key.of(written[0]) == key(3)
+    for other in (key(4), key(3)._replace(slam="odometry")):
+        assert again.find(other) is None
 
 
 @pytest.mark.parametrize("kept", ["all but 1 byte", "half a header"])
 def test_a_row_that_was_being_written_runs_again(tmp_path, kept):
     records = Records(tmp_path, COLUMNS, SETTINGS)
     for seed in (3, 4):
-        records.add(row(RANDOM, seed))
-    path = tmp_path / f"{ROWS}.csv"
+        records.add(row(seed))
+    path = tmp_path / "episodes.csv"
     content = path.read_bytes()
     path.write_bytes(content[:-1] if kept == "all but 1 byte" else content[:10])
     again = Records(tmp_path, COLUMNS, SETTINGS)
-    assert again.find(RANDOM, key(RANDOM, 4)) is None
-    assert (again.find(RANDOM, key(RANDOM, 3)) is None) == (kept == "half a header")
-    again.add(row(RANDOM, 4))
-    assert Records(tmp_path, COLUMNS, SETTINGS).find(RANDOM, key(RANDOM, 4)) == row(RANDOM, 4)
+    assert again.find(key(4)) is None
+    assert (again.find(key(3)) is None) == (kept == "half a header")
+    again.add(row(4))
+    assert Records(tmp_path, COLUMNS, SETTINGS).find(key(4)) == row(4)
 
 
 def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_path):
     first, second = Records(tmp_path, COLUMNS, SETTINGS, "1of2"), Records(tmp_path, COLUMNS, SETTINGS, "2of2")
-    first.add(row(RANDOM, 1))
-    second.add(row(RANDOM, 2))
+    first.add(row(1))
+    second.add(row(2))
     # The other machine is in the middle of a row.
-    with open(tmp_path / f"{ROWS}-2of2.csv", "a") as file:
+    with open(tmp_path / "episodes-2of2.csv", "a") as file:
         file.write("random,maze,")
-    before = (tmp_path / f"{ROWS}-2of2.csv").read_bytes()
+    before = (tmp_path / "episodes-2of2.csv").read_bytes()
     for shard in ("1of2", ""):
         records = Records(tmp_path, COLUMNS, SETTINGS, shard)
-        assert [records.find(RANDOM, key(RANDOM, seed)) for seed in (1, 2)] == [row(RANDOM, 1), row(RANDOM, 2)]
-    assert (tmp_path / f"{ROWS}-2of2.csv").read_bytes() == before
-    Records(tmp_path, COLUMNS, SETTINGS, "2of2").add(row(RANDOM, 3))
-    assert Records(tmp_path, COLUMNS, SETTINGS).find(RANDOM, key(RANDOM, 3)) == row(RANDOM, 3)
+        assert [records.find(key(seed)) for seed in (1, 2)] == [row(1), row(2)]
+    assert (tmp_path / "episodes-2of2.csv").read_bytes() == before
+    Records(tmp_path, COLUMNS, SETTINGS, "2of2").add(row(3))
+    assert Records(tmp_path, COLUMNS, SETTINGS).find(key(3)) == row(3)
 
 
 def test_failures_are_kept_until_the_episode_is_run(tmp_path):
     records = Records(tmp_path, COLUMNS, SETTINGS, "1of2")
-    records.add_failure(key(RANDOM, 3), 'the robot, a "tugbot", fits nowhere')
+    records.add_failure(key(3), 'the robot, a "tugbot", fits nowhere')
     again = Records(tmp_path, COLUMNS, SETTINGS)
-    assert again.failure(key(RANDOM, 3)) == 'the robot, a "tugbot", fits nowhere'
-    assert again.failure(key(RANDOM, 4)) is None
-    again.add(row(RANDOM, 3))
-    assert Records(tmp_path, COLUMNS, SETTINGS).failure(key(RANDOM, 3)) is None
+    assert again.failure(key(3)) == 'the robot, a "tugbot", fits nowhere'
+    assert again.failure(key(4)) is None
+    again.add(row(3))
+    assert Records(tmp_path, COLUMNS, SETTINGS).failure(key(3)) is None
 
 
 def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
-    Records(tmp_path, COLUMNS, SETTINGS).add(row(LEARNED, 3))
+    Records(tmp_path, COLUMNS, SETTINGS).add(row(3, LEARNED))
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, COLUMNS, {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, COLUMNS, SETTINGS).find(Policy(LEARNED.name, model="0" * 12), key(LEARNED, 3))
+        Records(tmp_path, COLUMNS, SETTINGS).find(key(3, LEARNED), "0" * 12)
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
@@ -102,14 +101,14 @@ def test_an_evaluation_that_begins_first_has_the_folder_to_itself(tmp_path):
 
 
 def test_a_table_of_another_version_is_refused(tmp_path):
-    (tmp_path / f"{ROWS}.csv").write_text("policy,world,score\nrandom,maze,3\n")
+    (tmp_path / "episodes.csv").write_text("policy,world,score\nrandom,maze,3\n")
     with pytest.raises(ValueError, match="other columns"):
         Records(tmp_path, COLUMNS, SETTINGS)
 
 
 def test_damaged_tables_name_the_file_and_the_row(tmp_path):
-    Records(tmp_path, COLUMNS, SETTINGS).add(row(RANDOM, 3))
-    path = tmp_path / f"{ROWS}.csv"
+    Records(tmp_path, COLUMNS, SETTINGS).add(row(3))
+    path = tmp_path / "episodes.csv"
     header, line = path.read_text().splitlines()
     path.write_text(f"{header}\n{line}\n{line.replace('maze,3', 'maze,three')}\n")
     with pytest.raises(ValueError, match=r"episodes\.csv, row 3: damaged: .*'three'"):
@@ -135,7 +134,7 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
     open_records(second).begin()  # which was never driven in
     records = open_records(first, "1of2")
     records.begin()
-    records.add(row(RANDOM, 0))
+    records.add(row(0))
     for other in ("my_package:flat", second):
         with pytest.raises(ValueError, match=rf"{folder} holds .* 'maze' of {first}, not of {other}; give"):
             open_records(other)
@@ -150,7 +149,7 @@ def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
     worlds = {"maze": str(tmp_path / "a.yaml")}
     records = Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
     records.begin()
-    records.add(row(RANDOM, 0))
+    records.add(row(0))
     Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
     (tmp_path / "a.pgm").write_bytes(b"two")
     with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):

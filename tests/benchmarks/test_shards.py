@@ -8,8 +8,9 @@ import pytest
 import baselines
 from baselines import RandomExplorer
 from benchmarks.arena.publish import publish
-from benchmarks.arena.runner import NOT_RUN, Evaluation, Shard
+from benchmarks.arena.runner import Evaluation, Shard
 from benchmarks.arena.settings import Settings
+from benchmarks.arena.workers import NOT_RUN
 from envs.files import parse_record, read_record
 from envs.slam import SLAM_NAMES
 from envs.worlds import WORLD_NAMES
