@@ -22,7 +22,7 @@ import yaml
 from rich.console import Console
 
 from benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
-from benchmarks.arena.runner import Evaluation, Shard
+from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from envs.command_line import fail, read_options
 from envs.files import naming, read_record
@@ -73,8 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
         if further:
             further = {**command.settings.arguments, **further}
             command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
-        shard = Shard() if command.shard is None else Shard.parse(command.shard)
-        evaluation = Evaluation(command.settings, command.out, shard)
+        evaluation = Evaluation(command.settings, command.out, command.shard)
         failures = []
         if command.publish and command.shard is None:
             # A folder that cannot be written should not come out after the last episode.
@@ -105,16 +104,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
     """Take `--arguments.NAME VALUE` out of a command line; return the rest, and the values by name, read as YAML."""
-    rest, found, words = list[str](), dict[str, Any](), list(words)
-    while words:
-        word = words.pop(0)
+    rest, found, left = list[str](), dict[str, Any](), iter(words)
+    for word in left:
         if not word.startswith("--arguments."):
             rest.append(word)
             continue
         name, equals, value = word.removeprefix("--arguments.").partition("=")
-        if not equals and not words:
+        if not equals and not (value := next(left, "")):
             raise ValueError(f"{word} needs a value")
-        found[name.replace("-", "_")] = yaml.safe_load(value if equals else words.pop(0))
+        found[name.replace("-", "_")] = yaml.safe_load(value)
     return rest, found
 
 
@@ -124,17 +122,11 @@ def shown_command(arguments: Sequence[str], command: Command) -> str:
     Paths below the current folder are shown relative to it. A folder of results elsewhere is shown as `runs/NAME`, by
     the name of the configuration, or else its own.
     """
-    here, words = Path.cwd(), []
-    for argument in arguments:
-        option, equals, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
-        path = Path(value)
-        if path.is_absolute() and path.is_relative_to(here):
-            value = str(path.relative_to(here))
-        elif path.is_absolute() and path == command.out:
-            value = f"runs/{Path(command.config).stem if command.config else path.name}"
-        if option != "--report":
-            words.append(f"{option}{equals}{value}")
-    return f"python evaluate.py {shlex.join(words)}"
+    shown = shlex.join(argument for argument in arguments if argument != "--report").replace(f"{Path.cwd()}/", "")
+    if command.out.is_absolute() and not command.out.is_relative_to(Path.cwd()):
+        name = Path(command.config).stem if command.config else command.out.name
+        shown = shown.replace(str(command.out), f"runs/{name}")
+    return f"python evaluate.py {shown}"
 
 
 if __name__ == "__main__":

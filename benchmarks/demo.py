@@ -35,7 +35,7 @@ from benchmarks.arena.plots import (
     show_map,
     show_only,
 )
-from benchmarks.arena.publish import print_case, publish, run_with_progress
+from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
@@ -133,7 +133,7 @@ def demo(
         }
         lead = {caption: (work / name).read_bytes() for name, caption in captions.items()}
         summary = publish(evaluation, title="From an unknown house to a finished map", intro=INTRO, lead=lead)
-        print_case(console, summary, WORLD, evaluation.measures)
+        print_results(evaluation, summary, console)
         _replace(folder, work)
         say("Done")
     ratios = ", ".join(f"{policy} {median_pair(rows, policy)[0]:.2f}" for policy in (CLASSIC, LEARNED, TWIST))

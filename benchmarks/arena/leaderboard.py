@@ -150,7 +150,7 @@ def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | 
 
 def worlds_section(episodes: Episodes) -> Section:
     """Return a measure of the policies in each world, from all episodes."""
-    measure = episodes.measures.timed
+    measure = (*episodes.measures.marks, episodes.measures.headline)[0]
     lines = []
     for case, here in episodes.by_case().items():
         cells = marked({policy: here.estimate(policy, measure) for policy in here.policies}, measure)
@@ -236,17 +236,3 @@ def explain(row: Row) -> str:
     """Say in a few words why an episode ended before its task was done."""
     reason = REASONS.get(row["end_reason"], row["end_reason"].replace("_", " "))
     return f"{reason}, and the map had drifted" if row["position_rmse"] > DRIFT else reason
-
-
-def endings_table(episodes: Episodes) -> Table:
-    """Say for every policy why its episodes ended, and of explorations how much was left without success."""
-    lines = []
-    for policy in episodes.policies:
-        reasons = Counter(row["end_reason"].replace("_", " ") for row in episodes.of(policy)).most_common()
-        line = [Cell(short(policy)), Cell(", ".join(f"{reason}: {count}" for reason, count in reasons))]
-        if "area_left" in episodes.rows[0]:
-            left = [row["area_left"] for row in episodes.of(policy) if not row["success"]]
-            line.append(Cell(f"{np.mean(left):.1f} m²" if left else "none"))
-        lines.append(line)
-    head = ("", "episodes", "left unexplored, on average, when not covered")
-    return Table(head[: len(lines[0])], lines, words=(1,))

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
-from benchmarks.arena.leaderboard import endings_table, measures_table, pairs_section
+from benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
 from benchmarks.arena.measures import Measures
 from benchmarks.arena.page import Cell, Figure, Fold, Section, Table
 from benchmarks.arena.plots import (
     NUM_POINTS,
     draw_curves,
     draw_growth,
-    draw_map,
     draw_profiles,
     render,
     sample_curves,
@@ -213,7 +212,7 @@ def case_sections(
         row = episodes.of(policy)[0]
         start = "" if row["seed"] == seed else f"seed {row['seed']}: "
         caption = f"{policy}: {start}{story(row, measures)}"
-        maps.append(Figure(f"map_{place}_{slug(policy)}", render(draw_map, trace), caption))
+        maps.append(Figure(f"map_{place}_{slug(policy)}", render(draw_growth, {policy: trace}, 1), caption))
     label = measures.label
     pairs = pairs_section(episodes, measures.compared)
     parts = pairs.parts if pairs else ("There is no other policy to compare with.",)
@@ -224,7 +223,7 @@ def case_sections(
         ),
         Section("All measures", (measures_table(estimates, measures),), 3),
         Section("Pair by pair", parts, 3),
-        Section("How the episodes ended", (endings_table(episodes),), 3),
+        replace(unfinished_section(episodes), level=3),
         *growth,
         Section(f"Final maps (seed {seed})", tuple(maps), 3),
     ]

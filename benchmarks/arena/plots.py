@@ -191,23 +191,19 @@ def draw_values(
     return figure
 
 
-def draw_map(trace: Trace) -> Figure:
-    """Draw the final map of an episode over the true walls; free cells are coloured by when they became known."""
-    extent, end = extent_of([trace]), float(trace.curve.time[-1])
-    figure = _map_figure(1, 1, extent, 5.0)
-    _draw_map(figure.subplots(), trace, end, end, extent)
-    return figure
-
-
 def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
     """Draw how the maps of several policies, an episode each, grow from the same start: a row each.
 
-    Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest.
+    Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest. Maps lie over
+    the true walls; free cells are coloured by when they became known.
     """
     extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
-    moments = np.geomspace(max(min(min(ends) / 2, max(ends) / 8), 0.1), max(ends), num_moments)
-    figure = _map_figure(len(traces), num_moments, extent, 2.4)
+    moments = np.geomspace(max(ends), max(min(min(ends) / 2, max(ends) / 8), 0.1), num_moments)[::-1]
+    # Each as wide as they all fit in, and as high as the world asks for.
+    aspect, width = (extent[3] - extent[2]) / (extent[1] - extent[0]), 5.0 if num_moments == 1 else 2.4
+    height = min(max(aspect, 0.4), 2.0) * width
+    figure = Figure(figsize=(num_moments * width + 0.3, len(traces) * (height + 0.3)), dpi=110)
     for row, (policy, trace) in zip(figure.subplots(len(traces), num_moments, squeeze=False), traces.items()):
         end = trace.curve.time[-1]
         last = int(np.argmax(moments >= end))
@@ -228,12 +224,6 @@ def extent_of(traces: Sequence[Trace]) -> Extent:
     points = np.concatenate([part for one in traces for part in (one.segments.reshape(-1, 2), one.circles[:, :2])])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
     return float(x_min), float(x_max), float(y_min), float(y_max)
-
-
-def _map_figure(rows: int, cols: int, extent: Extent, width: float) -> Figure:
-    """Make a figure for maps that are `width` inches wide, and as high as the world asks for."""
-    aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
-    return Figure(figsize=(cols * width + 0.3, rows * (min(max(aspect, 0.4), 2.0) * width + 0.3)), dpi=110)
 
 
 def _draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:

@@ -10,7 +10,6 @@ from rich.console import Console
 
 from benchmarks.arena import leaderboard
 from benchmarks.arena.episodes import Episodes, Summary
-from benchmarks.arena.measures import Measures
 from benchmarks.arena.overview import case_sections, curves_section, gallery_section, players_section, worst_section
 from benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from benchmarks.arena.policies import short
@@ -119,16 +118,10 @@ def publish(
     return summary
 
 
-def to_json(summary: Summary) -> dict[str, Any]:
+def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the summary as `summary.json` holds it."""
     names = ("iqm", "low", "high", "n", "never")
-    return {
-        policy: {
-            label: {measure: dict(zip(names, value, strict=False)) for measure, value in estimates.items()}
-            for label, estimates in cases.items()
-        }
-        for policy, cases in summary.items()
-    }
+    return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
 
 def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
@@ -197,20 +190,15 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
     }
 
 
-def print_case(console: Console, summary: Summary, case: str, measures: Measures) -> None:
-    """Print a case's estimates: a row per measure, a column per policy."""
-    estimates = {policy: cases[case] for policy, cases in summary.items() if case in cases}
-    number = max(values["success"].n for values in estimates.values())
-    console.print(to_terminal(leaderboard.measures_table(estimates, measures), f"{case}, {number} episodes"))
-
-
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
     """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
     console, report, measures = make_console(), evaluation.folder / "report.html", evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
     cases = episodes.by_case()
-    for case in cases if evaluation.settings.world_sections else ():
-        print_case(console, summary, case, measures)
+    for case, here in cases.items() if evaluation.settings.world_sections else ():
+        table = leaderboard.measures_table({policy: summary[policy][case] for policy in here.policies}, measures)
+        number = max(len(here.of(policy)) for policy in here.policies)
+        console.print(to_terminal(table, f"{case}, {number} episodes"))
     if len(cases) > 1 or not evaluation.settings.world_sections:
         fair = episodes.shared().related()
         printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))

@@ -4,7 +4,7 @@ import contextlib
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,33 +24,6 @@ from envs.ids import CHOOSE
 from envs.worlds import FAMILIES, WORLD_NAMES
 
 
-@dataclass(frozen=True, slots=True)
-class Shard:
-    """A part of an evaluation: of the starts in their order, every `total`-th."""
-
-    number: int = 1
-    """From 1."""
-    total: int = 1
-
-    @classmethod
-    def parse(cls, text: str) -> "Shard":
-        """Read `2/4`, the second of four parts.
-
-        Raises:
-            ValueError: if it says something else.
-        """
-        match = re.fullmatch(r"(\d+)/(\d+)", text)
-        number, total = map(int, match.groups()) if match else (0, 0)
-        if not 1 <= number <= total:
-            raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {text!r}")
-        return cls(number, total)
-
-    @property
-    def name(self) -> str:
-        """What its files are called by; empty if it is the whole."""
-        return f"{self.number}of{self.total}" if self.total > 1 else ""
-
-
 @contextlib.contextmanager
 def _blaming(culprit: str) -> Iterator[None]:
     """Name whose code has failed, unless the error speaks for itself."""
@@ -66,14 +39,14 @@ class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
     def __init__(
-        self, settings: Settings, folder: Path, shard: Shard = Shard(), given: Mapping[str, Any] | None = None
+        self, settings: Settings, folder: Path, shard: str | None = None, given: Mapping[str, Any] | None = None
     ) -> None:
         """Make everything once, so that a wrong name comes out before any work.
 
         Args:
             settings: what to run.
             folder: takes `episodes.csv`, and a trace per episode.
-            shard: part that `run` runs.
+            shard: part that `run` runs, `2/4` of four parts: of the starts in their order, every fourth; None for all.
             given: policies, worlds, robots and SLAMs of the user's own, by the names that the settings use for them.
                 With several processes they must be picklable.
 
@@ -82,7 +55,12 @@ class Evaluation:
                 allowed.
             agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
-        self.settings, self.folder, self._shard = settings, folder, shard
+        match = re.fullmatch(r"(\d+)/(\d+)", "1/1" if shard is None else shard)
+        number, total = map(int, match.groups()) if match else (0, 0)
+        if not 1 <= number <= total:
+            raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {shard!r}")
+        self.settings, self.folder = settings, folder
+        self._shard = f"{number}of{total}" if total > 1 else ""
         self._given = dict(given or {})
         self._robots: dict[Case, str] = {}
         classic = self._look_around()
@@ -99,16 +77,12 @@ class Evaluation:
         self._check_fit()
         # Pairs stay together, so that a part of an evaluation is a fair one.
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._all_tasks))}
-        own = [
-            task
-            for key, task in self._all_tasks.items()
-            if groups[key.world, key.seed] % shard.total == shard.number - 1
-        ]
+        own = [task for key, task in self._all_tasks.items() if groups[key.world, key.seed] % total == number - 1]
         worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
         own_worlds = {name: world for name, world in worlds.items() if world not in {USUAL, *WORLD_NAMES, *FAMILIES}}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
-        self._records = Records(folder, self.columns, common, shard.name, own_worlds)
+        self._records = Records(folder, self.columns, common, self._shard, own_worlds)
         self._missing = self._not_found(own)
         self.total = len(own)
         """Number of the episodes of this shard."""
@@ -149,9 +123,9 @@ class Evaluation:
         failures = []
         with contextlib.ExitStack() as locks:
             # Shards share the folder with each other, and not with a run of the whole.
-            locks.enter_context(Lock(self.folder, shared=bool(self._shard.name)))
-            if self._shard.name:
-                locks.enter_context(Lock(self.folder, f"lock-{self._shard.name}"))
+            locks.enter_context(Lock(self.folder, shared=bool(self._shard)))
+            if self._shard:
+                locks.enter_context(Lock(self.folder, f"lock-{self._shard}"))
             self._records.begin()
             self._missing = self._not_found(self._missing)
             tasks = [replace(task, has_recording=record) for task in self._missing]
@@ -207,7 +181,7 @@ class Evaluation:
             with contextlib.closing(env):
                 inner = lidar_env_of(env)
                 self._robots[case] = inner.robot.name
-                self.measures = Measures.of(inner.task)
+                self.measures = Measures(inner.task.measures, inner.task.progress)
                 try:
                     if classic is None:
                         env.reset(seed=seed)

@@ -18,11 +18,7 @@ NUM_NAMED = 3
 def verdict_section(episodes: Episodes) -> Section | None:
     """Return who does best: where something learned takes part, first in what no training saw, then in all.
 
-    Args:
-        episodes: related ones (`Episodes.related`) from starts that all competitors share.
-
-    Returns:
-        The section; None with fewer than two competitors.
+    Of related episodes from starts that all competitors share; None with fewer than two of these.
     """
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
@@ -42,7 +38,10 @@ def verdict_section(episodes: Episodes) -> Section | None:
         title, best, better = f"time to {measures.mark} as a share of {short(reference)}'s", "fastest", "left is faster"
     if bound := _bound(episodes, measure):
         levels[f"ground truth: {texts(measure, bound[1])[0]}"] = measure.scale * bound[1].iqm
-    drawn = {policy: (_scaled(value, measure), _value(value, measure)) for policy, value in values.items()}
+    drawn = {
+        policy: (Estimate(*(measure.scale * number for number in value[:3]), n=value.n), _value(value, measure))
+        for policy, value in values.items()
+    }
     best_ones = [next(iter(values)), *_tied(episodes, values, measure)]
     picture = render(draw_values, drawn, best_ones, levels, title, bool(measures.marks))
     caption = (
@@ -57,9 +56,6 @@ def verdict(episodes: Episodes) -> str:
 
     Two policies are told apart where the 95 % interval of their paired difference leaves out zero: in relative time to
     the first mark where the task has one, otherwise in its headline.
-
-    Args:
-        episodes: related ones of at least two competitors, from starts that all of them share.
     """
     measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
     values = episodes.competitors(measure)
@@ -102,10 +98,6 @@ def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) 
     sign = 1.0 if measure.higher_is_better else -1.0
     gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}
     return [policy for policy, gap in gaps.items() if max(sign * gap.low, sign * gap.high) >= 0.0]
-
-
-def _scaled(estimate: Estimate, measure: Measure) -> Estimate:
-    return Estimate(*(measure.scale * number for number in estimate[:3]), n=estimate.n)
 
 
 def _value(estimate: Estimate, measure: Measure) -> str:

@@ -170,7 +170,7 @@ class _Worker:
             prepare(env, policy, task.key.seed, WARM_UP_STEPS)
             self._policies[task.policy.name] = policy
         inner = lidar_env_of(env)
-        recorder, measures = Recorder(inner), Measures.of(inner.task)
+        recorder, measures = Recorder(inner), Measures(inner.task.measures, inner.task.progress)
         film = EpisodeRecorder(env, policy) if task.has_recording else None
         with BagRecorder(env, task.bag) if task.bag else contextlib.nullcontext(), film or contextlib.nullcontext():
             episode = run_episode(env, policy, task.key.seed, recorder.watch)

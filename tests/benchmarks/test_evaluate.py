@@ -68,7 +68,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     assert "<h2>Leaderboard</h2>" in report
     # Of each world: every measure, the difference to the reference, why episodes ended, and the maps.
     world = report[report.index(f"<h2>{WORLD}</h2>") : report.index("<h2>maze</h2>")]
-    for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time limit: 2", "random: ", "map IoU"):
+    for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time ran out (2)", "random: ", "map IoU"):
         assert text in world, text
     assert world.count("<figure") == 2 + 1 + 2
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)

@@ -8,7 +8,7 @@ import pytest
 import baselines
 from baselines import RandomExplorer
 from benchmarks.arena.publish import publish
-from benchmarks.arena.runner import Evaluation, Shard
+from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.workers import NOT_RUN
 from envs.files import parse_record, read_record
@@ -38,7 +38,7 @@ def whole(tmp_path_factory):
 
 
 def test_shards_partition_the_evaluation_and_merge_to_the_same(whole, tmp_path):
-    parts = [Evaluation(SETTINGS, tmp_path, Shard(k, 3)) for k in (1, 2, 3)]
+    parts = [Evaluation(SETTINGS, tmp_path, f"{k}/3") for k in (1, 2, 3)]
     assert sum(part.total for part in parts) == whole.total
     for part in parts:
         assert part.run() == []
@@ -50,7 +50,7 @@ def test_shards_partition_the_evaluation_and_merge_to_the_same(whole, tmp_path):
 
 
 def test_pairs_stay_in_one_shard(tmp_path):
-    part = Evaluation(SETTINGS, tmp_path, Shard(1, 2))
+    part = Evaluation(SETTINGS, tmp_path, "1/2")
     missing = {failure.key for failure in part.missing()}
     part.run()
     mine = missing - {failure.key for failure in part.missing()}
@@ -61,12 +61,12 @@ def test_pairs_stay_in_one_shard(tmp_path):
 
 def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
     settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
-    first, late = Evaluation(settings, tmp_path, Shard(1, 2)), Evaluation(settings, tmp_path, Shard(1, 3))
+    first, late = Evaluation(settings, tmp_path, "1/2"), Evaluation(settings, tmp_path, "1/3")
     assert first.run() == []
     with pytest.raises(ValueError, match=rf"{tmp_path} holds shards I/2, and --shard is 1/3"):
         late.run()
     assert {path.name for path in tmp_path.glob("*.csv")} == {"episodes-1of2.csv"}
-    for rest in (Shard(2, 2), Shard()):
+    for rest in ("2/2", None):
         assert Evaluation(settings, tmp_path, rest).run() == []
     assert len(Evaluation(settings, tmp_path).rows()) == 8
 
