@@ -48,10 +48,9 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the ranking of the policies: where something learned takes part, first in what no training saw.
+    """Return the ranking by related episodes from starts that all competitors share.
 
-    Args:
-        episodes: related ones (`Episodes.related`) from starts that all competitors share.
+    Where something learned takes part, first by those that no training saw.
     """
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
@@ -113,12 +112,9 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return every policy against the reference on the starts that they share; None if there is only one.
+    """Return every policy against the reference by some measures; None if there is only one.
 
-    Args:
-        episodes: related ones for relative measures.
-        measures: in which they are compared; of episodes in several worlds, comparable ones. Ratios of the marks
-            follow.
+    Over several worlds, the measures should be comparable. Ratios of the marks follow.
     """
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
@@ -225,8 +221,7 @@ def unfinished_section(episodes: Episodes) -> Section:
     failing = f"explored less than {100 * MARKS[1]:.0f} %" if is_covering else "failed"
     if not lines:
         return Section("Not finished", (f"No episode {failing}.",))
-    text = f"Every policy and world with episodes that {failing}, and why. A map counts as drifted where the root mean "
-    text += f"square position error exceeds {DRIFT:.1f} m."
+    text = f"Where episodes {failing}, and why. A map counts as drifted beyond a position error (RMS) of {DRIFT:.1f} m."
     numbers = ("below 95 %", "below 99 %", "least explored %", "left on average m²") if is_covering else ("failed",)
     head = ("policy", "world", "episodes", *numbers, "why they ended")
     return Section("Not finished", (text, Table(head, lines, words=(1, len(head) - 1))))

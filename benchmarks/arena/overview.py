@@ -36,9 +36,7 @@ COLORS = "Colours: when a cell became known. Red: the true walls."
 def curves_section(folder: Path, episodes: Episodes) -> Section:
     """Return progress over time and distance, and the performance profiles of tasks whose times are compared as shares.
 
-    Args:
-        folder: of the evaluation; holds the traces.
-        episodes: related ones from starts that all competitors share.
+    Of related episodes from starts that all competitors share; `folder` holds their traces.
     """
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
@@ -58,18 +56,10 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     headline, never = measures.headline.label, replace(measures.relative[0], limit="")  # infinite if never reached
     above, within = profiles(measures.headline, areas), profiles(never, shares, -1.0)
     race = f"{measures.mark} within this share of {reference}'s time"
-    figures += [
-        Figure(
-            "profile_area",
-            render(draw_profiles, areas, above, f"{headline} above"),
-            f"Performance profile: share of episodes whose {headline} is above a threshold.",
-        ),
-        Figure(
-            "profile_time",
-            render(draw_profiles, shares, within, race),
-            f"Performance profile: share of episodes that reached {race.replace('this', 'a')}.",
-        ),
-    ]
+    who, has = f"whose {headline} is above a threshold", f"that reached {race.replace('this', 'a')}"
+    drawn = render(draw_profiles, areas, above, f"{headline} above"), render(draw_profiles, shares, within, race)
+    for name, picture, those in zip(("profile_area", "profile_time"), drawn, (who, has)):
+        figures.append(Figure(name, picture, f"Performance profile: share of episodes {those}."))
     return Section("Curves and performance profiles", (text, *figures))
 
 
@@ -108,12 +98,7 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Cu
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
     """Return the episodes in which the fastest policy does worst against the reference, and the first of their maps.
 
-    Args:
-        folder: of the evaluation; holds the traces.
-        episodes: related ones from starts that all competitors share.
-
-    Returns:
-        The section; None if the reference has no competitor, or nothing is compared as shares.
+    Of related episodes, whose traces `folder` holds; None without a competitor, or if nothing is compared as shares.
     """
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
@@ -171,8 +156,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
     """Write the pages that play each policy's typical and worst recorded episode; return links to them.
 
-    Each page shows the episode beside the reference's from the same start, where that one is recorded. The folder of
-    the evaluation holds the recordings, and gets the pages. None if nothing was recorded.
+    The reference's from the same start stands beside it, where that is recorded. None if nothing is.
     """
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:

@@ -76,7 +76,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Fold:
-    """Parts that are folded away behind a line."""
+    """Parts behind a line."""
 
     title: str
     parts: "tuple[Part, ...]"

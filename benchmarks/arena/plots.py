@@ -64,7 +64,6 @@ MAX_SHARE = 1.6
 Extent = tuple[float, float, float, float]
 """(x_min, x_max, y_min, y_max), world frame [m]."""
 Bands = Mapping[str, Band]
-"""A curve of each policy."""
 
 
 def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:

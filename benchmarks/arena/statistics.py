@@ -36,12 +36,8 @@ class Estimate(NamedTuple):
     """Whether such episodes decide the estimate, and the ends of the interval, which are then lower bounds."""
 
 
-class Band(NamedTuple):
-    """A curve and the ends of its 95 % intervals, shape (points,) each; of single values, three numbers."""
-
-    middle: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+Band = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""A curve and the lower and upper ends of its 95 % intervals, shape (points,) each; of single values, three numbers."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -66,7 +62,7 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
     parts = np.array_split(points, max(1, num_resamples * points.size // 2_000_000), axis=1)
     ends = [np.quantile(statistic(part[draws], axis=1), TAILS, axis=0) for part in parts]
     low, high = np.concatenate(ends, axis=1).reshape(2, *together.shape[1:])
-    return Band(statistic(together, axis=0), low, high)
+    return statistic(together, axis=0), low, high
 
 
 def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
@@ -99,8 +95,7 @@ def estimate(
 def success_rate(strata: Strata) -> Estimate:
     """Return the share of successes (1, not 0) with its Wilson score interval.
 
-    A share is a mean: the interquartile mean of zeros and ones would round it. Of ten successes in ten the bootstrap
-    would conclude that failure is impossible; the score interval does not.
+    An interquartile mean would round it, and of ten successes in ten the bootstrap would conclude that none can fail.
     """
     outcomes = np.concatenate(strata)
     interval = stats.binomtest(int(outcomes.sum()), len(outcomes)).proportion_ci(method="wilson")
@@ -108,32 +103,27 @@ def success_rate(strata: Strata) -> Estimate:
 
 
 def paired_difference(a: Strata, b: Strata) -> Estimate:
-    """Return the interquartile mean of the differences a - b, pair by pair, with its stratified bootstrap interval.
-
-    Pairs share world and seed, so what makes one start harder than another cancels out.
-    """
+    """Return the interquartile mean of a - b, pair by pair: what makes one start harder than another cancels out."""
     return estimate([x - y for x, y in zip(a, b, strict=True)])
 
 
 def paired_ratio(a: Strata, b: Strata) -> Estimate:
-    """Return the geometric mean of the ratios a / b, pair by pair, with its stratified bootstrap interval."""
+    """Return the geometric mean of a / b, pair by pair."""
     logs = estimate([np.log(x / y) for x, y in zip(a, b, strict=True)], statistic=np.mean)
     return Estimate(*(float(np.exp(number)) for number in logs[:3]), n=logs.n)
 
 
 def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> Estimate:
-    """Return the share of pairs that a wins, ties counting half, with its stratified bootstrap interval."""
+    """Return the share of pairs that a wins, ties counting half."""
     sign = 1.0 if higher_is_better else -1.0
     return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
 
 
 def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
-    """Return which share of the gap from a reference to a bound a policy closes, with a stratified bootstrap interval.
+    """Return what a policy gains on the reference over what the bound gains on it, both interquartile means.
 
-    The interquartile mean of what the policy gains on the reference, over that of what the bound gains on it: 0 is the
-    reference, 1 the bound. A ratio of means and not a mean of ratios: starts from which the bound gains next to nothing
-    would decide the latter. Where the bound does not clearly gain (the lower end of its interval is not positive),
-    there is no gap to close: NaN.
+    A ratio of means and not a mean of ratios, which starts would decide from which the bound gains next to nothing.
+    Where the lower end of the bound's gain is not positive, there is no gap to close: NaN.
     """
     gap = estimate(bounds)
     if gap.low <= 0.0:
@@ -145,10 +135,10 @@ def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
 
 
 def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
-    """Return the share of episodes whose score is above each threshold, with its stratified bootstrap interval."""
+    """Return the share of episodes whose score is above each threshold."""
     return bootstrap([np.asarray(values)[:, None] > thresholds for values in strata], np.mean, NUM_CURVE_RESAMPLES)
 
 
 def curve_band(strata: Strata) -> Band:
-    """Return the interquartile mean of curves, shape (episodes, points) per world, with its interval at each point."""
+    """Return the interquartile mean of curves, shape (episodes, points) per world."""
     return bootstrap(strata, interquartile_mean, NUM_CURVE_RESAMPLES)

@@ -126,8 +126,7 @@ class Recorder:
         grown: np.ndarray = np.full(grid.data.shape, np.inf, dtype=np.float32)
         col, row = (round((old - new) / grid.resolution) for old, new in zip(self._origin, grid.origin, strict=True))
         before = self._known_since[max(-row, 0) :, max(-col, 0) :]
-        row, col = max(row, 0), max(col, 0)
-        into = grown[row : row + before.shape[0], col : col + before.shape[1]]
+        into = grown[max(row, 0) :, max(col, 0) :][: before.shape[0], : before.shape[1]]
         into[:] = before[: into.shape[0], : into.shape[1]]
         self._known_since, self._origin = grown, grid.origin
 

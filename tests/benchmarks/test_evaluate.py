@@ -242,9 +242,3 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     assert done.returncode == 130, done.stderr
     assert "Interrupted. The finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_measures_are_those_that_are_promised():
-    promised = """explored_fraction time_to_90 time_to_95 time_to_99 distance_to_95 area_under_curve map_iou area_left
-        path_length collisions position_rmse heading_rmse decision_ms success"""
-    assert [measure.name for measure in MEASURES.all] == promised.split()

@@ -8,6 +8,7 @@ import pytest
 import baselines
 from baselines import RandomExplorer
 from benchmarks.arena.publish import publish
+from benchmarks.arena.records import Key
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.workers import NOT_RUN
@@ -24,6 +25,8 @@ SETTINGS = Settings(
     time_limit=2.0,
     slam_axis={"policies": ("nearest",), "worlds": ("pimouse_arena",), "episodes": 1, "slam": ("truth", "hector")},
 )
+OPTIONS = ["--policies", "nearest", "random", "--physics", "kinematic", "--time-limit", "2"]
+NO_AXIS = {"slam_axis": type(SETTINGS.slam_axis)()}
 
 
 def deterministic(rows):
@@ -60,7 +63,7 @@ def test_pairs_stay_in_one_shard(tmp_path):
 
 
 def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
-    settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
+    settings = SETTINGS.model_copy(update=NO_AXIS)
     first, late = Evaluation(settings, tmp_path, "1/2"), Evaluation(settings, tmp_path, "1/3")
     assert first.run() == []
     with pytest.raises(ValueError, match=rf"{tmp_path} holds shards I/2, and --shard is 1/3"):
@@ -72,18 +75,9 @@ def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
 
 
 def test_a_shard_publishes_nothing(tmp_path):
-    options = [
-        "--policies",
-        "nearest",
-        "random",
-        "--worlds",
-        "pimouse_arena",
-        "--episodes",
-        "2",
-        "--physics",
-        "kinematic",
-    ]
-    assert main([*options, "--time-limit", "2", "--out", str(tmp_path), "--shard", "2/2"]) == 0
+    assert (
+        main([*OPTIONS, "--worlds", "pimouse_arena", "--episodes", "2", "--out", str(tmp_path), "--shard", "2/2"]) == 0
+    )
     names = {path.name for path in tmp_path.iterdir()} - {".lock", ".lock-2of2"}
     assert names == {"episodes", "episodes-2of2.csv", "settings.json"}
     assert len((tmp_path / "episodes-2of2.csv").read_text().splitlines()) == 1 + 2
@@ -91,16 +85,13 @@ def test_a_shard_publishes_nothing(tmp_path):
 
 def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ray", None)
-    options = ["--policies", "nearest", "--worlds", "pimouse_arena", "--physics", "kinematic", "--out", str(tmp_path)]
-    assert main([*options, "--ray", "auto"]) == 2
+    assert main([*OPTIONS, "--worlds", "pimouse_arena", "--out", str(tmp_path), "--ray", "auto"]) == 2
     assert "pip install 'lidarnaut[ray]'" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
     both = [row for row in whole.slam_axis_rows() if row in whole.rows()]
-    assert [(row["policy"], row["world"], row["seed"], row["slam"]) for row in both] == [
-        ("nearest", "pimouse_arena", 0, "hector")
-    ]
+    assert [Key.of(row)[:3] for row in both] == [("nearest", "pimouse_arena", 0)]
     assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "hector"}
 
 
@@ -139,10 +130,8 @@ def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, caps
 
 
 def test_a_robot_that_does_not_fit_does_not_end_the_suite(tmp_path):
-    settings = SETTINGS.model_copy(update={"worlds": ("pimouse_arena", "maze"), "robots": ("tugbot",)})
-    evaluation = Evaluation(
-        settings.model_copy(update={"episodes": 1, "slam_axis": type(settings.slam_axis)()}), tmp_path
-    )
+    changes = {"worlds": ("pimouse_arena", "maze"), "robots": ("tugbot",), "episodes": 1, **NO_AXIS}
+    evaluation = Evaluation(SETTINGS.model_copy(update=changes), tmp_path)
     failures = evaluation.run()
     assert {failure.key.world for failure in failures} == {"pimouse_arena"}
     assert all("tugbot" in failure.reason and "does not fit" in failure.reason for failure in failures)
@@ -153,18 +142,8 @@ def test_a_robot_that_does_not_fit_does_not_end_the_suite(tmp_path):
 def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     table = (tmp_path / "episodes.csv").read_text()
-    options = [
-        "--policies",
-        "nearest",
-        "random",
-        "--worlds",
-        *SETTINGS.worlds,
-        "--episodes",
-        "3",
-        "--physics",
-        "kinematic",
-    ]
-    options += ["--time-limit", "2", "--no-world-sections", "--out", str(tmp_path), "--report"]
+    options = [*OPTIONS, "--worlds", *SETTINGS.worlds, "--episodes", "3"]
+    options += ["--no-world-sections", "--out", str(tmp_path), "--report"]
     assert main(options) == 1
     assert (tmp_path / "episodes.csv").read_text() == table
     assert NOT_RUN in (tmp_path / "leaderboard.md").read_text()
@@ -172,13 +151,8 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
 
 def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
-    assert set(settings.worlds) == {
-        *WORLD_NAMES,
-        "rooms",
-        "maze",
-        "warehouse",
-        "caves",
-    }  # those that it has results for
+    # Of the families those that it has results for.
+    assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
     assert set(settings.policies) == {
         *baselines.EXPLORERS,
         "learned=learned:pretrained/frontiers",
@@ -209,7 +183,7 @@ def test_mistakes_in_the_file_are_named(data, message):
 
 
 def test_an_empty_part_is_no_obstacle(tmp_path):
-    settings = SETTINGS.model_copy(update={"slam_axis": type(SETTINGS.slam_axis)()})
+    settings = SETTINGS.model_copy(update=NO_AXIS)
     Evaluation(settings, tmp_path)
     (tmp_path / "episodes-2of2.csv").touch()
     (tmp_path / "failures-2of2.csv").write_text("policy,wor")
@@ -228,14 +202,8 @@ def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path
 
 
 def test_the_bound_uses_the_true_pose_whatever_it_bounds(tmp_path):
-    settings = Settings(
-        policies=("oracle", "nearest"),
-        worlds=("pimouse_arena",),
-        episodes=1,
-        physics=("kinematic",),
-        slam=("odometry",),
-        time_limit=3.0,
-    )
+    changes = {"policies": ("oracle", "nearest"), "worlds": ("pimouse_arena",), "slam": ("odometry",), **NO_AXIS}
+    settings = SETTINGS.model_copy(update=changes)
     evaluation = Evaluation(settings, tmp_path)
     assert evaluation.run() == []
     errors = {row["policy"]: row["position_rmse"] for row in evaluation.rows()}

@@ -6,16 +6,11 @@ from benchmarks.arena.statistics import (
     curve_band,
     estimate,
     gap_closed,
-    interquartile_mean,
     paired_difference,
     performance_profile,
     probability_of_improvement,
     success_rate,
 )
-
-
-def test_interquartile_mean_is_the_mean_of_the_middle_half():
-    assert interquartile_mean(np.array([6.0, 1.0, 4.0, 1000.0, 3.0, -50.0, 5.0, 2.0])) == pytest.approx(3.5)
 
 
 def test_estimate_agrees_with_scipys_bootstrap():
@@ -31,9 +26,6 @@ def test_estimate_agrees_with_scipys_bootstrap():
     assert found.iqm == stats.trim_mean(np.concatenate(strata), 0.25)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=0.08)
     assert found.n == 32
-
-
-def test_worlds_are_strata():
     # Resampling across worlds would change their shares, and with them the estimate.
     assert estimate([np.zeros(10), np.ones(10)])[:3] == (0.5, 0.5, 0.5)
 
@@ -60,9 +52,7 @@ def test_pairs_cancel_what_they_share():
     hardness = np.random.default_rng(0).normal(100.0, 30.0, 12)
     assert paired_difference([hardness - 2.0], [hardness])[:3] == pytest.approx((-2.0, -2.0, -2.0))
     assert probability_of_improvement([hardness - 2.0], [hardness], higher_is_better=False)[:3] == (1.0, 1.0, 1.0)
-
-
-def test_probability_of_improvement_counts_ties_half():
+    # Ties count half.
     a, b = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.0, 2.0, 5.0, 3.0])
     assert probability_of_improvement([a], [b], higher_is_better=True).iqm == 2.5 / 4
     assert probability_of_improvement([a], [b], higher_is_better=False).iqm == 1.5 / 4
@@ -95,9 +85,7 @@ def test_the_gap_closed_is_the_gain_over_the_gain_of_the_bound():
     found = gap_closed([np.array([0.0, 1.0, 2.0, 30.0])], [np.array([2.0, 4.0, 6.0, 80.0])])
     assert found.iqm == pytest.approx(1.5 / 5.0)
     assert found.low < 0.3 < found.high
-
-
-def test_a_bound_that_does_not_clearly_gain_leaves_no_gap():
+    # A bound that does not clearly gain leaves no gap.
     found = gap_closed([np.array([0.1, 0.2, 0.1])], [np.array([0.5, -0.4, -0.3])])
     assert np.isnan(found[:3]).all()
     assert found.n == 3
