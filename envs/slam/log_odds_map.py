@@ -77,37 +77,31 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
     num_new = 0
-    for k in range(ends.shape[0]):
-        if ends[k, 2] > 0.0 and not math.isnan(ends[k, 0]):
-            index = np.uint64(math.floor(ends[k, 1] * scale) * width + math.floor(ends[k, 0] * scale))
-            word = flat[index]
-            if word & MAX_STAMP != stamp:
-                if word & MAX_STAMP == 0:
-                    new_cells[num_new, 0] = index
-                    num_new += 1
-                word = observe(word, model.hit, model.bound, stamp)
-                flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
     row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
-    last_row, last_col = -1, -1
-    for k in range(ends.shape[0]):
-        if math.isnan(ends[k, 0]):
-            continue
-        row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
-        if row_1 == last_row and col_1 == last_col:
-            continue  # passes the cells that the beam before has passed
-        last_row, last_col = row_1, col_1
-        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
-        base, side = row_0 * width + col_0, SIDE_START
-        for _ in range(length + 1):
-            index = np.uint64(base + (side >> 32) * side_step)
-            word = flat[index]
-            if word & MAX_STAMP != stamp:
-                if word & MAX_STAMP == 0:
-                    new_cells[num_new, 0] = index
-                    num_new += 1
-                word = observe(word, model.passed, model.bound, stamp)
-                flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
-            base, side = base + step, side + slope
+    for is_hit in (True, False):
+        change = model.hit if is_hit else model.passed
+        last_row, last_col = -1, -1
+        for k in range(ends.shape[0]):
+            if math.isnan(ends[k, 0]) or (is_hit and not ends[k, 2] > 0.0):
+                continue
+            row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+            if row_1 == last_row and col_1 == last_col:
+                continue  # the beam before has ended here
+            last_row, last_col = row_1, col_1
+            base, side, length, slope, step, side_step = row_1 * width + col_1, SIDE_START, 0, 0, 0, 0
+            if not is_hit:
+                base = row_0 * width + col_0
+                length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
+            for _ in range(length + 1):
+                index = np.uint64(base + (side >> 32) * side_step)
+                word = flat[index]
+                if word & MAX_STAMP != stamp:
+                    if word & MAX_STAMP == 0:
+                        new_cells[num_new, 0] = index
+                        num_new += 1
+                    word = observe(word, change, model.bound, stamp)
+                    flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
+                base, side = base + step, side + slope
     return num_new
 
 

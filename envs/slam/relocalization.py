@@ -14,7 +14,7 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from .key_scans import KeyScans
-from .matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from .matching.branch_and_bound import SearchWindow, angle_step, search
 from .matching.fields import Field, build_pyramid, hit_shares, is_accepted
 from .params import LoopClosureParams
 
@@ -160,13 +160,12 @@ class Relocalizer:
             return None
         field = Field.of(grid)
         pyramid = build_pyramid(field, 3, FINE_WIDTH)
-        around, limits = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01), SearchLimits(0.0, MAX_EVALUATIONS)
+        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
         fits: list[tuple[float, Pose2D]] = []
         for rough in _search_everywhere(field, points):
-            found = search(pyramid, points, rough, around, limits)
-            shares = hit_shares(field, points, found.pose)
-            if found.found and is_accepted(shares, ACCEPTED):
-                fits.append((shares.occupied - shares.free, found.pose))
+            pose = search(pyramid, points, rough, around, 0.0, MAX_EVALUATIONS).pose
+            if pose is not None and is_accepted(shares := hit_shares(field, points, pose), ACCEPTED):
+                fits.append((shares.occupied - shares.free, pose))
         fits.sort(reverse=True)
         is_clear = len(fits) == 1 or (len(fits) > 1 and fits[0][0] >= fits[1][0] + LEAST_LEAD)
         return fits[0][1] if is_clear else None
@@ -187,8 +186,7 @@ def _search_everywhere(field: Field, points: np.ndarray) -> Iterator[Pose2D]:
     pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
     x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
     window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
-    limits = SearchLimits(ACCEPTED.min_score, MAX_EVALUATIONS)
     for heading in (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi):
-        found = search(pyramid, points, Pose2D(x, y, heading), window, limits)
-        if found.found:
-            yield found.pose
+        start = Pose2D(x, y, heading)
+        if pose := search(pyramid, points, start, window, ACCEPTED.min_score, MAX_EVALUATIONS).pose:
+            yield pose

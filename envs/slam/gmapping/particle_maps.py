@@ -1,7 +1,6 @@
 """The maps of all particles, and the occupancy grid of the best one."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -35,19 +34,8 @@ ROW_BITS = 32
 _COLUMN = (1 << ROW_BITS) - 1
 
 
-class Scan(NamedTuple):
-    """A scan as it is integrated."""
-
-    model: LogOddsModel
-    number: int
-    """Counted from the reset."""
-    stamp: int
-    """What the words of observed cells are marked with, from 1 to `MAX_STAMP`, other than all that they hold."""
-    num_levels: int
-
-
 @njit(cache=True, error_model="numpy")
-def _integrate_level(pool, index, tiles_wide, lidar, ends, scan, level):
+def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp, level):
     """Integrate a scan into one level of a map, cell by cell as `integrate_scans` does.
 
     A scan that was broken off may be integrated again: what it has observed it does not observe twice.
@@ -60,64 +48,51 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, scan, level):
     # Handing arrays to a function costs more than what there is to do for a cell, or for a tile that is owned already.
     words, occupancy = pool.words.ravel(), pool.occupancy.ravel()
     references, written = pool.references, pool.written
-    hit, passed, bound = scan.model.hit, scan.model.passed, scan.model.bound
-    stamp, number = scan.stamp, scan.number
-    for k in range(ends.shape[0]):
-        if ends[k, 2] > 0.0 and not math.isnan(ends[k, 0]):
-            row, col = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
-            tile = (row >> bits) * tiles_wide + (col >> bits)
-            slot = index[tile]
-            if references[slot] != 1 or written[slot] != number:
-                slot = own_tile(pool, index, tile, number)
-                if slot < 0:
-                    return False
-            at = np.uint64(slot * cells + start + ((row & mask) << bits) + (col & mask))
-            word = words[at]
-            if word & MAX_STAMP != stamp:
-                word = observe(word, hit, bound, stamp)
-                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
     row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
-    for k in range(ends.shape[0]):
-        if math.isnan(ends[k, 0]):
-            continue
-        row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
-        length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, 1 << ROW_BITS)
-        base, side = (row_0 << ROW_BITS) + col_0, SIDE_START
-        last_tile, first_cell = -1, 0
-        for _ in range(length + 1):
-            both = base + (side >> 32) * side_step
-            row, col = both >> ROW_BITS, both & _COLUMN
-            tile = (row >> bits) * tiles_wide + (col >> bits)
-            if tile != last_tile:
-                slot = index[tile]
-                if references[slot] != 1 or written[slot] != number:
-                    slot = own_tile(pool, index, tile, number)
-                    if slot < 0:
-                        return False
-                last_tile, first_cell = tile, slot * cells + start
-            at = np.uint64(first_cell + ((row & mask) << bits) + (col & mask))
-            word = words[at]
-            if word & MAX_STAMP != stamp:
-                word = observe(word, passed, bound, stamp)
-                words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
-            base, side = base + step, side + slope
+    for is_hit in (True, False):
+        change = model.hit if is_hit else model.passed
+        for k in range(ends.shape[0]):
+            if math.isnan(ends[k, 0]) or (is_hit and not ends[k, 2] > 0.0):
+                continue
+            row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
+            base, side, length, slope, step, side_step = (row_1 << ROW_BITS) + col_1, SIDE_START, 0, 0, 0, 0
+            if not is_hit:
+                base = (row_0 << ROW_BITS) + col_0
+                length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, 1 << ROW_BITS)
+            last_tile, first_cell = -1, 0
+            for _ in range(length + 1):
+                both = base + (side >> 32) * side_step
+                row, col = both >> ROW_BITS, both & _COLUMN
+                tile = (row >> bits) * tiles_wide + (col >> bits)
+                if tile != last_tile:
+                    slot = index[tile]
+                    if references[slot] != 1 or written[slot] != number:
+                        slot = own_tile(pool, index, tile, number)
+                        if slot < 0:
+                            return False
+                    last_tile, first_cell = tile, slot * cells + start
+                at = np.uint64(first_cell + ((row & mask) << bits) + (col & mask))
+                word = words[at]
+                if word & MAX_STAMP != stamp:
+                    word = observe(word, change, model.bound, stamp)
+                    words[at], occupancy[at] = word, percent(word >> STAMP_BITS)
+                base, side = base + step, side + slope
     return True
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_into_maps(pool, index, tiles_wide, ranges, poses, geometry, corner, is_integrated, scan, ends, first):
+def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
     """Integrate a scan into maps, from the one of number `first` on.
 
     Args:
-        pool: `TilePool`, written.
-        index: shape (num_particles, num_tiles), int32: slots of the maps, written.
-        tiles_wide: number of tiles in a row of the maps.
+        maps: `Maps`, written.
         ranges: shape (num_beams,), float32 [m].
         poses: shape (num_particles, 3), float64, of the base, map frame [m, m, rad].
         geometry: `ScanGeometry`.
-        corner: column and row of the first cell, counted from the map frame's origin.
+        model: `LogOddsModel`.
         is_integrated: shape (num_particles,), bool: which maps to integrate it into.
-        scan: `Scan`.
+        number: of the scan, counted from the reset.
+        stamp: what the words of observed cells are marked with, from 1 to `MAX_STAMP`, other than all that they hold.
         ends: shape (num_beams, 3), float64: room to work in.
         first: number of the first map.
 
@@ -125,13 +100,14 @@ def integrate_into_maps(pool, index, tiles_wide, ranges, poses, geometry, corner
         Number of the map for which the pool had no room any more, and which is to be the first of another call;
         otherwise the number of maps.
     """
-    for p in range(first, index.shape[0]):
+    for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
-            lidar, _ = beam_ends(ranges, poses[p], geometry, corner, ends)
-            for level in range(scan.num_levels):
-                if not _integrate_level(pool, index[p], tiles_wide, lidar, ends, scan, level):
+            lidar, _ = beam_ends(ranges, poses[p], geometry, maps.corner, ends)
+            for level in range(maps.num_levels):
+                where = (maps.pool, maps.slots[p], maps.tiles_wide, lidar, ends)
+                if not _integrate_level(*where, model, number, stamp, level):
                     return p
-    return index.shape[0]
+    return maps.slots.shape[0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -222,10 +198,9 @@ class ParticleMaps(GrowingMap):
             forget_stamps(self._pool.words)
             self._stamp = 1
         self._stamp, self._number = self._stamp + 1, self._number + 1
-        scan = Scan(self._model, self._number, self._stamp, self._num_levels)
-        at = (self._tiles[1], ranges, poses, self.geometry, self.corner, is_integrated, scan, self._ends)
+        scan = (ranges, poses, self.geometry, self._model, is_integrated, self._number, self._stamp, self._ends)
         particle = 0
-        while (particle := integrate_into_maps(self._pool, self._slots, *at, particle)) < len(self._slots):
+        while (particle := integrate_into_maps(self.maps, *scan, particle)) < len(self._slots):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:

@@ -62,14 +62,10 @@ def make_pool(capacity: int, num_levels: int) -> TilePool:
 def enlarge_pool(pool: TilePool) -> TilePool:
     """Return a pool of twice the capacity with the same tiles in the same slots."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
-
-    def pad(array: np.ndarray) -> np.ndarray:
-        return np.concatenate([array, np.zeros_like(array)])
-
+    words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
     free[:capacity] = np.arange(2 * capacity - 1, capacity - 1, -1)
     free[capacity : capacity + num_free] = pool.free[:num_free]
-    words, occupancy, references, written = map(pad, pool[:4])
     return TilePool(words, occupancy, references, written, free, np.array([capacity + num_free]))
 
 

@@ -16,7 +16,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
 from envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
 from envs.slam.matching.gauss_newton import Prior, refine
 from envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
@@ -166,12 +166,12 @@ class LoopSearch:
         field, pyramid = self._rendered(submap)
         arrays = self._graph.arrays
         frame, before = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[node].tolist())
-        limits = SearchLimits(SEARCH_SHARE * loops.min_score, params.max_evaluations)
         steps = SearchWindow(*window, angle_step(points, params.resolution))
-        result = search(pyramid, points, frame.between(before), steps, limits)
-        if not result.found:
+        limits = (SEARCH_SHARE * loops.min_score, params.max_evaluations)
+        found = search(pyramid, points, frame.between(before), steps, *limits).pose
+        if found is None:
             return None
-        pose = refine_in_field(field, points, result.pose, params.iterations)
+        pose = refine_in_field(field, points, found, params.iterations)
         if not is_accepted(hit_shares(field, points, pose), loops):
             return None
         covariance = match_covariance(pyramid, points, pose, min(MAX_SURFACE, window[0]))

@@ -32,22 +32,11 @@ class SearchWindow(NamedTuple):
     """Distance between headings [rad]; see `angle_step`."""
 
 
-class SearchLimits(NamedTuple):
-    """What ends a search."""
-
-    min_score: float
-    """Least mean of the cells in which points fall, from 0 to 1; a pose below is not found."""
-    max_evaluations: int
-    """Most nodes that are scored; each costs as much as there are points."""
-
-
 class SearchResult(NamedTuple):
     """Result of a search."""
 
-    found: bool
-    """Whether a pose of at least the least score was found."""
-    pose: Pose2D
-    """The best one, in the frame of the field; the predicted one if none was found."""
+    pose: Pose2D | None
+    """The best one, in the frame of the field; None if none reaches the least score."""
     score: float
     """Mean of the cells in which points fall, from 0 to 1; 0 if none was found."""
     evaluations: int
@@ -220,7 +209,7 @@ def _search_below(levels, width, grid, nodes, least, budget):
 
 
 def search(
-    pyramid: Pyramid, points: np.ndarray, pose: Pose2D, window: SearchWindow, limits: SearchLimits
+    pyramid: Pyramid, points: np.ndarray, pose: Pose2D, window: SearchWindow, min_score: float, max_evaluations: int
 ) -> SearchResult:
     """Search the pose in a window at which points fit a field best.
 
@@ -232,23 +221,23 @@ def search(
         points: shape (n, 2), float32, hits in the base frame [m].
         pose: predicted one, in the frame of the field.
         window: poses to search.
-        limits: what ends the search.
+        min_score: least mean of the cells in which points fall, from 0 to 1.
+        max_evaluations: most nodes that are scored; each costs as much as there are points.
 
     Raises:
         ValueError: the window is larger than the pyramid was built for.
     """
     grid = _discretise(pyramid, points, tuple(pose), window)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
-    least = max(math.ceil(limits.min_score * FULL * len(points) - 1e-9), 1)
-    nodes, evaluations, is_complete = _score_top(levels, width, grid, least, limits.max_evaluations)
-    if is_complete:
-        nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
-        budget = limits.max_evaluations - evaluations
-        best, scored, is_complete = _search_below(levels, width, grid, nodes, least, budget)
-        evaluations += scored
-        if best.rank != NO_RANK:
-            x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
-            theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
-            score = best.total / (FULL * len(points))
-            return SearchResult(True, Pose2D(x, y, theta), score, evaluations, is_complete)
-    return SearchResult(False, Pose2D(*pose), 0.0, evaluations, is_complete)
+    least = max(math.ceil(min_score * FULL * len(points) - 1e-9), 1)
+    nodes, evaluations, is_complete = _score_top(levels, width, grid, least, max_evaluations)
+    if not is_complete:
+        return SearchResult(None, 0.0, evaluations, False)
+    nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
+    best, scored, is_complete = _search_below(levels, width, grid, nodes, least, max_evaluations - evaluations)
+    if best.rank == NO_RANK:
+        return SearchResult(None, 0.0, evaluations + scored, is_complete)
+    x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
+    theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
+    score = best.total / (FULL * len(points))
+    return SearchResult(Pose2D(x, y, theta), score, evaluations + scored, is_complete)

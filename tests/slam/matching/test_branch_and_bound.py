@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import SearchLimits, SearchWindow, angle_step, search
+from envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
 from envs.slam.matching.fields import Field, build_pyramid
 
 from ..rooms import FLAT, render_field, visible_points
@@ -52,16 +52,14 @@ def test_result_equals_brute_force_ties_included(seed):
     window = SearchWindow(0.7, 0.1, 0.04)
     expected, score = brute_force(field, points, pose, window)
     pyramid = build_pyramid(field, 1 + seed % 4, 1.0)
-    found = search(pyramid, points, pose, window, SearchLimits(0.0, NO_LIMIT))
-    assert found.found
+    found = search(pyramid, points, pose, window, 0.0, NO_LIMIT)
     assert found.is_complete
     assert found.score == score
     np.testing.assert_allclose(found.pose, expected, atol=1e-9)
     # The score itself is still found, and nothing above it.
-    assert search(pyramid, points, pose, window, SearchLimits(score, NO_LIMIT)).pose == found.pose
-    missed = search(pyramid, points, pose, window, SearchLimits(score + 1e-6, NO_LIMIT))
-    assert not missed.found
-    assert missed.pose == pose
+    assert search(pyramid, points, pose, window, score, NO_LIMIT).pose == found.pose
+    missed = search(pyramid, points, pose, window, score + 1e-6, NO_LIMIT)
+    assert missed.pose is None
 
 
 def test_pyramid_holds_maxima():
@@ -90,15 +88,15 @@ def test_a_robot_finds_its_pose_in_a_room_with_few_evaluations(room):
     window = SearchWindow(1.5, 0.35, angle_step(points, 0.05))
     pyramid = build_pyramid(room, 5, 1.5)
     predicted = (truth.x + 1.1, truth.y - 0.9, truth.theta + 0.28)
-    found = search(pyramid, points, predicted, window, SearchLimits(0.5, NO_LIMIT))
+    found = search(pyramid, points, predicted, window, 0.5, NO_LIMIT)
     assert found.score > 0.6
     np.testing.assert_allclose(found.pose, truth, rtol=0.0, atol=0.06)
     assert abs(found.pose.theta - truth.theta) <= window.angle_step
     poses = 61 * 61 * (2 * int(0.35 / window.angle_step) + 1)
     assert found.evaluations < 0.03 * poses
     # In a window without the true pose nothing scores enough.
-    missed = search(pyramid, points, predicted, window._replace(half_width=0.4), SearchLimits(0.7, NO_LIMIT))
-    assert not missed.found
+    missed = search(pyramid, points, predicted, window._replace(half_width=0.4), 0.7, NO_LIMIT)
+    assert missed.pose is None
     assert missed.score == 0.0
 
 
@@ -106,19 +104,19 @@ def test_work_is_bounded(room):
     points = visible_points(FLAT, (3.1, 2.2, 1.1), 60, 10.0)
     pyramid = build_pyramid(room, 4, 1.0)
     window, predicted = SearchWindow(1.0, 0.3, 0.02), (3.5, 2.0, 1.2)
-    whole = search(pyramid, points, predicted, window, SearchLimits(0.3, NO_LIMIT))
+    whole = search(pyramid, points, predicted, window, 0.3, NO_LIMIT)
     for limit in (0, 10, whole.evaluations // 2, whole.evaluations - 1):
-        cut = search(pyramid, points, predicted, window, SearchLimits(0.3, limit))
+        cut = search(pyramid, points, predicted, window, 0.3, limit)
         assert cut.evaluations <= limit
         assert not cut.is_complete
-    assert search(pyramid, points, predicted, window, SearchLimits(0.3, whole.evaluations)) == whole
+    assert search(pyramid, points, predicted, window, 0.3, whole.evaluations) == whole
 
 
 def test_windows_larger_than_the_pyramid_was_built_for_are_refused(room):
     pyramid = build_pyramid(room, 4, 1.0)
     points = np.ones((3, 2), dtype=np.float32)
     with pytest.raises(ValueError, match="larger than"):
-        search(pyramid, points, (0.0, 0.0, 0.0), SearchWindow(2.0, 0.1, 0.02), SearchLimits(0.5, NO_LIMIT))
+        search(pyramid, points, (0.0, 0.0, 0.0), SearchWindow(2.0, 0.1, 0.02), 0.5, NO_LIMIT)
 
 
 def test_steps_between_headings_follow_the_range_of_points():
