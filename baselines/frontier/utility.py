@@ -29,6 +29,7 @@ from baselines.frontier.explorer import COMMITTED, RuleExplorer
 from baselines.frontier.rules import CELL
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid
+from envs.geometry.distance_transform import squared_distances
 from envs.navigation import Candidates, crop_to_known
 from envs.navigation.costmap import OCCUPIED_FROM
 from envs.navigation.frontiers import information_gain
@@ -211,12 +212,9 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
 
 
 def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) -> np.ndarray:
-    """Tell which points (shape (n, 2) [m]) keep the clearance to obstacles: shape (n,), bool."""
+    """Tell which points (shape (n, 2) [m], inside the map) keep the clearance to obstacles: shape (n,), bool."""
     reach = int(params.obstacle_clearance / grid.resolution + 1e-9)
-    clear = np.ones(len(points), dtype=bool)
-    for k, (row, col) in enumerate(grid.cells(points) if reach else ()):
-        top, left = max(row - reach, 0), max(col - reach, 0)
-        window = grid.data[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)]
-        rows, cols = np.nonzero(window > params.obstacle_above)
-        clear[k] = not ((rows + top - row) ** 2 + (cols + left - col) ** 2 <= reach**2).any()
-    return clear
+    if reach == 0 or len(points) == 0:
+        return np.ones(len(points), dtype=np.bool_)
+    squared = squared_distances(grid.data > params.obstacle_above, reach)
+    return squared[tuple(grid.cells(points).T)] > reach**2

@@ -52,23 +52,10 @@ CANDIDATE = np.dtype(
     ]
 )
 """A candidate; its fields are what rules read, as `candidates["cost"]`."""
-FEATURES = (
-    "visible",
-    "unknown_1m",
-    "unknown_2m",
-    "unknown_4m",
-    "cost",
-    "cost_ratio",
-    "rank",
-    "turn",
-    "size",
-    "clearance",
-    "age",
-    "ahead",
-    "left",
-    "failures",
-    "chosen",
-)
+_FEATURES = """
+visible unknown_1m unknown_2m unknown_4m cost cost_ratio rank turn size clearance age ahead left failures chosen
+"""
+FEATURES = tuple(_FEATURES.split())
 """Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
 NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)

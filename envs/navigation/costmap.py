@@ -49,16 +49,6 @@ class CostmapParams:
         if not self.inflation_radius >= self.robot_radius:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
 
-    def cost(self, distance: float) -> int:
-        """Return Nav2's cost of a cell at `distance` [m] from the nearest obstacle's cell, centre to centre."""
-        if distance <= 0.0:
-            return COST_LETHAL
-        if distance <= self.robot_radius:
-            return COST_INSCRIBED
-        if distance > self.inflation_radius:
-            return COST_FREE
-        return int(COST_MAX_FREE * math.exp(-self.cost_scaling_factor * (distance - self.robot_radius)))
-
     def reach(self, resolution: float) -> int:
         """Return how many cells of a side [m] the inflation radius spans.
 
@@ -73,10 +63,14 @@ class CostmapParams:
         return reach
 
     def table(self, resolution: float) -> np.ndarray:
-        """Return costs by the squared distance to the nearest obstacle [cells2]: shape ((reach + 1)**2 + 1,), uint8."""
+        """Return Nav2's costs by the squared distance to the nearest obstacle [cells2], up to (reach + 1)**2: uint8."""
         # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as slightly more.
         distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
-        return np.array([self.cost(distance) for distance in distances], dtype=np.uint8)
+        costs = COST_MAX_FREE * np.exp(-self.cost_scaling_factor * (distances - self.robot_radius))
+        costs[distances <= self.robot_radius] = COST_INSCRIBED
+        costs[distances > self.inflation_radius] = COST_FREE
+        costs[0] = COST_LETHAL
+        return costs.astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,19 +96,20 @@ def roll_out(v, w, motion, poses):
 
 
 @njit(cache=True, error_model="numpy")
-def spread(costs, distances, queue, num_seeds):
+def spread(costs, distances, seeds):
     """Count the steps to the four nearest cells that lead to any seed around what the robot would touch.
 
     `distances`, shape (n, n), int32, is written: steps; n * n where the robot would touch something; n * n + 1 where
-    nothing leads. `queue`, shape (n * n,), int32, has the indices of the seeds at its start, none of them twice.
+    nothing leads. `seeds` are indices of cells, none of them twice.
     """
     side = costs.shape[0]
     size = side * side
     flat, steps = costs.reshape(size), distances.reshape(size)
+    queue = np.empty(size, dtype=np.int64)
+    first, last = 0, len(seeds)
+    queue[:last] = seeds
     steps[:] = size + 1
-    for k in range(num_seeds):
-        steps[queue[k]] = 0
-    first, last = 0, num_seeds
+    steps[queue[:last]] = 0
     while first < last:
         cell = queue[first]
         first += 1

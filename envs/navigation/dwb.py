@@ -42,28 +42,6 @@ INFLATION = 0.48
 """How far beyond the robot nearness to obstacles costs [m] (0.7 m from the centre of a TurtleBot3)."""
 
 
-class Oscillation:
-    """Forbids to turn back before the robot has got anywhere; one for each of forward speed and yaw rate."""
-
-    def __init__(self) -> None:
-        self._sign = 0.0
-        self.banned = 0.0
-        """Sign of the commands that are forbidden now, 0 for none."""
-
-    def release(self) -> None:
-        """Allow everything again."""
-        self._sign = self.banned = 0.0
-
-    def take(self, command: float) -> bool:
-        """Take in a command; tells whether it turned back, so that its opposite is forbidden from now on."""
-        sign = math.copysign(1.0, command) if command != 0.0 else 0.0
-        turned = sign * self._sign < 0.0
-        if turned:
-            self.banned = -sign
-        self._sign = sign or self._sign
-        return turned
-
-
 class DwbPlanner:
     """Drives along one path at a time; a `LocalPlanner`."""
 
@@ -80,8 +58,8 @@ class DwbPlanner:
         steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
         self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
-        self._queue = np.empty(self._side**2, dtype=np.int32)
-        self._oscillation = Oscillation(), Oscillation()
+        # Signs of the last forward speed and yaw rate that were not 0, and those that are banned, 0 for none.
+        self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
         self._path = np.empty((0, 2))
         self._index = 0
@@ -89,8 +67,6 @@ class DwbPlanner:
         self._has_no_path = False
         self.blocked = False
         """Whether the last command did not drive on because of obstacles."""
-        self.scores = np.empty((0, NUM_CRITICS))
-        """Scores of the twists that the last command was chosen from, by critic, without the scales."""
 
     @property
     def remaining(self) -> np.ndarray:
@@ -116,10 +92,10 @@ class DwbPlanner:
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
         ending = Ending(is_near, heading, to_goal > AHEAD)
         twists = self._samples(twist)
-        self.scores = np.empty((len(twists), NUM_CRITICS))
-        bans = tuple(trend.banned == sign for trend in self._oscillation for sign in (-1.0, 1.0))
-        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, RESOLUTION), self.scores)
-        totals = self.scores @ self._scales
+        scores = np.empty((len(twists), NUM_CRITICS))
+        bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
+        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, RESOLUTION), scores)
+        totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
             return Twist(0.0, 0.0)
@@ -157,24 +133,20 @@ class DwbPlanner:
             cells = cells[: int(np.argmin(inside))]
         flat = cells[:, 1] * side + cells[:, 0]
         to_path, to_goal, to_goal_ahead = self._rasters
-        self._spread(costs, to_path, np.unique(flat))
-        self._spread(costs, to_goal, np.array([side * side // 2]))
+        spread(costs, to_path, np.unique(flat))
+        spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
         # What lies beyond a trajectory's reach would draw the robot off the path, to where the path comes back. Only
         # where an obstacle blocks the path, the robot makes for what lies behind it.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
         self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
-        self._spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
+        spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)
         cell = cell_of(x + AHEAD * math.cos(bearing), y + AHEAD * math.sin(bearing), side, RESOLUTION)
-        self._spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
+        spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
         return float(np.hypot(*points[-1]))
-
-    def _spread(self, costs: np.ndarray, raster: np.ndarray, seeds: np.ndarray) -> None:
-        self._queue[: len(seeds)] = seeds
-        spread(costs, raster, self._queue, len(seeds))
 
     def _allow_turning_back(self, pose: Pose2D) -> None:
         """Lift the bans once the robot has got away from where it last turned back."""
@@ -183,14 +155,13 @@ class DwbPlanner:
         away = self._turned_at.between(pose)
         if math.hypot(away.x, away.y) > RESET_DISTANCE or abs(away.theta) > RESET_ANGLE:
             self._turned_at = None
-            for trend in self._oscillation:
-                trend.release()
+            self._signs, self._banned = np.zeros(2), np.zeros(2)
 
     def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        """Notice when a command turns back; turns while driving are no oscillation."""
-        trend_v, trend_w = self._oscillation
-        turned = trend_v.take(v)
-        if abs(v) <= RESET_DISTANCE:
-            turned = trend_w.take(w) or turned
-        if turned:
+        """Ban the opposite of a command that turns back; turns while driving are no oscillation."""
+        signs = np.sign([v, w if abs(v) <= RESET_DISTANCE else 0.0])
+        turned = signs * self._signs < 0.0
+        self._banned = np.where(turned, -signs, self._banned)
+        self._signs = np.where(signs == 0.0, self._signs, signs)
+        if turned.any():
             self._turned_at = pose

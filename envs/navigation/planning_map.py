@@ -23,27 +23,20 @@ FIRST_LIMIT = 16.0
 
 
 class PlanningTables(NamedTuple):
-    """Robot and `PlanningParams` in planning cells, for one footprint padding level. Kernels read it."""
+    """Robot and `PlanningParams` in planning cells and units of `search`, for one footprint padding level."""
 
     costs: np.ndarray
-    """See `CostmapParams.table`."""
     weights: np.ndarray
-    """See `step_weights`."""
     inflation: int
     radius: int
-    """How far from the robot's cell a search may start [cells]."""
     same_obstacle: int
     max_extent: int
     views: tuple[int, ...]
-    """View distances [cells]."""
     detour: int
-    """[travel cost]"""
     first_limit: int
-    """[travel cost]"""
     view_reach: int
     heading_steps: int
     robot_radius: float
-    """Radius of the footprint that is planned for [m]."""
 
 
 def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: float) -> PlanningTables:
@@ -52,7 +45,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         costs=costmap.table(side),
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
-        radius=max(1, math.floor(radius / side + 1e-9)),
+        radius=max(1, math.floor(radius / side + 1e-9)),  # how far from the robot's cell a search may start
         same_obstacle=round(params.same_obstacle / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
@@ -60,7 +53,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
         view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
         heading_steps=max(1, round(params.heading_distance / side)),
-        robot_radius=radius,
+        robot_radius=radius,  # of the footprint that is planned for [m]
     )
 
 

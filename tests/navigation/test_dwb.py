@@ -23,7 +23,6 @@ from envs.navigation.critics import (
     roll_out,
     spread,
 )
-from envs.navigation.dwb import Oscillation
 from envs.robots import load_robot
 from envs.simulation import Twist
 
@@ -58,12 +57,9 @@ def test_trajectories_ramp_up():
 
 def rasters(costs=None, path_row=MIDDLE, goal=(MIDDLE, SIDE - 1)):
     costs = np.zeros((SIDE, SIDE), dtype=np.uint8) if costs is None else costs
-    queue = np.empty(SIDE * SIDE, dtype=np.int32)
     to_path, to_goal = (np.empty((SIDE, SIDE), dtype=np.int32) for _ in range(2))
-    queue[:SIDE] = path_row * SIDE + np.arange(SIDE)
-    spread(costs, to_path, queue, SIDE)
-    queue[0] = goal[0] * SIDE + goal[1]
-    spread(costs, to_goal, queue, 1)
+    spread(costs, to_path, path_row * SIDE + np.arange(SIDE))
+    spread(costs, to_goal, np.array([goal[0] * SIDE + goal[1]]))
     return costs, to_path, to_goal
 
 
@@ -140,14 +136,15 @@ def test_banned_directions_are_out_of_the_question():
     assert list(np.isnan(scores[:, OSCILLATION])) == [False, True]
 
 
-def test_turning_back_is_banned_until_released():
-    trend = Oscillation()
-    assert [trend.take(k) for k in (0.5, 0.2, 0.0)] == [False] * 3
-    assert trend.take(-0.1)
-    assert trend.banned == 1.0
-    trend.release()
-    assert trend.banned == 0.0
-    assert not trend.take(0.3)
+def test_turning_back_is_banned_until_the_robot_has_got_away():
+    planner = DwbPlanner(BURGER, 0.1)
+    path = resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05)
+    planner.set_path(path)
+    left = planner.command(Pose2D(0.0, 0.0, -1.5), Twist(0.0, 0.0), NOTHING)
+    right = planner.command(Pose2D(0.0, 0.0, 1.5), Twist(0.0, 0.0), NOTHING)
+    assert left.w > 0.0 > right.w
+    assert planner.command(Pose2D(0.0, 0.0, 1.5 - 0.19), Twist(0.0, 0.0), NOTHING).w <= 0.0
+    assert planner.command(Pose2D(0.0, 0.0, -1.5), Twist(0.0, 0.0), NOTHING).w > 0.0
 
 
 def test_the_planner_swerves_around_what_sticks_out_into_its_path():
