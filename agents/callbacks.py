@@ -1,4 +1,4 @@
-"""Callbacks of a training: evaluations, checkpoints, and the progress bar."""
+"""What a training does between its steps: evaluations, checkpoints, and the progress bar."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from envs.progress import Progress
 
 
 class RunCallback(BaseCallback):
-    """Evaluates the policy and saves checkpoints between updates."""
+    """Evaluates the policy and saves checkpoints between updates; moves the progress bar."""
 
     model: BaseAlgorithm
 
@@ -33,14 +33,15 @@ class RunCallback(BaseCallback):
         evaluations: list[Row],
         saved_steps: int | None,
         replay: ReplayFiles | None,
+        bar: Progress,
     ) -> None:
         """Go on from the evaluations so far, to which new ones are appended.
 
         `saved_steps` are those of the checkpoint that the training goes on from; None at the start. `replay` are the
-        files of the replay buffer, where there is one.
+        files of the replay buffer, where there is one. The bar counts steps, and shows how far recent episodes got.
         """
         super().__init__()
-        self._config, self._run, self._evaluator, self._replay = config, run, evaluator, replay
+        self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
         self._evaluations, self._saved_steps = evaluations, saved_steps
         self._rollout_steps = rollout_steps(config)
         self._has_news = False
@@ -92,8 +93,20 @@ class RunCallback(BaseCallback):
         if not np.isfinite(rewards).all():
             i = int(np.argmin(np.isfinite(rewards)))
             raise self.diverged(f"a reward of sub-environment {i} is {rewards[i]}")
-        self._has_news |= bool(self.locals["dones"].any())
+        self._bar.update(self._config.num_envs)
+        if self.locals["dones"].any():
+            self._has_news = True
+            self._show()
         return True
+
+    def _show(self) -> None:
+        """Show how far recent training episodes got, and the headline of the last evaluation."""
+        headline, progress, last = self._evaluator.headline, self._evaluator.progress, self._evaluations[-1]
+        recent = [episode[progress] for episode in self.model.ep_info_buffer or () if progress in episode]
+        shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
+        if headline.name in last:
+            shown[headline.label] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
+        self._bar.set_postfix(shown, refresh=False)
 
     def _on_rollout_end(self) -> None:
         if self._has_news and self.model.ep_info_buffer:
@@ -130,30 +143,3 @@ class RunCallback(BaseCallback):
         if not all(torch.isfinite(tensor).all() for tensor in (*latest.policy.values(), *latest.training.values())):
             raise self.diverged()
         return latest
-
-
-class ProgressBar(BaseCallback):
-    """Shows steps, their rate, how far recent training episodes got, and the headline of the last evaluation."""
-
-    def __init__(self, total_steps: int, evaluations: list[Row], evaluator: Evaluator) -> None:
-        super().__init__()
-        self._total_steps, self._evaluations, self._evaluator = total_steps, evaluations, evaluator
-        self._bar = Progress(disable=True)
-
-    def _on_training_start(self) -> None:
-        self._bar = Progress(total=self._total_steps, initial=self.num_timesteps, unit="step", smoothing=0.05)
-
-    def _on_step(self) -> bool:
-        self._bar.update(self.training_env.num_envs)
-        if not self.locals["dones"].any() or not self.model.ep_info_buffer:
-            return True
-        headline, progress = self._evaluator.headline, self._evaluator.progress
-        recent = [episode[progress] for episode in self.model.ep_info_buffer if progress in episode]
-        shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
-        if self._evaluations and headline.name in self._evaluations[-1]:
-            shown[headline.label] = f"{headline.text(float(self._evaluations[-1][headline.name]))} {headline.unit}"
-        self._bar.set_postfix(shown, refresh=False)
-        return True
-
-    def _on_training_end(self) -> None:
-        self._bar.close()

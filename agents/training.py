@@ -9,7 +9,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.algorithms import build_model, complete, find_algorithm, num_updates, rollout_steps, takes_vectors
-from agents.callbacks import ProgressBar, RunCallback
+from agents.callbacks import RunCallback
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
@@ -18,6 +18,7 @@ from agents.run_folder import CheckpointError, begin, discard_after, find_checkp
 from agents.state import check_spaces, restore
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import Lock
+from envs.progress import Progress
 
 
 def train(
@@ -75,22 +76,19 @@ def train(
         # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
         purge_step = model.num_timesteps + 1 if evaluations else None
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
-        saved_steps = checkpoint.record.steps if checkpoint else None
-        keeper = RunCallback(config, run, evaluator, evaluations, saved_steps, replay)
-        total_steps = num_updates(config) * rollout_steps(config)
-        if model.num_timesteps < total_steps:
-            bar = [ProgressBar(total_steps, evaluations, evaluator)] if progress else []
+        total_steps, steps = num_updates(config) * rollout_steps(config), model.num_timesteps
+        if steps < total_steps:
+            bar = Progress(total=total_steps, initial=steps, unit="step", smoothing=0.05, disable=not progress)
+            keeper = RunCallback(config, run, evaluator, evaluations, steps if checkpoint else None, replay, bar)
             try:
-                model.learn(total_steps - model.num_timesteps, [keeper, *bar], reset_num_timesteps=False)
+                with bar:
+                    model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
             except ValueError as error:
                 if "to satisfy the constraint" not in str(error):  # how torch's distributions refuse NaN
                     raise
                 raise keeper.diverged() from None
-            finally:
-                for one in bar:
-                    one.on_training_end()
         model.logger.close()
     return run
 
