@@ -18,7 +18,6 @@ from rich.table import Table
 from benchmarks.drives.ekf import compare_faults, compare_fusions
 from benchmarks.drives.localization import compare_amcl, compare_on_log
 from benchmarks.drives.localization_times import time_amcl
-from benchmarks.drives.maps import draw_maps
 from benchmarks.drives.planning import time_planning
 from benchmarks.drives.recording import Row
 from benchmarks.drives.slams import compare_kidnapped, compare_slams
@@ -27,7 +26,6 @@ from envs.command_line import make_console, run_command
 
 STAGES: dict[str, Callable[..., list[Row]]] = {
     "slam": compare_slams,
-    "maps": draw_maps,
     "kidnapping": compare_kidnapped,
     "localization": compare_amcl,
     "localization-log": compare_on_log,

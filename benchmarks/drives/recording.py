@@ -26,9 +26,9 @@ RESOLUTION = 0.05
 """Side of a map cell [m]."""
 PERIOD = 0.1
 """Time between two commands and scans [s]."""
-DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
-"""Where the log of the Intel Research Lab and its relations lie."""
-LOG, RELATIONS = DATA / "scans_2725.npz", DATA / "intel.relations"
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data"))
+LOG = DATA / "intel" / "scans_2725.npz"
+"""The log of the Intel Research Lab."""
 Row = dict[str, Any]
 """A line of a table, by the names of its columns; a value of None was never reached."""
 

@@ -6,13 +6,13 @@ estimates. Errors are against ground truth in the frame of the start: what the m
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from benchmarks.drives.maps import Panel, draw_maps, wrong_cells
 from benchmarks.drives.recording import (
     PERIOD,
     RESOLUTION,
@@ -30,9 +30,9 @@ from benchmarks.drives.recording import (
 )
 from envs.command_line import Count
 from envs.estimation import Estimator
-from envs.logs import Log, compose_poses, load_log, load_relations, pose_errors, rms
+from envs.logs import compose_poses, load_log, load_relations, pose_errors, rms
 from envs.logs.relations import load_mask
-from envs.logs.runs import Replayed, Run, measure, replay
+from envs.logs.runs import measure, replay
 from envs.progress import Progress
 from envs.robots import load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
@@ -62,6 +62,7 @@ def compare_slams(
     physics: Literal["bullet", "kinematic"] = "kinematic",
     preset: str = "default",
     tilt: float = 0.0,
+    picture: Path | None = None,
 ) -> list[Row]:
     """All SLAMs on a log, by its relation error, and on simulated drives, by root mean squares over all scans.
 
@@ -77,33 +78,50 @@ def compare_slams(
         physics: simulator of the drives.
         preset: of the parameters of the SLAMs on the drives.
         tilt: pitch of the lidar, positive looking down [deg]; the SLAM takes it to be level.
+        picture: also draw the maps of the last drive, or without drives of the log, to this file.
     """
     if (log is None) != (relations is None):
         raise ValueError("--log and --relations go together")
-    rows = [] if log is None or relations is None else list(log_rows(log, relations, slams, seeds))
+    rows = [] if log is None or relations is None else compare_on_log(log, relations, slams, seeds, picture)
     for name in drives:
         world, _, robot_name = name.partition(":")
         robot = load_robot(robot_name)
         lidar = replace(robot.lidar, mount=replace(robot.lidar.mount, pitch=math.radians(tilt)))
         setup = make_setup(load_world(world), replace(robot, lidar=lidar), physics)
         recorded = [record_drive(setup, seed, 60.0 * minutes) for seed in range(seeds)]
+        walls, start = setup.area.walls, setup.world.spawns[0]
+        panels = [Panel("Ground truth, and the path driven", walls, recorded[-1].truth)]
         for slam_name in Progress(slams, name, leave=False):
-            slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, preset, setup.robot.odometry.noise)
-            found = medians([measure_drive(setup, drive, slam, seed) for seed, drive in enumerate(recorded)])
-            rows.append({"slam": slam_name, "data": name, **found})
+            slam = make_slam(slam_name, robot.lidar, RESOLUTION, preset, robot.odometry.noise)
+            found = []
+            for seed, drive in enumerate(recorded):
+                row, poses = measure_drive(setup, drive, slam, seed)
+                found.append(row)
+            title = f"{slam_name}: RMSE {row['translation_m']:.2f} m, map IoU {row['map_iou']:.2f}"
+            grid = slam.belief.grid
+            panels.append(Panel(title, grid, poses, wrong_cells(grid, start, walls), start))
+            rows.append({"slam": slam_name, "data": name, **medians(found)})
+        if picture is not None and name == drives[-1]:
+            length = np.hypot(*np.diff(recorded[-1].truth[:, :2], axis=0).T).sum()
+            note = f"{world}: {robot.name}, {robot.lidar.range_max:g} m lidar, {length:.0f} m in {minutes:g} minutes"
+            draw_maps(picture, panels, np.reshape(walls.known_part().bounds, (2, 2)), note)
     return rows
 
 
-def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int) -> Iterator[Row]:
-    """Yield the medians over seeds of each SLAM on a log."""
+def compare_on_log(
+    log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
+) -> list[Row]:
+    """Return the medians over seeds of each SLAM on a log with its preset `intel`; draw the maps of the last seed."""
     log, relations = load_log(log_path), {"error": load_relations(relations_path)}
-    mask = relations_path.parent / "unambiguous_relations.npy"
+    mask, rows, panels = relations_path.parent / "unambiguous_relations.npy", [], []
     if mask.exists():
         relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
     for name in Progress(slams, log_path.stem, leave=False):
-        found = []
+        params, found = SLAMS[name].load("intel"), []
+        slam = make_slam(name, log.lidar, params.resolution, params)
         for seed in range(seeds):
-            run = run_on_log(log, relations, name, seed)[2]
+            replayed = replay(log, slam, seed)
+            run = measure(log, slam, name, seed, replayed, relations)
             assert run.error is not None
             assert run.final_error is not None
             row = {"translation_m": run.final_error.translation, "rotation_deg": run.final_error.rotation}
@@ -111,29 +129,34 @@ def log_rows(log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds
                 row["unambiguous_m"] = run.final_error_unambiguous.translation
             row |= {"online_m": run.error.translation, "ms_per_scan": run.milliseconds, "p99_ms": run.milliseconds_p99}
             found.append(row)
-        yield {"slam": name, "data": log_path.stem, **medians(found)}
+        rows.append({"slam": name, "data": log_path.stem, **medians(found)})
+        panels.append(Panel(f"{name}: {row['translation_m']:.3f} m", slam.belief.grid, replayed.final))
+    if picture is not None:
+        # The map of the odometry is larger than the building, and would leave no room for it.
+        inside = np.concatenate([panel.path[:, :2] for name, panel in zip(slams, panels) if name != "odometry"])
+        view = np.array([inside.min(axis=0) - 5.0, inside.max(axis=0) + 5.0])
+        draw_maps(picture, panels, view, f"{log_path.stem}: final maps and poses, mean relation error")
+    return rows
 
 
-def run_on_log(log: Log, relations: dict[str, np.ndarray], name: str, seed: int) -> tuple[Estimator, Replayed, Run]:
-    """Run a SLAM with its preset `intel` on a log, and measure its relation errors."""
-    params = SLAMS[name].load("intel")
-    slam = make_slam(name, log.lidar, params.resolution, params)
-    replayed = replay(log, slam, seed)
-    return slam, replayed, measure(log, slam, name, seed, replayed, relations)
+def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tuple[Row, np.ndarray]:
+    """Run a SLAM along a drive that began at the first spawn, and measure it.
 
-
-def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> Row:
-    """Run a SLAM along a drive that began at the first spawn, and measure it."""
+    Returns:
+        What was measured, and the estimated poses, shape (n, 3), world frame [m, rad].
+    """
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     (poses, _, seconds), start = track(slam, drive), setup.world.spawns[0]
-    distance, angle = pose_errors(compose_poses(np.array([start]), poses[1:]), drive.truth[1:])
-    return {
+    poses = compose_poses(np.array([start]), poses)
+    distance, angle = pose_errors(poses[1:], drive.truth[1:])
+    row = {
         "translation_m": rms(distance),
         "rotation_deg": math.degrees(rms(angle)),
         "map_iou": map_iou(slam.belief.grid, setup.area, start),
         "ms_per_scan": 1e3 * float(seconds.mean()),
         "p99_ms": 1e3 * float(np.percentile(seconds, 99)),
     }
+    return row, poses
 
 
 def compare_kidnapped(

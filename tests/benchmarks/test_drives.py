@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.drives import localization, localization_times, maps, teams
+from benchmarks.drives import localization, localization_times, teams
 from benchmarks.drives.__main__ import Command, main, table
 from benchmarks.drives.localization import (
     compare_amcl,
@@ -16,10 +16,11 @@ from benchmarks.drives.localization import (
     symmetries,
     time_quantile,
 )
+from benchmarks.drives.maps import wrong_cells
 from benchmarks.drives.planning import time_planning
-from benchmarks.drives.recording import LOG, RELATIONS, Drive, first_time, right_since, run_each
+from benchmarks.drives.recording import LOG, Drive, first_time, right_since, run_each
 from benchmarks.drives.slams import compare_kidnapped, compare_slams
-from envs.geometry import OccupancyGrid
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.rendering import style
 
 no_log = pytest.mark.skipif(not LOG.is_file(), reason=f"the Intel log is not at {LOG}; set LIDARNAUT_DATA")
@@ -73,40 +74,35 @@ def test_the_command_prints_a_table_and_writes_its_rows(tmp_path, capsys):
     assert (len(wide.columns), wide.row_count) == (2, 11)
 
 
-def test_slams_on_a_drive():
-    rows = compare_slams(("hector", "odometry"), ("turtlebot3_world:turtlebot3_burger",), seeds=2, minutes=0.2)
-    assert [row["slam"] for row in rows] == ["hector", "odometry"]
+def test_slams_on_a_drive_are_measured_and_drawn(tmp_path):
+    path = tmp_path / "maps.png"
+    drives = ("turtlebot3_world:turtlebot3_burger",)
+    rows = compare_slams(("odometry", "hector"), drives, seeds=2, minutes=0.2, picture=path)
+    assert [row["slam"] for row in rows] == ["odometry", "hector"]
     assert all(row["translation_m"] < 0.05 and row["map_iou"] > 0.2 for row in rows)
+    with Image.open(path) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    assert pixels.shape[1] == 1050
+    for colour in (style.FREE, style.UNKNOWN):
+        assert (np.abs(pixels - colour).max(axis=2) < 12).sum() > 2000
+    assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20  # the path
     with pytest.raises(ValueError, match="--log and --relations go together"):
         compare_slams(log=LOG)
 
 
 @no_log
-def test_a_slam_on_a_log():
-    (row,) = compare_slams(("hector",), (), LOG, RELATIONS, seeds=1)
+def test_a_slam_on_a_log_is_measured_and_drawn(tmp_path):
+    path = tmp_path / "maps.png"
+    (row,) = compare_slams(("hector",), (), LOG, LOG.parent / "intel.relations", seeds=1, picture=path)
     assert row["translation_m"] < 0.045
     assert row["unambiguous_m"] < 0.03
+    assert path.stat().st_size > 10_000
 
 
 def test_kidnapped_robots_are_counted_by_world_and_together():
     rows = compare_kidnapped(("hector",), ("turtlebot3_world",), seeds=1, minutes=0.1, seconds=1.0)
     assert [(row["world"], row["robots"]) for row in rows] == [("turtlebot3_world", 1), ("all", 1)]
     assert rows[0]["relocalized_after_s"] is None
-
-
-def test_the_maps_of_a_drive_are_drawn(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(maps, "NAMES", {"odometry": "Raw odometry", "hector": "Hector"})
-    monkeypatch.setattr(maps, "LOG", tmp_path / "none")
-    rows = maps.draw_maps(tmp_path, "turtlebot3_world", "turtlebot3_burger", seed=0, minutes=0.2)
-    assert [row["slam"] for row in rows] == ["odometry", "hector"]
-    assert "the Intel log is not at" in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["slam_maps.png"]
-    with Image.open(tmp_path / "slam_maps.png") as image:
-        pixels = np.asarray(image.convert("RGB")).astype(int)
-    assert pixels.shape[1] == 1050
-    for colour in (style.FREE, style.UNKNOWN):
-        assert (np.abs(pixels - colour).max(axis=2) < 12).sum() > 2000
-    assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20  # the path
 
 
 @no_log
@@ -118,21 +114,13 @@ def test_amcl_on_a_log(monkeypatch):
     assert row["lost_share"] == 0.0
 
 
-@no_log
-def test_the_maps_of_a_log_are_drawn(tmp_path, monkeypatch):
-    monkeypatch.setattr(maps, "NAMES", {"hector": "Hector"})
-    (row,) = maps.draw_log(tmp_path / "log.png", seed=0)
-    assert row["translation_m"] < 0.045
-    assert (tmp_path / "log.png").stat().st_size > 10_000
-
-
 def test_walls_out_of_place_are_found():
     walls = OccupancyGrid(np.zeros((10, 10), dtype=np.int8), 1.0, (0.0, 0.0))
     walls.data[2, 3:6] = 100
     data = np.full((6, 30), -1, dtype=np.int8)
     data[4, 6], data[4, 14], data[4, 20], data[5, 14] = 100, 100, 100, 0
-    grid = OccupancyGrid(data, 0.5, (0.0, 0.0))  # half as wide cells: (3.25, 2.25), (7.25, 2.25), (10.25, 2.25) m
-    assert np.argwhere(maps.wrong_cells(grid, walls)).tolist() == [[4, 14], [4, 20]]
+    grid = OccupancyGrid(data, 0.5, (0.0, -2.0))  # half as wide cells: (3.25, 0.25), (7.25, 0.25), (10.25, 0.25) m
+    assert np.argwhere(wrong_cells(grid, Pose2D(0.0, 2.0, 0.0), walls)).tolist() == [[4, 14], [4, 20]]
 
 
 def test_a_robot_is_tracked_localized_and_kidnapped():

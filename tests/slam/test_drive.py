@@ -15,7 +15,7 @@ def test_a_minute_in_turtlebot3_world(physics):
     setup = make_setup(load_world("turtlebot3_world"), robot, physics)
     drive = record_drive(setup, 11, 90.0)
     assert np.hypot(*np.diff(drive.truth[:, :2], axis=0).T).sum() > 10.0
-    found = measure_drive(setup, drive, slam, 11)
+    found, _ = measure_drive(setup, drive, slam, 11)
     assert found["translation_m"] < 0.05
     assert found["rotation_deg"] < 1.5
     assert found["map_iou"] > 0.9
