@@ -11,7 +11,7 @@ from benchmarks.arena.measures import Measures, texts
 from benchmarks.arena.publish import run_with_progress
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.statistics import Estimate, estimate
+from benchmarks.arena.statistics import estimate
 from benchmarks.drives.recording import Row
 from envs.command_line import Count, make_console
 from envs.measures import Measure
@@ -73,32 +73,22 @@ def compare_teams(
 
 
 def summarise(rows: list[Row], robots: tuple[int, ...]) -> list[Row]:
-    """Return a line for each world and number of robots, of the rows of episodes whose policy is that number."""
-    by_world = {world: [row for row in rows if row["world"] == world] for world in {row["world"]: 0 for row in rows}}
-    lines = []
-    for world, here in (by_world | {"all": rows} if len(by_world) > 1 else by_world).items():
-        for num in robots:
-            own = [row for row in here if row["policy"] == str(num)]
-            time = Episodes(own, MEASURES).estimate(str(num), TIME)
+    """Return a line for each world and number of robots, of the rows of episodes whose policy is that number.
+
+    T(1) / T(n) is an interquartile mean over pairs; where one robot never reached 95 %, the ratio is a lower bound.
+    """
+    together, lines = Episodes(rows, MEASURES), list[Row]()
+    worlds = together.by_case()
+    for world, here in (worlds | {"all": together} if len(worlds) > 1 else worlds).items():
+        for num in map(str, robots):
+            own, time = here.of(num), here.estimate(num, TIME)
             line = {"world": world, "robots": num, "time to 95 %, s": "{} [{}]".format(*texts(TIME, time))}
             if 1 in robots:
-                line["T(1) / T(n)"] = "{} [{}]".format(*texts(SPEED_UP, speed_up(here, num)))
-            line |= {
-                "reached": f"{time.n - time.never} of {time.n}",
-                "path of all, m": f"{np.median([row['path_length'] for row in own]):.0f}",
-                "contacts": int(sum(row["collisions"] for row in own)),
-            }
-            lines.append(line)
+                pairs = zip(*here.pairs("1", num, TIME), strict=True)
+                reached = [np.isfinite(times) for times in here.pairs("1", num, replace(TIME, limit=""))[0]]
+                ratio = estimate([alone / many for alone, many in pairs], reached if num != "1" else None)
+                line["T(1) / T(n)"] = "{} [{}]".format(*texts(SPEED_UP, ratio))
+            line["reached"] = f"{time.n - time.never} of {time.n}"
+            line["path of all, m"] = f"{np.median([row['path_length'] for row in own]):.0f}"
+            lines.append(line | {"contacts": int(sum(row["collisions"] for row in own))})
     return lines
-
-
-def speed_up(rows: list[Row], num_robots: int) -> Estimate:
-    """Return the interquartile mean of T(1) / T(n), pair by pair, with its interval.
-
-    Where one robot alone never reached 95 %, the ratio is a lower bound.
-    """
-    episodes = Episodes(rows, MEASURES)
-    alone, together = episodes.pairs("1", str(num_robots), TIME)
-    unlimited = episodes.pairs("1", str(num_robots), replace(TIME, limit=""))[0]
-    ratios = [one / many for one, many in zip(alone, together, strict=True)]
-    return estimate(ratios, [np.isfinite(times) for times in unlimited] if num_robots > 1 else None)
