@@ -6,35 +6,18 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
-from PIL import Image
 from rich.console import Console
-from scipy import ndimage
 
 from agents.config import TrainingConfig
 from agents.curves import LEARNED as LEARNS
 from agents.curves import Row as CurveRow
 from agents.curves import draw_learning_curve, read_evaluations
-from benchmarks.arena.plots import (
-    ERROR,
-    INK,
-    MUTED,
-    NUM_COLORS,
-    PAPER,
-    UNKNOWN,
-    extent_of,
-    line_styles,
-    show_map,
-    show_only,
-)
+from benchmarks.arena.plots import STYLE, draw_growth, draw_map, extent_of, render
 from benchmarks.arena.publish import print_results, publish, run_with_progress
 from benchmarks.arena.records import Row
 from benchmarks.arena.runner import Evaluation
@@ -43,7 +26,6 @@ from benchmarks.arena.trace import Trace, trace_path
 from benchmarks.films import save_film
 from envs.command_line import run_command
 from envs.files import Lock, read_record
-from envs.measures import first_at
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
@@ -55,11 +37,6 @@ LARGEST_RATIO = 0.5
 """Of the times to the target after and before the training; more counts as a failure of the training."""
 NUM_FRAMES = 48
 """Pictures in the film."""
-MARK = 0.95
-"""Explored fraction that counts."""
-LEAST_GAIN, POCKET_TIME = 0.01, 6.0
-"""A drive that adds less than this explored fraction leads through what is known already; what is seen within this time
-after it is what it led to [s]."""
 INTRO = (
     "First, PPO learns to drive from an untrained network, in one small world, and is measured there, from random "
     "starts. Then explorers meet in a house that no training saw: the two that come with the package, a score of "
@@ -119,17 +96,16 @@ def demo(
         ratio, pair = median_pair(rows)
         traces = {row["policy"]: Trace.load(trace_path(work, row)) for row in pair}
         end = max(float(trace.curve.time[-1]) for trace in traces.values())
-        frames = [draw_side_by_side(traces, float(moment)) for moment in np.linspace(0.0, end, NUM_FRAMES)]
+        frames = [draw_moment(traces, float(moment), end) for moment in np.linspace(0.0, end, NUM_FRAMES)]
         save_film(frames, work / "exploration.gif", frames[-1].shape[1])
-        paths = Image.fromarray(frames[-1]).quantize(NUM_COLORS, dither=Image.Dither.NONE)
-        paths.save(work / "paths.png", optimize=True)
+        (work / "paths.png").write_bytes(render(draw_growth, traces))
         where = (
             f"seed {pair[0]['seed']}, the median of {episodes} starts by the ratio of times to 95 %, here {ratio:.2f}"
         )
         captions = {
             "learning_curve.png": f"{lesson} Trained and measured in this world alone, from random starts.",
             "exploration.gif": f"The shipped twist policy beside the usual baseline, in step ({where}).",
-            "paths.png": "The same at the end: where each drove longest without seeing anything new.",
+            "paths.png": "The same, moment by moment.",
         }
         lead = {caption: (work / name).read_bytes() for name, caption in captions.items()}
         summary = publish(evaluation, title="From an unknown house to a finished map", intro=INTRO, lead=lead)
@@ -172,89 +148,22 @@ def median_pair(rows: Sequence[Row], policy: str = TWIST) -> tuple[float, tuple[
     return ratio, pairs[k]
 
 
-class Return(NamedTuple):
-    """The longest drive through what was known already, before `MARK` was reached."""
+def draw_moment(traces: Mapping[str, Trace], moment: float, end: float) -> np.ndarray:
+    """Draw the maps and paths of episodes from the same start, by the names of their explorers, as at a moment [s].
 
-    begin: float
-    end: float
-    """Times between which less than `LEAST_GAIN` was added [s]."""
-    pocket: np.ndarray
-    """Shape of the map, bool: the largest connected part of what was seen first on this drive or at its end."""
-    left_at: float
-    """Since when the pocket bordered on what was known, the median of the cells along it [s]."""
-
-
-def find_return(trace: Trace) -> Return:
-    """Find the longest drive through what was known, and the pocket that it led to."""
-    time, fraction = trace.curve.time, np.maximum.accumulate(trace.curve.progress)
-    begins = time[np.searchsorted(fraction, fraction - LEAST_GAIN, side="right")]
-    last = int(np.where(time <= first_at(time, fraction, MARK), time - begins, 0.0).argmax())
-    begin, end = float(begins[last]), float(time[last])
-    since, is_free = trace.known_since, (trace.grid.data >= 0) & (trace.grid.data < 50)
-    new = is_free & (since > begin) & (since <= end + POCKET_TIME)
-    labels, _ = ndimage.label(new, np.ones((3, 3)))
-    pocket = labels == np.bincount(labels[new], minlength=2).argmax() if new.any() else new
-    border = ndimage.binary_dilation(pocket, iterations=2) & is_free & (since <= begin)
-    return Return(begin, end, pocket, float(np.median(since[border])) if border.any() else begin)
-
-
-def draw_side_by_side(traces: Mapping[str, Trace], moment: float) -> np.ndarray:
-    """Draw two episodes from the same start, by the names of their explorers, as they were at a moment [s].
-
-    Returns:
-        The picture, shape (height, width, 3), uint8.
+    Colours tell when cells became known, the last one at `end` [s]. Returns shape (height, width, 3), uint8.
     """
-    extent, end = extent_of(list(traces.values())), max(float(trace.curve.time[-1]) for trace in traces.values())
-    height = 5.0 * (extent[3] - extent[2]) / (extent[1] - extent[0])
-    figure = Figure(figsize=(10.0, height + 3.0), dpi=100, facecolor=PAPER, layout="constrained")
-    maps, below = figure.subfigures(2, height_ratios=(height + 0.9, 2.1))
-    what = "red: the longest drive that added less than 1 %, and the pocket that it led to"
-    maps.supxlabel(f"paths: coloured by time; {what}", color=MUTED, fontsize=9)
-    curves, looks = below.subplots(), line_styles(list(traces))
-    curves.axhline(100 * MARK, color=MUTED, linewidth=0.8, linestyle=(0, (2, 3)))
-    for axes, (name, trace) in zip(maps.subplots(1, 2), traces.items(), strict=True):
-        time, percent, found = trace.curve.time, 100 * trace.curve.progress, find_return(trace)
-        _draw_path(axes, trace, found, moment, end)
-        show_only(axes, extent, UNKNOWN)
-        reached, back, past = first_at(time, trace.curve.progress, MARK), "", time <= moment
-        curves.plot(time[past], percent[past], linewidth=2.0, label=name, **looks[name])
-        if found.begin < found.end <= moment:
-            area = found.pocket.sum() * trace.grid.resolution**2
-            back = f"{found.end - found.begin:.0f} s back to {area:.1f} m² left at {found.left_at:.0f} s"
-            level = float(np.interp(found.end, time, percent))
-            curves.plot([found.begin, found.end], [level, level], color=ERROR, linewidth=5.0, alpha=0.55)
-        now = f"{np.interp(moment, time, percent):.0f} %"
-        first = now if moment < reached else f"{100 * MARK:.0f} % after {reached:.0f} s"
-        axes.set_title(f"{name}: {first}\n{back}", color=INK, fontsize=11)
-    curves.set(xlim=(0, end), ylim=(0, 102), xlabel="time [s]", ylabel="explored [%]")
-    curves.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", extent=(0, end, 0, 3), aspect="auto")
-    curves.grid(color=MUTED, alpha=0.25)
-    curves.legend(loc="lower right", frameon=False)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    extent = extent_of(list(traces.values()))
+    height = 5.0 * (extent[3] - extent[2]) / (extent[1] - extent[0]) + 0.4
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(5.0 * len(traces), height), dpi=100)
+        for axes, (name, trace) in zip(figure.subplots(1, len(traces)), traces.items()):
+            time, share = trace.curve.time, trace.curve.progress
+            draw_map(axes, trace, moment, end, extent)
+            axes.set_title(f"{name}: {100 * np.interp(moment, time, share):.0f} % after {min(moment, time[-1]):.0f} s")
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _draw_path(axes: Axes, trace: Trace, found: Return, moment: float, end: float) -> None:
-    """Draw what was known, and the path until a moment [s], in colours that begin at 0 and end at `end` [s]."""
-    known = trace.known_since <= moment
-    picture = np.full((*known.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
-    picture[known] = to_rgba(PAPER)
-    if moment >= found.left_at:
-        picture[found.pocket] = to_rgba(ERROR, 0.25 if moment >= found.end else 0.55)
-    picture[known & (trace.grid.data >= 50)] = to_rgba(INK)
-    show_map(axes, picture, trace.grid, trace.start, trace.segments, MUTED)  # red is for returns
-    count = max(int(np.searchsorted(trace.curve.time, moment, side="right")), 2)
-    trail, time = trace.start.transform(trace.trail[:count]), trace.curve.time[:count]
-    back = trail[(time >= found.begin) & (time <= found.end)]
-    axes.plot(*back.T, color=ERROR, linewidth=5.0, alpha=0.55, solid_capstyle="round")
-    if found.begin < found.end:
-        axes.plot(*back[:1].T, marker="X", markersize=10, color=ERROR, markeredgecolor=PAPER)
-    look = {"cmap": "viridis", "norm": Normalize(0, end), "linewidths": 1.8}
-    axes.add_collection(LineCollection(list(np.stack([trail[:-1], trail[1:]], axis=1)), array=time[1:], **look))
-    axes.plot(*trail[0], marker="o", markersize=6, color=PAPER, markeredgecolor=INK)
-    now = matplotlib.colormaps["viridis"](time[-1] / end)
-    axes.plot(*trail[-1], marker="o", markersize=7, color=now, markeredgecolor="k")
 
 
 def _replace(folder: Path, work: Path) -> None:

@@ -207,7 +207,7 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
         end = trace.curve.time[-1]
         last = int(np.argmax(moments >= end))
         for axes, moment in zip(row[: last + 1], (*moments[:last], end)):
-            _draw_map(axes, trace, moment, max(ends), extent)
+            draw_map(axes, trace, moment, max(ends), extent)
             fraction = float(np.interp(moment, trace.curve.time, trace.curve.progress))
             axes.set_title(
                 f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * fraction:.0f} %", fontsize=9, pad=3
@@ -225,7 +225,7 @@ def extent_of(traces: Sequence[Trace]) -> Extent:
     return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
-def _draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
+def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
     """Draw what was known at a moment [s]; `end` is the time for the last colour [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment

@@ -14,8 +14,7 @@ from benchmarks.demo import (
     WORLD,
     check_learning,
     demo,
-    draw_side_by_side,
-    find_return,
+    draw_moment,
     median_pair,
 )
 from envs.files import Lock, LockedError, parse_record
@@ -115,21 +114,8 @@ def make_trace(seen_at):
     return Trace(Curve(time, 0.1 * time, fraction), trail, grid, since, Pose2D(0, 0, 0), walls, np.empty((0, 3)))
 
 
-def test_the_longest_drive_through_what_is_known_and_its_pocket_are_found():
-    # The first 20 cells are left behind at 3 s, when those beside them are seen; at 50 s the robot comes back to them.
-    seen_at = np.concatenate([np.full(20, 50.0), 3.0 + np.arange(80.0) // 8])
-    found = find_return(make_trace(seen_at))
-    assert (found.begin, found.end, found.left_at) == (12.0, 49.0, 3.0)
-    np.testing.assert_array_equal(np.argwhere(found.pocket), [(1, col) for col in range(1, 21)])
-
-
-def test_drives_after_the_mark_do_not_count():
-    seen_at = np.concatenate([np.arange(96.0), np.full(4, 500.0)])
-    assert find_return(make_trace(seen_at)).end <= 95.0
-
-
 def test_both_are_drawn_as_they_were():
     traces = {"quick": make_trace(np.arange(100.0) // 4), "slow": make_trace(np.arange(100.0))}
-    early, late = (draw_side_by_side(traces, moment) for moment in (20.0, 99.0))
+    early, late = (draw_moment(traces, moment, 99.0) for moment in (20.0, 99.0))
     assert early.shape == late.shape
     assert (early != late).any()
