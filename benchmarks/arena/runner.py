@@ -172,7 +172,7 @@ class Evaluation:
         The task tells them, and its measures, once an episode has begun in one of the cases.
         """
         classic: Makers | None = None
-        first: BaseException | None = None
+        faults: list[BaseException] = []
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
             if case in self._robots:
                 continue
@@ -189,11 +189,10 @@ class Evaluation:
                         self._chooses = isinstance(env.action_space, spaces.Discrete)
                         self._explores = hasattr(inner.task, "coverage") and len(inner.robots) == 1
                 except FAULTS as error:  # of this world; its episodes will tell
-                    first = first or error
+                    faults.append(error)
         if classic is None:
-            assert first is not None
             with _blaming(self.settings.id):
-                raise first
+                raise faults[0]
         self.columns = columns_of(self.measures)
         return classic
 
@@ -229,24 +228,22 @@ class Evaluation:
 
     def _check_fit(self) -> None:
         """See that every policy gets along with one of its environments; in others, its episodes will say so."""
-        groups: dict[tuple[Any, ...], list[Task]] = {}
+        groups: dict[tuple[Any, ...], dict[str, Task]] = {}
         for task in self._all_tasks.values():
-            groups.setdefault(task.conditions, []).append(task)
+            groups.setdefault(task.conditions, {}).setdefault(task.policy.name, task)
         pending = {task.policy.name for task in self._all_tasks.values()}
-        first: Exception | None = None
-        for here in groups.values():
-            candidates = {task.policy.name: task for task in reversed(here) if task.policy.name in pending}
-            if not candidates:
-                continue
-            with contextlib.closing(here[0].make_env()) as env:
-                for name, task in candidates.items():
+        faults: list[Exception] = []
+        for group in groups.values():
+            here = [task for name, task in group.items() if name in pending]
+            with contextlib.closing(here[0].make_env()) if here else contextlib.nullcontext() as env:
+                for task in here:
                     try:
                         prepare(env, task.policy.make(env.action_space), task.key.seed)
                     except (ValueError, CheckpointError) as error:
-                        first = first or error
+                        faults.append(error)
                         continue
                     except FAULTS:  # a fault in the explorer: its episodes will tell
                         pass
-                    pending.discard(name)
-        if pending and first:
-            raise first
+                    pending.discard(task.policy.name)
+        if pending and faults:
+            raise faults[0]
