@@ -72,20 +72,9 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
     Each beam is walked from the lidar's cell to its end, one cell per column or row, whichever it crosses more of. A
     hit occupies the last cell, and the ramp of the wall blur leads up to it, unless the beam is shorter than the ramp.
 
-    Args:
-        words: shape (height, width), int32, the map, written.
-        occupancy: shape (height, width), int8, the same in percent, written.
-        ranges: as in `beam_ends`, as are `pose`, `geometry`, `corner` and `ends`.
-        pose: of the base.
-        geometry: `ScanGeometry`.
-        corner: of the map.
-        model: `InverseSensorModel`.
-        quality: weight of the scan.
-        ends: room to work in.
-        new_cells: shape (n, 2), int32, written: row and column of cells that became known.
-
-    Returns:
-        Number of cells that became known.
+    Writes `words`, shape (height, width), int32, `occupancy`, int8, the same in percent, and to `new_cells`, shape (n,
+    2), int32, row and column of cells that became known, whose number it returns. The scan is as in `beam_ends`;
+    `model` is the `InverseSensorModel`, `quality` the weight of the scan.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]

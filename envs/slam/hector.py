@@ -34,13 +34,10 @@ class Hector(KeyScanSlam):
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
         self._loss = LossTracker(lidar, params.lost_scans, self._is_found_by_fit)
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
         """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
-        self.match: Match | None = None
-        """The last match; None before the first."""
         self._loss.reset()
         return super().reset(rng, pose, map)
 
@@ -64,8 +61,8 @@ class Hector(KeyScanSlam):
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
-        self.match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
-        return self.match
+        match: Match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
+        return match
 
     def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None) -> Pose2D | None:
         """Set `belief.is_lost` by a key scan; arguments and result are those of `LossTracker.update`."""

@@ -99,15 +99,10 @@ class KeyScanSlam(ABC):
     """Whether several robots may integrate their scans into one map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Build a SLAM for one lidar.
-
-        Args:
-            lidar: geometry of the scans.
-            params: a record that has, among others, `min_travel_distance` [m], `min_travel_angle` [rad] and
-                `match_every_scan`.
-        """
+        """Build a SLAM for one lidar, with params that are `SlamParams` and tell whether to `match_every_scan`."""
         self.params = params
         self._lidar = lidar
+        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:

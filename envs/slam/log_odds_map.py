@@ -170,19 +170,15 @@ class LogOddsMap(GrowingMap):
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
         """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base."""
-        extent, count = self._integrate(ranges[None], np.array([pose]))
+        extent, count = self.integrate_all(ranges[None], np.array([pose]))
         return MapUpdate(self._new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
 
-    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> None:
+    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[tuple[int, int, int, int], int]:
         """Integrate scans, shape (n, num_beams), float32 [m], at poses of the base, shape (n, 3), float64, map frame.
 
-        There must be fewer than `MAX_STAMP` of them.
+        There must be fewer than `MAX_STAMP` of them, and at least one. Returns first and last columns and rows that
+        they touch, see `beam_ends`, and how many cells the last one made known.
         """
-        if len(ranges):
-            self._integrate(ranges, poses)
-
-    def _integrate(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[tuple[int, int, int, int], int]:
-        """Integrate scans; return the columns and rows that they touch, and how many cells the last one made known."""
         extent, count = self._make_room(ranges, poses), 0
         if self._stamp + len(ranges) > MAX_STAMP:
             for words in self.words:

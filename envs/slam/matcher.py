@@ -161,22 +161,11 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Search the pose at which a scan fits the map best; see `match`.
+    """Do what `match` does for a scan, see `project_hits`, and a predicted pose (x, y, theta), map frame [m, m, rad].
 
-    Args:
-        ranges: shape (num_beams,), float32 [m], as in `project_hits`.
-        geometry: `ScanGeometry`.
-        words: shape (height, width), int32, the map.
-        corner: column and row of the map's first cell, counted from the map frame's origin.
-        pose: predicted pose (x, y, theta), map frame [m, m, rad].
-        params: `SearchParams`.
-        noise: shape (max_tries, 3), float64, standard normal.
-        points: shape (2, num_beams), float32: room to work in.
-        trace: as for `match`.
-
-    Returns:
-        The pose (x, y, theta), map frame; number of candidates tried; whether the pose is another than the predicted
-        one; number of hits.
+    `corner` is column and row of the map's first cell, counted from the map frame's origin; `points`, shape (2,
+    num_beams), float32, is room to work in. Returns the pose, map frame; the number of candidates tried; whether the
+    pose is another than the predicted one; the number of hits.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)

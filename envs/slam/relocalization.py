@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
-from .key_scans import KeyScans
+from .key_scans import KeyScans, has_moved
 from .matching.branch_and_bound import SearchWindow, angle_step, search
 from .matching.fields import Field, build_pyramid, hit_shares, is_accepted
 from .params import LoopClosureParams
@@ -53,13 +53,10 @@ class LossTracker:
     """Tells when scans in succession do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, is_found_by_fit: bool = False) -> None:
-        """Track a SLAM for one lidar.
+        """Track a SLAM for one lidar; the robot is lost after `lost_scans` key scans in succession that do not fit.
 
-        Args:
-            lidar: geometry of the scans.
-            lost_scans: key scans in succession that do not fit, after which the robot is lost.
-            is_found_by_fit: whether one scan that fits ends a loss. Else only relocalization does: sooner or later a
-                scan fits where a kidnapped robot is not.
+        Where `is_found_by_fit`, one scan that fits ends a loss. Else only relocalization does: sooner or later a scan
+        fits where a kidnapped robot is not.
         """
         self._is_found_by_fit, self._lost_scans = is_found_by_fit, lost_scans
         self._relocalizer = Relocalizer(lidar)
@@ -83,19 +80,11 @@ class LossTracker:
         return self._mismatches >= self._lost_scans
 
     def update(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None, grid: OccupancyGrid) -> Pose2D | None:
-        """Process a key scan.
+        """Process a key scan, shape (num_beams,), float32 [m], at a pose predicted by odometry.
 
-        A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry.
-
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            predicted: pose by odometry.
-            fits: whether the scan fits the map; None where too little of it is known to tell.
-            grid: the map.
-
-        Returns:
-            The pose to go on with, map frame, if the scan must not be integrated; None if the pose of its match is
-            taken.
+        A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry. `fits` is
+        None where too little of the map, `grid`, is known to tell. Returns the pose to go on with, map frame, if the
+        scan must not be integrated; None if the pose of its match is taken.
         """
         self.is_found = False
         if fits and (self._is_found_by_fit or not self.is_lost):
@@ -144,9 +133,7 @@ class Relocalizer:
             return None
         if self._found:
             before, there = self._found[-1]
-            expected = before.compose(there.between(pose))
-            is_same = distance(found.x - expected.x, found.y - expected.y) <= SAME_PLACE
-            if not (is_same and abs(wrap_angle(found.theta - expected.theta)) <= SAME_HEADING):
+            if has_moved(*before.compose(there.between(pose)), *found, SAME_PLACE, SAME_HEADING):
                 self._found.clear()
         self._found.append((found, pose))
         is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR

@@ -56,7 +56,6 @@ class TinySlam(KnownPoses):
         self._wide_search = self._search._replace(sigma_xy=WIDE[0] / params.resolution, sigma_theta=WIDE[1])
         self._loss = LossTracker(lidar, LOST_SCANS)
         self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:

@@ -19,7 +19,7 @@ from ..posegraph import GrowingArray
 from ..relocalization import FOUND_STD, LossTracker
 from ..scans import project_hits
 from .particle_maps import ParticleMaps
-from .proposal import Motion, Proposals, draw_poses, propose, take_better
+from .proposal import Proposals, draw_poses, propose, take_better
 
 
 def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
@@ -83,7 +83,6 @@ class GMapping(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self._loss = LossTracker(lidar, params.lost_scans)
         super().__init__(lidar, params)
 
@@ -161,24 +160,25 @@ class GMapping(KeyScanSlam):
         """
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
-        position_std, heading_std = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
+        stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
         start = motion
         is_far = travelled > self._matcher.search_distance or abs(motion.theta) > self._matcher.search_angle
         if num_points and is_far:
-            stds = (position_std / resolution, heading_std)
-            start = self._search(num_points, motion, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], *stds, 50))
+            in_cells = (stds[0] / resolution, stds[1])
+            window = SearchWindow(WINDOW * in_cells[0], WINDOW * in_cells[1], *in_cells, 50)
+            start = self._search(num_points, motion, window)
         over = (self._points, num_points, self._matcher)
         found = self._proposals
-        propose(self.map.maps, self.poses, Motion(motion, start, position_std, heading_std), *over, found)
+        propose(self.map.maps, self.poses, tuple(motion), tuple(start), stds, *over, found)
         is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
             # The motion model has failed, and with it the covariance that would hold the poses there.
             far, around = params.retry_distance / resolution, params.retry_angle
             start = self._search(num_points, motion, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
-            wide = Motion(motion, start, params.retry_distance, around)
-            propose(self.map.maps, self.poses, wide, *over, self._retried)
+            wide = (params.retry_distance, around)
+            propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
         self._fits = found.fits
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)

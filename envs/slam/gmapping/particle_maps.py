@@ -82,23 +82,11 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Integrate a scan into maps, from the one of number `first` on.
+    """Integrate a scan into those of the `Maps`, from the one of number `first` on, for which `is_integrated` is set.
 
-    Args:
-        maps: `Maps`, written.
-        ranges: shape (num_beams,), float32 [m].
-        poses: shape (num_particles, 3), float64, of the base, map frame [m, m, rad].
-        geometry: `ScanGeometry`.
-        model: `LogOddsModel`.
-        is_integrated: shape (num_particles,), bool: which maps to integrate it into.
-        number: of the scan, counted from the reset.
-        stamp: what the words of observed cells are marked with, from 1 to `MAX_STAMP`, other than all that they hold.
-        ends: shape (num_beams, 3), float64: room to work in.
-        first: number of the first map.
-
-    Returns:
-        Number of the map for which the pool had no room any more, and which is to be the first of another call;
-        otherwise the number of maps.
+    Ranges, poses, one for each particle, stamp and room to work in are as in `log_odds_map.integrate_scans`; `number`
+    is that of the scan since the reset. Returns the number of the map for which the pool had no room any more, and
+    which is to be the first of another call; otherwise the number of maps.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -114,17 +102,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     """Bring an occupancy grid up to date with the map of a particle, by the tiles that differ.
 
-    Args:
-        maps: `Maps`.
-        particle: number of the particle.
-        shown: shape (num_tiles,), int32, written: slots whose cells the grid has.
-        after: number of the last scan that the grid has.
-        occupancy: shape (height, width), int8, written: percent, -1 unknown.
-        new_cells: shape (n, 2), int32, written: row and column of cells that became known.
-
-    Returns:
-        Number of cells that became known; smallest and greatest column and row of the tiles that were written, the
-        smallest greater than the greatest if there were none.
+    `shown`, shape (num_tiles,), int32, are the slots whose cells the grid, `occupancy`, has, and `after` is the number
+    of the last scan that it has. Writes row and column of cells that became known to `new_cells`, shape (n, 2), int32.
+    Returns their number, and smallest and greatest column and row of the tiles that were written, the smallest greater
+    than the greatest if there were none.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -186,12 +167,9 @@ class ParticleMaps(GrowingMap):
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:
-        """Integrate a scan into the maps.
+        """Integrate a scan, shape (num_beams,), float32 [m], into those maps for which `is_integrated` is set.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            poses: shape (num_particles, 3), float64, of the base by particle, map frame [m, m, rad].
-            is_integrated: shape (num_particles,), bool: which maps to integrate it into.
+        Poses of the base have shape (num_particles, 3), float64, map frame [m, m, rad].
         """
         self._make_room(ranges[None], poses)
         if self._stamp == MAX_STAMP:
@@ -204,12 +182,7 @@ class ParticleMaps(GrowingMap):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
-        """Bring `grid` up to date with the map of a particle.
-
-        Args:
-            particle: number of the particle.
-            is_switched: whether `grid` was of another particle; then the update says that the map was redrawn.
-        """
+        """Bring `grid` up to date with the map of a particle; if it was of another, the update says it was redrawn."""
         data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
+from envs.geometry import wrap_angle
 from envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
@@ -41,19 +41,6 @@ class Maps(NamedTuple):
     """Side of a cell of the finest level [m]."""
 
 
-class Motion(NamedTuple):
-    """The motion since the last key scan, as seen from the pose then."""
-
-    odometry: Pose2D
-    """By odometry."""
-    start: Pose2D
-    """From where the matches start."""
-    position_std: float
-    """Standard deviation of odometry's position along either axis [m]."""
-    heading_std: float
-    """Standard deviation of its heading [rad]."""
-
-
 class Proposals(NamedTuple):
     """Proposal distributions and importance weights, a row for each particle."""
 
@@ -75,13 +62,6 @@ class Proposals(NamedTuple):
         """Return room for as many particles."""
         numbers = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count, dtype=np.bool_)
         return cls(np.zeros((count, 3)), np.zeros((count, 3, 3)), *numbers)
-
-
-@njit(cache=True, error_model="numpy")
-def determinant(p):
-    """Return the determinant of a symmetric matrix of shape (3, 3)."""
-    m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
-    return p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * (p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1])
 
 
 @njit(cache=True, error_model="numpy")
@@ -112,13 +92,15 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 
 
 @njit(cache=True, error_model="numpy")
-def propose(maps, poses, motion, points, num_points, params, out):
+def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
     """Find proposal distribution and importance weight of every particle.
 
     Args:
         maps: `Maps`.
         poses: shape (num_particles, 3), float64, at the last key scan, map frame [m, m, rad].
-        motion: `Motion` since then.
+        motion: since then by odometry, as seen from the pose then [m, m, rad].
+        start_motion: the same, from where the matches start.
+        stds: standard deviations of odometry's position along either axis [m], and of its heading [rad].
         points: shape (2, >= num_points), float32, hits in the base frame [cells].
         num_points: number of hits.
         params: `MatcherParams`; modes farther than `retry_distance` from odometry's pose are not believed.
@@ -129,11 +111,11 @@ def propose(maps, poses, motion, points, num_points, params, out):
     for p in range(poses.shape[0]):
         x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
         map = TileMap(occupancy, cells, maps.slots[p], maps.tiles_wide)
-        by_odometry = compose(x, y, theta, motion.odometry[0], motion.odometry[1], motion.odometry[2])
-        first = compose(x, y, theta, motion.start[0], motion.start[1], motion.start[2])
+        by_odometry = compose(x, y, theta, motion[0], motion[1], motion[2])
+        first = compose(x, y, theta, start_motion[0], start_motion[1], start_motion[2])
         covariance = out.covariances[p]
         covariance[:] = 0.0
-        predict_covariance(covariance, 0.0, 0.0, motion.position_std, motion.heading_std)
+        predict_covariance(covariance, 0.0, 0.0, stds[0], stds[1])
         expected = (by_odometry[0] / resolution - col, by_odometry[1] / resolution - row, by_odometry[2])
         prior = make_prior(expected, covariance, params.residual_variance, resolution)
         start_theta = by_odometry[2] + wrap_angle(first[2] - by_odometry[2])
@@ -142,9 +124,8 @@ def propose(maps, poses, motion, points, num_points, params, out):
             map, maps.num_levels, points, num_points, start, prior, params, params.retry_distance / resolution
         )
         if fits:
-            before = determinant(covariance)
-            correct_covariance(covariance, fit, num_points, params.residual_variance, resolution)
-            log_likelihood += 0.5 * math.log(determinant(covariance) / before)
+            shrunk = correct_covariance(covariance, fit, num_points, params.residual_variance, resolution)
+            log_likelihood += 0.5 * math.log(shrunk)
         out.modes[p, 0], out.modes[p, 1] = (mode[0] + col) * resolution, (mode[1] + row) * resolution
         out.modes[p, 2] = wrap_angle(mode[2])
         out.log_likelihoods[p], out.fits[p] = log_likelihood, fits

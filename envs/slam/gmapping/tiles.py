@@ -71,16 +71,10 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return the slot of a tile that is to be written, after copying it if other maps refer to it.
+    """Return the slot of a tile of a map that is to be written, after copying it if other maps refer to it.
 
-    Args:
-        pool: `TilePool`, written.
-        index: shape (num_tiles,), int32: slots of a map, written.
-        tile: number of the tile in the map.
-        number: of the scan that will be integrated.
-
-    Returns:
-        The slot; -1, and nothing is changed, if a copy is needed and the pool is full.
+    It is -1, and nothing is changed, if a copy is needed and the pool is full. `index` has shape (num_tiles,), int32:
+    slots of the map, written; `number` is that of the scan that will be integrated.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -98,12 +92,9 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace maps by copies of others.
+    """Replace maps by copies of others, whose numbers are `parents`, shape (num_maps,), int64.
 
-    Args:
-        pool: written.
-        index: shape (num_maps, num_tiles), int32: slots of the maps, written.
-        parents: shape (num_maps,), int64: number of the map that each becomes a copy of.
+    `index` has shape (num_maps, num_tiles), int32: slots of the maps, written.
     """
     index[:] = index[parents]
     used = pool.references > 0

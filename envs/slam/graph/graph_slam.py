@@ -23,8 +23,7 @@ from envs.slam.relocalization import FOUND_STD
 
 from .local_slam import LocalSlam
 from .loop_search import NEWEST, Confirmation, LoopSearch
-from .nodes import NodeStore
-from .rendering import MapRendering, has_moved, refine_poses, replace_cells
+from .nodes import MapRendering, NodeStore, has_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
 """Most iterations of the last optimisation."""
@@ -234,12 +233,8 @@ class GraphSlam(Hector):
         self._mapped.rows[:] = after
         self._rendering = None
         self.num_redrawn += 1
-        self._move()
-
-    def _move(self) -> None:
-        """Let the pose follow the graph."""
-        belief, moved = self.belief, self._graph_correction.compose(self._correction.inverse())
-        belief.pose = moved.compose(belief.pose)
+        moved = self._graph_correction.compose(self._correction.inverse())
+        self.belief.pose = moved.compose(self.belief.pose)
         if self.last_key_pose is not None:
             self.last_key_pose = moved.compose(self.last_key_pose)
         self._correction = self._graph_correction

@@ -43,11 +43,6 @@ class LocalSlam:
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
-    @property
-    def covariance(self) -> np.ndarray:
-        """Shape (3, 3), float64: covariance of the pose in the submap that is matched, local frame [m, rad]."""
-        return self._covariances[self.active[0]] if self.active else np.zeros((3, 3))
-
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
         """Move the pose to where a scan fits; return what `fits_map` says of it there.
 

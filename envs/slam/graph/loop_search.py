@@ -15,6 +15,7 @@ from numba import njit
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
+from envs.slam.key_scans import has_moved
 from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
 from envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
@@ -120,8 +121,6 @@ class LoopSearch:
         self._searched: dict[int, int] = {}
         self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
-        self.num_searches = 0
-        """Number of branch-and-bound searches so far."""
 
     def add_candidates(self, node: int, num_finished: int) -> None:
         """Queue searches of a node in those of the first `num_finished` submaps that are near."""
@@ -162,7 +161,6 @@ class LoopSearch:
         points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
         if len(points) == 0:
             return None
-        self.num_searches += 1
         field, pyramid = self._rendered(submap)
         arrays = self._graph.arrays
         frame, before = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[node].tolist())
@@ -192,13 +190,9 @@ class LoopSearch:
 
 
 def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: int) -> Pose2D:
-    """Return the pose to which Gauss-Newton steps lead, without a prior.
+    """Return the pose in a field to which Gauss-Newton steps lead from `pose`, without a prior, and at most so many.
 
-    Args:
-        field: of a submap.
-        points: shape (n, 2), float32, hits in the base frame [m].
-        pose: to start from, submap frame.
-        iterations: greatest number of steps.
+    `points` has shape (n, 2), float32: hits in the base frame [m].
     """
     x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta
@@ -221,16 +215,11 @@ class Confirmation:
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]
         for each in self._pending:
-            if each.node != loop.node and _agree(each, loop):
+            # Both say the same of the pose at the second one's node.
+            expected = each.after.compose(each.before.between(loop.before))
+            limits = (CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE)
+            if each.node != loop.node and not has_moved(*expected, *loop.after, *limits):
                 self._pending.remove(each)
                 return [each, loop]
         self._pending.append(loop)
         return []
-
-
-def _agree(first: Loop, second: Loop) -> bool:
-    """Return whether both closures say the same of the pose at the second one's node."""
-    expected = first.after.compose(first.before.between(second.before))
-    far = distance(expected.x - second.after.x, expected.y - second.after.y)
-    turned = abs(wrap_angle(expected.theta - second.after.theta))
-    return far <= CONFIRMATION_DISTANCE and turned <= CONFIRMATION_ANGLE

@@ -45,7 +45,7 @@ class SearchResult(NamedTuple):
     """False if the limit of evaluations ended the search: the best pose may have been missed."""
 
 
-class _Grid(NamedTuple):
+class Grid(NamedTuple):
     """Points in cells at all headings of a window."""
 
     cells: np.ndarray
@@ -81,8 +81,8 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _discretise(pyramid, points, pose, window):
-    """Return the `_Grid` of points around a pose."""
+def discretise(pyramid, points, pose, window, shift):
+    """Return the `Grid` of points around a pose, moved back by `shift` [cells] along x and y."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -90,7 +90,8 @@ def _discretise(pyramid, points, pose, window):
     height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
     n = points.shape[0]
     cells, counts = np.empty((2 * num_turns + 1, n), dtype=np.int32), np.zeros(2 * num_turns + 1, dtype=np.int64)
-    x, y = (pose[0] - pyramid.x) / pyramid.resolution, (pose[1] - pyramid.y) / pyramid.resolution
+    x = (pose[0] - pyramid.x) / pyramid.resolution - shift
+    y = (pose[1] - pyramid.y) / pyramid.resolution - shift
     for turn in range(2 * num_turns + 1):
         theta = pose[2] + (turn - num_turns) * window.angle_step
         c, s = math.cos(theta) / pyramid.resolution, math.sin(theta) / pyramid.resolution
@@ -102,11 +103,11 @@ def _discretise(pyramid, points, pose, window):
                 cells[turn, count] = row * width + col
                 count += 1
         counts[turn] = count
-    return _Grid(cells, counts, reach, num_turns)
+    return Grid(cells, counts, reach, num_turns)
 
 
 @njit(cache=True, error_model="numpy")
-def _total(level, grid, turn, offset):
+def total_at(level, grid, turn, offset):
     """Return the sum of the cells of a level, shape (n,), uint8, in which points fall, moved by an offset [cells]."""
     total = 0
     cells = grid.cells[turn]
@@ -143,7 +144,7 @@ def _score_top(levels, width, grid, least, limit):
                 if evaluations == limit:
                     return nodes[:0], evaluations, False
                 row, col = i * side - grid.reach, j * side - grid.reach
-                total = _total(levels[top], grid, turn, row * width + col)
+                total = total_at(levels[top], grid, turn, row * width + col)
                 evaluations += 1
                 if total >= least:
                     nodes[count, 0], nodes[count, 1], nodes[count, 2], nodes[count, 3] = total, turn, row, col
@@ -179,7 +180,7 @@ def _descend(levels, width, grid, node, best, budget):
             r, c = row + half * (child // 2), col + half * (child % 2)
             if r > grid.reach or c > grid.reach:
                 continue
-            bound = _total(levels[level - 1], grid, turn, r * width + c)
+            bound = total_at(levels[level - 1], grid, turn, r * width + c)
             evaluations += 1
             if bound < best.total:
                 continue
@@ -227,7 +228,7 @@ def search(
     Raises:
         ValueError: the window is larger than the pyramid was built for.
     """
-    grid = _discretise(pyramid, points, tuple(pose), window)
+    grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
     least = max(math.ceil(min_score * FULL * len(points) - 1e-9), 1)
     nodes, evaluations, is_complete = _score_top(levels, width, grid, least, max_evaluations)

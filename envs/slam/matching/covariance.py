@@ -74,7 +74,7 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
 
 @njit(cache=True, error_model="numpy")
 def invert(p, out):
-    """Write the inverse of a symmetric, positive definite matrix to `out`; both of shape (3, 3), float64."""
+    """Write the inverse of a symmetric, positive definite matrix, shape (3, 3), to `out`; return the determinant."""
     m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
     m_xt = p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1]
     determinant = p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * m_xt
@@ -84,6 +84,7 @@ def invert(p, out):
     out[1, 1] = (p[0, 0] * p[2, 2] - p[0, 2] * p[0, 2]) / determinant
     out[1, 2] = out[2, 1] = (p[0, 1] * p[0, 2] - p[0, 0] * p[1, 2]) / determinant
     out[2, 2] = (p[0, 0] * p[1, 1] - p[0, 1] * p[0, 1]) / determinant
+    return determinant
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,16 +108,13 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
     """Turn the covariance of a predicted pose into that after a match, in place: P <- (P^-1 + H / k)^-1.
 
-    Args:
-        p: shape (3, 3), float64 [m, rad], positive definite.
-        fit: `Fit` at the match.
-        num_points: number of hits.
-        residual_variance: k, see `HectorParams`.
-        resolution: side of a cell of the finest map [m].
+    `p` has shape (3, 3), float64 [m, rad]; H is that of `fit`, the `Fit` at the match, and k the residual variance. The
+    side of a cell of the finest map, `resolution`, is in metres. Returns the determinant after the match over that
+    before.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
     information = p.copy()
-    invert(p, information)
+    before = invert(p, information)
     per_cell = 1.0 / (resolution * residual_variance)
     information[0, 0] += xx * per_cell / resolution
     information[0, 1] += xy * per_cell / resolution
@@ -124,7 +122,7 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
     information[0, 2] += xt * per_cell
     information[1, 2] += yt * per_cell
     information[2, 2] += fit.h_tt / residual_variance
-    invert(information, p)
+    return 1.0 / (invert(information, p) * before)
 
 
 def position_std(covariance: np.ndarray) -> float:

@@ -204,18 +204,9 @@ def solve(fit, prior, x, y, theta):
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
     """Step to the best pose, on one map after the other from the coarsest to the finest.
 
-    Args:
-        map: see `at_level`.
-        num_levels: number of its levels.
-        points: shape (2, >= num_points), float32, hits in the base frame [cells].
-        num_points: number of hits.
-        pose: x, y from the map's corner [cells] and heading [rad] to start from.
-        prior: `Prior`; its heading within half a turn of that of the start, and not wrapped.
-        iterations: greatest number of steps on the finest map.
-        coarse_iterations: greatest number of steps on each of the others.
-
-    Returns:
-        The pose (x, y, theta) and its `Fit` on the finest map.
+    Map and points are as in `evaluate`; `pose` is x, y from the map's corner [cells] and heading [rad] to start from,
+    and the heading of the `Prior` within half a turn of that, not wrapped. There are at most `iterations` steps on the
+    finest map, and `coarse_iterations` on each of the others. Returns x, y, heading and its `Fit` on the finest map.
     """
     x, y, theta = pose
     reach = 1.0

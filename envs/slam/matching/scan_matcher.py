@@ -49,17 +49,9 @@ class Match(NamedTuple):
     """Where a scan fits the map."""
 
     x: float
-    """Position, map frame [m]."""
+    """Position, with `y`, and heading in [-pi, pi), map frame [m, m, rad]."""
     y: float
-    """Position, map frame [m]."""
     theta: float
-    """Heading, map frame, in [-pi, pi) [rad]."""
-    score: float
-    """Mean occupancy under the hits, from 0 to 1; 0 without hits."""
-    num_known: int
-    """Hits that fall in known cells."""
-    known_score: float
-    """Mean occupancy of those cells, from 0 to 1; 0 without any."""
     is_judged: bool
     """Whether enough hits fall in known cells to tell whether the scan fits; see `MatchingParams.min_known_hits`."""
     fits: bool
@@ -84,7 +76,7 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Find the pose at which a scan fits a map.
+    """Return the `Match` of a scan with a map.
 
     Args:
         ranges: shape (num_beams,), float32 [m], as in `project_hits`.
@@ -97,9 +89,6 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
         covariance: shape (3, 3), float64 [m, rad]: that of the last pose; written: that of the match, or, of a scan
             that does not fit, that of the predicted pose.
         points: shape (2, num_beams), float32: room to work in.
-
-    Returns:
-        `Match`.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
@@ -139,5 +128,4 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     if fits:
         correct_covariance(covariance, fit, count, params.residual_variance, resolution)
     x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
-    score = fit.total / max(count, 1)
-    return Match(x, y, wrap_angle(theta), score, num_known, known_score, is_judged, fits, count, fit, is_far)
+    return Match(x, y, wrap_angle(theta), is_judged, fits, count, fit, is_far)

@@ -5,14 +5,12 @@ logarithm of a likelihood, and its second moments are the covariance. A match th
 scores alike wherever it slides to, and gets a long ellipse; the curvature at the optimum alone would not show that.
 """
 
-import math
-
 import numpy as np
 from numba import njit
 
 from envs.geometry import Pose2D
-from envs.geometry.lookup import load
 
+from .branch_and_bound import SearchWindow, discretise, total_at
 from .fields import FULL, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
@@ -32,52 +30,35 @@ MAX_SHARE = 0.99
 
 
 @njit(cache=True, error_model="numpy")
-def surface_scores(pyramid, points, pose, half_width):
+def _totals(pyramid, grid, reach, stride):
+    """Return sums of cells of level 1, points moved by up to `reach` strides: shape (headings, rows, columns)."""
+    level, width = pyramid.levels[1].ravel(), pyramid.levels.shape[2]
+    totals = np.empty((grid.counts.shape[0], 2 * reach + 1, 2 * reach + 1), dtype=np.int64)
+    for turn in range(totals.shape[0]):
+        for i in range(2 * reach + 1):
+            for j in range(2 * reach + 1):
+                totals[turn, i, j] = total_at(level, grid, turn, ((i - reach) * width + j - reach) * stride)
+    return totals
+
+
+def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Score the poses around a match.
 
     Scores are taken from level 1 of the pyramid, the maxima of 2 x 2 cells: walls one cell thick would fall between
-    positions two cells apart.
-
-    Args:
-        pyramid: `Pyramid` of a field, of at least two levels.
-        points: shape (n, 2), float32, hits in the base frame [m].
-        pose: x, y, heading of the match in the frame of the field [m, m, rad].
-        half_width: largest offset along x and along y [m].
-
-    Returns:
-        Shape (num_headings, num_rows, num_columns), float64, from 0 to 1, the match in the middle.
+    positions two cells apart. Points have shape (n, 2), float32, base frame [m]; the pose lies in the frame of the
+    field. Returns shape (num_headings, num_rows, num_columns), float64, from 0 to 1, the match in the middle and the
+    others up to `half_width` from it [m].
 
     Raises:
         ValueError: the offsets are larger than the pyramid was built for.
     """
-    resolution = pyramid.resolution
-    stride = max(round(STEP / resolution), 1)
-    reach = round(half_width / (stride * resolution))
-    if reach * stride > pyramid.reach:
-        raise ValueError("the surface is wider than the pyramid was built for")
-    level = pyramid.levels[1].ravel()
-    height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
-    num_points = (points.shape[0] + POINT_STEP - 1) // POINT_STEP
-    scores = np.zeros((2 * NUM_TURNS + 1, 2 * reach + 1, 2 * reach + 1))
-    cells = np.empty(num_points, dtype=np.int32)
+    stride = max(round(STEP / pyramid.resolution), 1)
+    reach = round(half_width / (stride * pyramid.resolution))
+    window = SearchWindow(reach * stride * pyramid.resolution, NUM_TURNS * TURN_STEP, TURN_STEP)
+    chosen = np.ascontiguousarray(points[::POINT_STEP])
     # The two cells that a maximum covers lie around a point if it is moved back by half a cell.
-    x, y = (pose[0] - pyramid.x) / resolution - 0.5, (pose[1] - pyramid.y) / resolution - 0.5
-    for turn in range(scores.shape[0]):
-        theta = pose[2] + (turn - NUM_TURNS) * TURN_STEP
-        c, s = math.cos(theta) / resolution, math.sin(theta) / resolution
-        count = 0
-        for k in range(0, points.shape[0], POINT_STEP):
-            u, v = float(points[k, 0]), float(points[k, 1])
-            col, row = math.floor(x + c * u - s * v), math.floor(y + s * u + c * v)
-            if 0 <= col < width and reach * stride <= row < height - reach * stride:
-                cells[count] = row * width + col
-                count += 1
-        for i in range(2 * reach + 1):
-            for j in range(2 * reach + 1):
-                offset, total = ((i - reach) * width + j - reach) * stride, 0
-                for k in range(count):
-                    total += load(level, np.uint64(cells[k] + offset))
-                scores[turn, i, j] = total / (FULL * max(num_points, 1))
+    grid = discretise(pyramid, chosen, tuple(pose), window, 0.5)
+    scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL * max(len(chosen), 1))
     return scores
 
 
@@ -103,7 +84,7 @@ def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_wi
     least variance of a match is added. For the arguments and errors see `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
-    scores = surface_scores(pyramid, points, tuple(pose), half_width)
+    scores = surface_scores(pyramid, points, pose, half_width)
     reach = np.array([scores.shape[1] // 2, scores.shape[1] // 2, scores.shape[0] // 2])
     flat = np.array([step, step, TURN_STEP]) * np.sqrt(np.maximum(reach * (reach + 1), 1) / 3.0)
     moments = second_moments(scores, step) - np.diag(STEP_STDS**2)

@@ -7,7 +7,7 @@ import numpy as np
 from envs.geometry import Pose2D
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.proposal import Motion, Proposals, draw_poses, propose, take_better
+from envs.slam.gmapping.proposal import Proposals, draw_poses, propose, take_better
 from envs.slam.gmapping.tiles import TileMap
 from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
@@ -81,7 +81,9 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     k, stds = 1.0, (0.02, 0.02, 0.02)
     params = MatcherParams.of(GMappingParams(residual_variance=k, iterations=20, coarse_iterations=5))
     by_odometry, out = Pose2D(0.21, 0.09, 0.31), Proposals.make(1)
-    propose(tiles.maps, np.zeros((1, 3)), Motion(by_odometry, by_odometry, 0.02, 0.02), points, count, params, out)
+    propose(
+        tiles.maps, np.zeros((1, 3)), tuple(by_odometry), tuple(by_odometry), (0.02, 0.02), points, count, params, out
+    )
     steps = np.linspace(-0.02, 0.02, 11)
     offsets = np.stack(np.meshgrid(steps, steps, 0.4 * steps, indexing="ij"), axis=-1).reshape(-1, 3)
     poses = out.modes[0] + offsets
@@ -107,7 +109,7 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     points[0] = 8.0  # all hits in free space
     params = MatcherParams.of(GMappingParams())
     out, motion = Proposals.make(1), Pose2D(0.2, 0.1, 0.3)
-    propose(tiles.maps, np.zeros((1, 3)), Motion(motion, motion, 0.001, 0.002), points, 60, params, out)
+    propose(tiles.maps, np.zeros((1, 3)), tuple(motion), tuple(motion), (0.001, 0.002), points, 60, params, out)
     assert not out.fits[0]
     np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), [0.001, 0.001, 0.002])

@@ -11,8 +11,7 @@ from envs.robots import LidarParams, OdometryNoise
 from envs.simulation import Reading
 from envs.slam import PRESETS, GraphSlam, GraphSlamParams, LoopClosureParams, load_params, make_slam
 from envs.slam.graph.local_slam import LocalSlam
-from envs.slam.graph.nodes import NodeStore
-from envs.slam.graph.rendering import MapRendering
+from envs.slam.graph.nodes import MapRendering, NodeStore
 from envs.tasks.explore import ExploreTeam
 
 from ..rooms import rectangle, scan

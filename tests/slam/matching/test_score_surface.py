@@ -83,5 +83,5 @@ def test_without_points_nothing_is_known():
 
 def test_surfaces_wider_than_the_pyramid_was_built_for_are_refused():
     pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2)])
-    with pytest.raises(ValueError, match="wider than"):
+    with pytest.raises(ValueError, match="larger than"):
         surface_scores(pyramid, np.ones((3, 2), np.float32), (0.0, 0.0, 0.0), 1.5)
