@@ -38,15 +38,10 @@ class RuleExplorer:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Make an explorer; `reset` prepares it for an episode.
+        """Take a rule; the rest is that of `FrontierNavigator`.
 
-        Args:
-            rule: rates candidates.
-            max_time: longest drive before the rule is asked again [s]; inf commits the robot to its goal until it is
-                there, the frontier is gone, or it has failed.
-            max_candidates: how many frontiers the rule is offered at most, the cheapest to get to; None for all.
-            planning: what is offered, and how paths are planned.
-            params: how the drives go.
+        `max_time` is the longest drive before the rule is asked again [s]; inf commits the robot to its goal until it
+        is there, the frontier is gone, or it has failed.
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params

@@ -48,10 +48,10 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Find where a robot waits for another one to pass: the cell (row, column) off its path that is cheapest to get to.
+    """Return where a robot waits for another one to pass: the cell off that one's path that is cheapest to get to.
 
-    `field` is the travel of the waiting robot, with the other one as an obstacle, and `path`, shape (n, 2), n > 0, that
-    of the other one from its position, map frame [m]; both footprints have a radius [m]. None if there is no such cell.
+    `field` is the travel of the waiting robot, with the other one as an obstacle; `path`, shape (n, 2), n > 0, map
+    frame [m], begins at the other one; both footprints have a radius [m]. None if there is no such cell.
     """
     grid = field.costmap.grid
     cells = grid.cells(path)
@@ -67,24 +67,11 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
     return int(row), int(col)
 
 
-def _on_ros_scale(costs: np.ndarray) -> np.ndarray:
-    """Return a costmap's costs on the scale on which ROS publishes costmaps, float64.
-
-    1 to 98 near obstacles, 99 where the footprint touches one and beyond; 0 where it is free or unknown.
-    """
-    near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
-    return np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
-
-
 class PointNavigator(FrontierNavigator):
     """Offers, for each valid frontier point, the frontier cell nearest to it."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams) -> None:
-        """Prepare for a robot that is updated every `control_period` seconds.
-
-        Of `params` it reads `max_cost`, beyond which a point is invalid, and `bandwidth`, up to which a frontier cell
-        belongs to a point.
-        """
+        """Prepare for a robot; of `params` it reads `max_cost` of a point, and `bandwidth`, its reach."""
         super().__init__(robot, control_period)
         self._params = params
         self.points = np.empty((0, 2))
@@ -98,8 +85,10 @@ class PointNavigator(FrontierNavigator):
         is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
-        is_valid = _on_ros_scale(costs) <= self._params.max_cost
-        nearest = self._nearest_frontier(positions[is_valid])
+        # On the scale on which ROS publishes costmaps: 1 to 98 near obstacles, 99 where the footprint touches one.
+        near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
+        on_ros_scale = np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
+        nearest = self._nearest_frontier(positions[on_ros_scale <= self._params.max_cost])
         first = np.arange(len(nearest))
         # Of no group: no point is left out because its frontier is short.
         return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])

@@ -73,12 +73,7 @@ def assign(
 
     Returns:
         Shape (n,), int64: index of each robot's point; `UNASSIGNED` where none is left that it can reach.
-
-    Raises:
-        ValueError: `costs` does not have a row for each robot and a column for each point.
     """
-    if costs.shape != (len(robots), len(points)):
-        raise ValueError(f"costs must have the shape {(len(robots), len(points))} (robots, points), got {costs.shape}")
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)
     for point in taken:
@@ -141,14 +136,9 @@ class RrtTeam:
         return [robot.target for robot in self._team]
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twists to command for the next control period.
+        """Return the twist of each robot, from its reading and its belief; the map in these is one and the same.
 
-        Args:
-            readings: of each robot's sensors.
-            beliefs: pose estimate of each robot; the map in them is one and the same.
-
-        Raises:
-            RuntimeError: before the first `reset`.
+        Raises a RuntimeError before the first `reset`.
         """
         if self._detector is None:
             raise RuntimeError("call reset before act")

@@ -120,16 +120,10 @@ class FrontierNavigator:
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
-        """Take in what the last control period has brought.
+        """Take in what the last control period has brought; `others` are those of `Navigator.sense`.
 
-        Args:
-            reading: what the sensors say now.
-            belief: pose estimate and map now.
-            others: shape (m, 2), float64, base frame [m]: further obstacles, such as other robots.
-
-        Returns:
-            How the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
-            that has no candidates left looks around first.
+        Returns how the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
+        that has no candidates left looks around first.
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 

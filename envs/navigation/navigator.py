@@ -131,14 +131,11 @@ class Navigator:
         view: tuple[float, float] = NOTHING,
         keep_clocks: bool = False,
     ) -> None:
-        """Begin a drive.
+        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end, or to a goal (x, y) beside it.
 
-        Args:
-            path: shape (n, 2), float64, n > 0, map frame [m].
-            goal: where to go (x, y), map frame [m]; the end of the path if not given.
-            view: what to have in the lidar's view in the end (x, y), map frame [m].
-            keep_clocks: whether this is the same drive with another plan: the time for which the robot has got nowhere
-                goes on, or goals that change faster than that is noticed would keep it there for ever.
+        `view` (x, y) is to be in the lidar's view in the end. With `keep_clocks` this is the same drive with another
+        plan: the time for which the robot has got nowhere goes on, or goals that change faster than that is noticed
+        would keep it there for ever.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         set_goal(self._records, goal or (float(path[-1, 0]), float(path[-1, 1])), view, keep_clocks)

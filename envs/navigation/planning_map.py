@@ -100,12 +100,10 @@ class PlanningMap:
         """Where the first column and the first row begin, map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: tuple[int, int, int, int] | None, *, redrawn: bool = False) -> None:
-        """Take note of what the last scan has changed; to be called after each.
+        """Take note of what the last scan has changed in the map; to be called after each.
 
-        Args:
-            grid: the map.
-            window: first column and row, last column and row of the map cells that may have changed; None for none.
-            redrawn: whether the map changed as a whole; marks are forgotten.
+        `window` is first column and row, last column and row of the map cells that may have changed; None for none. In
+        a map that was `redrawn`, marks are forgotten.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
@@ -137,13 +135,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs of a footprint padding level, with the obstacles around the robot.
+        """Return the costs of a footprint padding level, from 0 to `max_level`, with what is around the robot's pose.
 
-        Args:
-            level: 0 for the padded footprint, up to `max_level` for the smallest.
-            pose: of the robot, map frame.
-            obstacles: shape (n, 2), float64, base frame [m]: what the map may miss.
-            bodies: shape (m, 2), float64, base frame [m]: what no occupied cell of the map can account for.
+        `obstacles` are what the map may miss, `bodies` what no occupied cell can account for: shape (n, 2), float64,
+        base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
@@ -189,10 +184,8 @@ class PlanningMap:
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
         """Mark what a scan shows and the map misses, and clear the marks that its beams pass.
 
-        Args:
-            pose: of the robot's base, map frame.
-            ranges: shape (num_beams,), [m]: inf for no return, NaN for beams to ignore.
-            lidar: geometry of the scan.
+        `pose` is that of the robot's base, map frame; `ranges` have the shape (num_beams,) [m]: inf for no return, NaN
+        for beams to ignore.
 
         Raises:
             ValueError: if the pose is not finite, or the scan has another number of beams.
