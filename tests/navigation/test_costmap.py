@@ -8,8 +8,7 @@ from scipy import ndimage
 
 from envs.geometry import OccupancyGrid
 from envs.geometry.distance_transform import squared_distances
-from envs.navigation import Costmap, CostmapParams, crop_to_known, make_costmap
-from tests.navigation.costs import cost_at
+from envs.navigation import CostmapParams, crop_to_known, make_costmap
 
 
 def grid_of(data, origin=(0.0, 0.0)):
@@ -54,14 +53,6 @@ def test_unknown_space_is_tracked():
     assert (costs[4:29] == 255).all()
     assert costs[30] == 253
     assert costs[31] == 254
-
-
-def test_a_map_without_obstacles_costs_nothing():
-    costmap = make_costmap(grid_of(np.zeros((50, 60)), (-1.0, 2.0)), CostmapParams())
-    assert not costmap.costs.any()
-    assert isinstance(costmap, Costmap)
-    assert cost_at(costmap, 0.0, 3.0) == 0
-    assert cost_at(costmap, -1.01, 3.0) == 255
 
 
 @pytest.mark.parametrize(

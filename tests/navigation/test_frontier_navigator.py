@@ -72,16 +72,19 @@ class Robot:
             navigator.choose(action)
         else:
             navigator.look_around()
+        return self.drive()
+
+    def drive(self):
         outcome = None
         while outcome is None and self.time < self._seconds:
-            twist = navigator.command(self.belief)
+            twist = self.navigator.command(self.belief)
             self.commands.append(twist)
             v, w = (0.0, 0.0) if self._held else twist
             half = 0.5 * w * PERIOD
             turn = Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), w * PERIOD)
             self.belief.pose = self.belief.pose.compose(turn)
             self.time += PERIOD
-            outcome = navigator.update(reading_at(self.time, bumper=self._bumping), self.belief)
+            outcome = self.navigator.update(reading_at(self.time, bumper=self._bumping), self.belief)
         return outcome
 
     @property
@@ -353,12 +356,5 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     np.testing.assert_allclose(navigator.plan[-1], moved.transform(plan[-1:])[0], atol=0.15)
     assert math.dist(navigator.plan[0], belief.pose[:2]) < 0.15
     robot._seconds = math.inf
-    outcome = None
-    while outcome is None:
-        v, w = navigator.command(belief)
-        half = 0.5 * w * PERIOD
-        belief.pose = belief.pose.compose(Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), w * PERIOD))
-        robot.time += PERIOD
-        outcome = navigator.update(reading_at(robot.time), belief)
-    assert outcome == "arrived"
+    assert robot.drive() == "arrived"
     assert math.dist(belief.pose[:2], navigator.navigator.goal) < 0.3

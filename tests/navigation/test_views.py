@@ -30,14 +30,6 @@ def test_all_is_in_view_where_nothing_is_known():
     np.testing.assert_allclose(view(data[:60, :60], 50, 50, 40)[1], unknown)
 
 
-def test_the_unknown_half_is_seen_and_outward_points_into_it():
-    data = np.zeros((101, 101), dtype=np.int8)
-    data[51:] = -1
-    _, unknown, outward = view(data, 50, 50, 30)
-    assert unknown.sum() == pytest.approx(0.5 * math.pi * 30**2, rel=0.05)
-    assert outward == NUM_RAYS // 4
-
-
 def test_occupied_cells_end_a_ray_and_unknown_ones_do_not():
     data = np.full((101, 101), -1, dtype=np.int8)
     data[:, 60] = 100

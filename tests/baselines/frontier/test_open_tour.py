@@ -33,9 +33,3 @@ def test_tours_pass_every_stop_once_and_begin_with_the_fixed_ones():
     for k, tour in enumerate(tours):
         assert list(tour[:2]) == [0, k + 1]
         assert sorted(tour) == list(range(17))
-
-
-def test_one_stop_is_a_tour():
-    tours, totals = best_tours(np.array([[0.0, 3.0], [3.0, 0.0]]))
-    assert tours.tolist() == [[0, 1]]
-    assert totals.tolist() == [3.0]

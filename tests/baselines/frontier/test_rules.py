@@ -51,21 +51,6 @@ def test_explorers_explore_a_small_world(name):
     assert info["path_length"] > 0.3 * info["time"] * BURGER.max_v
 
 
-def test_nearest_explores_a_small_world_with_rigid_bodies():
-    pytest.importorskip("pybullet")
-    world = {"world": "turtlebot3_world", "physics": "bullet", "slam": "tinyslam", "start": "spawn"}
-    _, info, _ = explore("nearest", seed=1, max_time=120.0, **world)
-    assert info["explored_fraction"] >= 0.95
-    assert info["collisions"] == 0
-
-
-def test_an_explorer_says_when_nothing_is_left():
-    world = {"world": "turtlebot3_dqn_stage1", "physics": "kinematic", "slam": "truth", "start": "spawn"}
-    explorer, info, _ = explore("nearest", seed=0, max_time=300.0, target_coverage=1.0, **world)
-    assert explorer.end_reason == "no_reachable_frontier" or info["explored_fraction"] == 1.0
-    assert info["explored_fraction"] > 0.98
-
-
 @pytest.mark.parametrize("name", ["frontier", "next_best_view"])
 def test_same_seed_same_episode(name):
     runs = [explore(name, seed=3, max_time=8.0, world="rooms", physics="kinematic")[2] for _ in range(2)]

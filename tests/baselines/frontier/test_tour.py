@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from baselines import TourExplorer, TourParams, make_explorer
-from baselines.frontier.tour import FAR, path_lengths, pool
+from baselines.frontier.tour import FAR, path_lengths
 from envs.geometry import OccupancyGrid
-from envs.navigation import COST_INSCRIBED, COST_UNKNOWN, CostmapParams, make_costmap, travel_field
+from envs.navigation import CostmapParams, make_costmap, travel_field
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
 
 
@@ -39,19 +39,6 @@ def test_larger_cells_neither_open_walls_nor_close_doors(width, is_open):
     costmap, far = rooms_with_a_door(width), np.array([[40, 140]])
     assert np.isfinite(travel_field(costmap, (1.0, 1.0)).cost(far)[0]) == is_open
     assert (path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(far))[0, 1] < FAR) == is_open
-
-
-def test_a_larger_cell_costs_as_much_as_its_cheapest_part():
-    rng = np.random.default_rng(1)
-    data = rng.choice(np.array([-1, 0, 100], dtype=np.int8), (31, 44), p=[0.1, 0.89, 0.01])
-    costmap = make_costmap(OccupancyGrid(data, 0.05, (1.0, 2.0)), CostmapParams(0.155, 0.6, 4.0))
-    coarse, fine = pool(costmap), costmap.costs
-    height, width = fine.shape
-    assert coarse.grid.resolution == pytest.approx(0.15)
-    assert coarse.costs.shape == (-(-height // 3), -(-width // 3))
-    for row, col in np.ndindex(coarse.costs.shape):
-        assert coarse.costs[row, col] == fine[3 * row : 3 * row + 3, 3 * col : 3 * col + 3].min()
-    assert {int((fine < COST_INSCRIBED).any()), int((fine == COST_UNKNOWN).any())} == {1}
 
 
 def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():

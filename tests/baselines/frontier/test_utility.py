@@ -22,13 +22,6 @@ def rule_at_rest(**params):
     return rule
 
 
-def test_params_are_those_of_the_report():
-    params = FrontierParams()
-    assert (params.cluster_tolerance, params.min_frontier_size, params.min_frontier_size_final) == (0.5, 8, 3)
-    assert (params.obstacle_clearance, params.information_gain_radius, params.min_goal_distance) == (0.5, 2.0, 1.2)
-    assert (params.adaptive_threshold, params.blacklist_radius, params.max_blacklist_size) == (0.7, 1.2, 25)
-
-
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -11,7 +11,7 @@ from baselines.episode import run_episode
 from baselines.explorer import to_action
 from baselines.rrt.detector import RrtDetector
 from baselines.rrt.robot import find_waiting_cell, is_beside, outline
-from baselines.rrt.team import UNASSIGNED, RrtTeam, assign
+from baselines.rrt.team import UNASSIGNED, RrtTeam
 from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
@@ -142,20 +142,6 @@ def test_two_robots_explore_a_small_world_without_touching():
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
 
 
-def test_what_a_peer_drives_to_is_no_gain_any_more():
-    data = np.zeros((200, 200), dtype=np.int8)
-    data[30:50, 30:50] = data[155:165, 95:105] = -1
-    grid, points = OccupancyGrid(data, 0.05, (0.0, 0.0)), np.array([[2.0, 2.0], [5.0, 8.0]])
-    robots, costs = np.array([[2.0, 5.0]]), np.array([[3.0, 4.2]])
-    revenue = RrtParams()
-    assert assign(grid, robots, points, costs, revenue).tolist() == [0]
-    # 3 * 2 * 1 - 3 against 3 * 0.25 - 4.2; once a peer sees all of the first island, 0 - 3 against -3.45: still nearer.
-    assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [0]
-    costs = np.array([[4.0, 4.2]])
-    assert assign(grid, robots, points, costs, revenue).tolist() == [0]
-    assert assign(grid, robots, points, costs, revenue, np.array([[2.1, 2.0]])).tolist() == [1]
-
-
 def test_a_waiting_cell_lies_off_the_path_and_on_the_own_side_of_it():
     data = np.full((80, 160), 100, dtype=np.int8)
     data[35:45, 2:158] = 0  # a corridor, 0.5 m wide, along x = 0 ... 8
@@ -187,21 +173,3 @@ def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
     assert not is_beside((2.0, 0.2), path, 0.3, reach=1.5)
     assert not is_beside((2.0, 0.4), path, 0.3)
     assert not is_beside((0.0, 0.0), path[:0], 0.3)
-
-
-def test_an_episode_of_a_team_is_measured():
-    env = LidarEnv(ExploreTeam, world="turtlebot3_world", physics="kinematic", start="spawn", time_limit=20.0)
-    infos = []
-    episode = run_episode(env, RrtTeam(), 0, infos.append)
-    assert 0 < episode.time_to_90 <= episode.time_to_95 <= episode.time_to_99 <= 20.0
-    assert episode.explored_fraction >= infos[-1]["explored_fraction"] > 0.9
-    assert episode.area_left == pytest.approx((1.0 - episode.explored_fraction) * env.task.coverage.area.area)
-    assert episode.course.samples["path_length"].shape == (len(infos), 2)
-    assert episode.path_length == pytest.approx(infos[-1]["path_length"].sum())
-    assert 0.0 < episode.position_rmse < 0.1
-    assert episode.end_reason in ("covered", "time_limit")
-
-
-def test_it_wants_a_reset_first():
-    with pytest.raises(RuntimeError, match="reset"):
-        RrtTeam().act({}, [])
