@@ -29,8 +29,6 @@ MAX_SIZE = 100_000
 """Longest axis of a space, and most of its actions."""
 MAX_ELEMENTS = 10_000_000
 """Most elements of a space."""
-MAX_AXES = 4
-"""Most axes of a space."""
 MAX_RECORD = 64 * 2**20
 """Largest file of a record [bytes]."""
 
@@ -43,7 +41,7 @@ class SpaceRecord(BaseModel):
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     kind: Literal["Box", "Discrete", "MultiBinary"]
-    shape: tuple[Size, ...]
+    shape: Annotated[tuple[Size, ...], Field(max_length=4)]
     """Of a `Discrete`, (n,): the number of actions."""
     dtype: Literal["float32", "float64", "uint8", "int8", "int16", "int32", "int64", "bool"]
     low: float = 0.0
@@ -51,8 +49,8 @@ class SpaceRecord(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "SpaceRecord":
-        if len(self.shape) > MAX_AXES or math.prod(self.shape) > MAX_ELEMENTS:
-            raise ValueError(f"shape {self.shape} has more than {MAX_AXES} axes or {MAX_ELEMENTS:,} elements")
+        if math.prod(self.shape) > MAX_ELEMENTS:
+            raise ValueError(f"shape {self.shape} has more than {MAX_ELEMENTS:,} elements")
         if self.kind != "Box" and len(self.shape) != 1:
             raise ValueError(f"a {self.kind} has one axis, got shape {self.shape}")
         if not self.low <= self.high:

@@ -45,10 +45,7 @@ def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | Observatio
         CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.
     """
     if (folder / RECORD_FILE).exists():
-        try:
-            return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
-        except (AttributeError, TypeError, RecursionError) as error:  # JSON of another form
-            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
+        return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
     from agents.explorer import LearnedPolicy  # torch takes seconds to load

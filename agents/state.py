@@ -25,11 +25,12 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
     """Take the state of a training between two updates, but for the replay buffer; see `agents.replay`."""
     state: Any = np.random.get_state()  # noqa: NPY002
     algorithm, key, position, has_gauss, gauss = state
+    env: Any = model.env  # whose parts are known also where the algorithm gets vectors
     record = Record(
         steps=model.num_timesteps,
         updates=model._n_updates,
         config=config,
-        observation={name: SpaceRecord.of(space) for name, space in _parts(model).items()},
+        observation={name: SpaceRecord.of(space) for name, space in env.parts.spaces.items()},
         action=SpaceRecord.of(model.action_space),
         numpy_random=(algorithm, int(position), int(has_gauss), float(gauss)),
         action_random=dict(model.action_space.np_random.bit_generator.state),
@@ -100,12 +101,6 @@ def check_spaces(record: Record, parts: Mapping[str, spaces.Space], action_space
     ]
     if wrong or offered.keys() != needed.keys():
         raise CheckpointError(f"{name} was trained on other spaces; it needs {', '.join(wrong) or list(needed)}")
-
-
-def _parts(model: BaseAlgorithm) -> Mapping[str, spaces.Space]:
-    """Return the spaces of the parts of observations, also where the algorithm gets vectors."""
-    env: Any = model.env
-    return env.parts.spaces
 
 
 def _optimizers(model: BaseAlgorithm) -> list[Optimizer]:

@@ -79,15 +79,11 @@ class FrontierScore:
         folder = Path(folder)
         try:
             record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
-            weights = load_file(folder / WEIGHTS_FILE)["weights"]
-        except (OSError, ValueError, KeyError, SafetensorError) as error:
+            if record["features"] != list(NAMES):
+                raise ValueError("it was trained on other features than this version computes")
+            return cls(load_file(folder / WEIGHTS_FILE)["weights"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
             raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
-        if record.get("features") != list(NAMES):
-            raise CheckpointError(f"{folder} was trained on other features than this version computes")
-        try:
-            return cls(weights)
-        except ValueError as error:
-            raise CheckpointError(f"{folder}: {error}") from error
 
 
 class ScoreExplorer(RuleExplorer):

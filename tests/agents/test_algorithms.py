@@ -1,12 +1,9 @@
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
-from agents import algorithms
 from agents.algorithms import Actor, build_model
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
@@ -39,24 +36,6 @@ def test_rollouts_updates_and_evaluations_see_the_same():
         blind = {**tensors, "map_near": torch.zeros_like(tensors["map_near"])}
         assert (policy.get_distribution(blind).mode() - actions).abs().max() > 1e-3
     assert np.allclose(Actor(policy)(seen), actions.numpy(), atol=1e-6)
-
-
-@pytest.mark.parametrize("device", ["cpu", "auto", "cuda"])
-def test_the_model_is_built_on_the_device_of_the_configuration(tiny_config, monkeypatch, device):
-    built = SimpleNamespace()
-
-    def remember(*args, **kwargs):
-        built.device = kwargs["device"]
-        return built
-
-    monkeypatch.setattr(algorithms, "find_algorithm", lambda name: remember)
-    monkeypatch.setattr(algorithms, "complete", lambda config, env: config)
-    monkeypatch.setattr(algorithms, "_arguments", lambda *_: {})
-    monkeypatch.setattr(algorithms, "_read_network", lambda *_: None)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    env = SimpleNamespace(action_space=spaces.Box(-1, 1, (2,)), parts=None)
-    build_model(tiny_config.model_copy(update={"device": device}), env)
-    assert built.device == device
 
 
 def test_a_missing_gpu_is_reported(tiny_config, monkeypatch):
