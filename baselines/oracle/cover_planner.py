@@ -152,8 +152,4 @@ class CoverPlanner:
         # Nothing leads back to the robot.
         chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
-        # A viewpoint that is used up is no other's neighbour, so that no stop is moved there.
-        near = self.viewpoints.near
-        near = np.where(self._used[near], np.arange(size, dtype=np.int32)[:, None], near)
-        one_more = ((0, 1), (0, 0))
-        return Cover(lengths + STOP_COST, chain, np.pad(near, one_more), np.pad(self._sees, one_more))
+        return Cover(lengths + STOP_COST, chain, np.pad(self._sees, ((0, 1), (0, 0))))

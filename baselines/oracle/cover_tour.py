@@ -31,8 +31,6 @@ class Cover(NamedTuple):
     """Shape (n, n), float64, finite, symmetric: path lengths between viewpoints [m]."""
     predecessors: np.ndarray
     """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
-    near: np.ndarray
-    """Shape (n, k), int32: the viewpoints nearest to each, itself left out."""
     sees: np.ndarray
     """Shape (n, words), uint64: a bit per sample that is seen from a viewpoint."""
 
@@ -76,7 +74,7 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt and or-opt where enough is still seen on the paths, until no change does."""
+    """Shorten a tour by 2-opt and or-opt, and leave out stops, where enough is still seen on the paths."""
     tour, has_changed = tour.copy(), True
     while has_changed:
         has_changed = False
@@ -88,6 +86,13 @@ def shorten(cover, known, target, tour):
                         if count_bits(seen_on(cover, known, other)) >= target:
                             tour[:] = other
                             has_changed = True
+    k = 1
+    while k < tour.size:
+        other = np.concatenate((tour[:k], tour[k + 1 :]))
+        if count_bits(seen_on(cover, known, other)) >= target:
+            tour = other
+        else:
+            k += 1
     return tour
 
 

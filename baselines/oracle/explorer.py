@@ -22,7 +22,7 @@ from envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
 """Time between two plans of the tour [s]."""
-FIRST_ROUNDS = 1000
+FIRST_ROUNDS = 300
 """How long the first tour is looked for; see `search_tour`."""
 ROUNDS = 4
 """How long a shorter one is looked for with each decision."""
