@@ -3,7 +3,6 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import envs  # noqa: F401
 from envs.abstract import ExploreFrontiersAbstractEnv
@@ -23,10 +22,6 @@ def explore(env, seed):
         positions.append(env.explore.truths[0].state.pose[:2])
         if terminated or truncated:
             return info, np.array(positions)
-
-
-def test_the_environment_passes_the_check():
-    check_env(gymnasium.make("lidarnaut/ExploreFrontiersAbstract-v0", **QUICK).unwrapped, skip_render_check=True)
 
 
 def test_spaces_are_those_of_the_real_one():

