@@ -1,6 +1,5 @@
 """The simulator that slides the robot along its path."""
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -72,15 +71,6 @@ def test_a_lidar_that_looks_ahead_looks_around():
     env = ExploreFrontiersAbstractEnv(world="rooms", world_size=(8.0, 8.0), robot="raspimouse", target_coverage=0.8)
     info, _ = explore(env, 1)
     assert info["explored_fraction"] > 0.5
-
-
-def test_vector_environment():
-    env = gymnasium.make_vec("lidarnaut/ExploreFrontiersAbstract-v0", 3, "vector_entry_point", num_workers=0, **QUICK)
-    observations, _ = env.reset(seed=0)
-    single = ExploreFrontiersAbstractEnv(**QUICK)
-    alone, _ = single.reset(seed=1)
-    np.testing.assert_array_equal(observations["candidates"][1], alone["candidates"])
-    env.close()
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,6 @@ def measure(episodes: Count = 3, path: str = ""):
     Path(path).write_text(str(episodes))
 
 
-def test_a_function_is_called_with_the_options(tmp_path):
-    run_command(measure, ["--episodes", "7", "--path", str(tmp_path / "a")])
-    assert (tmp_path / "a").read_text() == "7"
-
-
 @pytest.mark.parametrize("count", ["0", "-1", "1.5", "nan", ""])
 def test_counts_begin_at_one(capsys, count):
     with pytest.raises(SystemExit) as stop:

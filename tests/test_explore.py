@@ -128,17 +128,6 @@ def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_whee
     assert heading["tinyslam"] < 0.3 * heading["odometry"]
 
 
-def test_start_can_be_chosen():
-    spawn = LidarEnv(Explore, physics="kinematic", start="spawn")
-    spawn.reset(seed=0)
-    assert tuple(spawn.map_pose) == (-2.0, -0.5, 0.0)
-    chosen = LidarEnv(Explore, physics="kinematic", start=(-2.0, 0.5, 1.0))
-    chosen.reset(seed=0)
-    assert tuple(chosen.map_pose) == (-2.0, 0.5, 1.0)
-    with pytest.raises(ValueError, match="not collision-free"):
-        LidarEnv(Explore, physics="kinematic", start=(0.0, 0.0, 0.0)).reset(seed=0)
-
-
 @pytest.mark.parametrize(
     ("kwargs", "culprit"),
     [
@@ -212,14 +201,3 @@ def test_vector_environments_agree_with_single_ones():
         rewards = [vector.step(action)[1] for action in actions]
         np.testing.assert_allclose(rewards, expected)
         vector.close()
-
-
-def test_works_in_subproc_vec_env():
-    from stable_baselines3.common.vec_env import SubprocVecEnv
-
-    vector = SubprocVecEnv([make_quick] * 2, start_method="forkserver")
-    vector.seed(10)
-    observation = vector.reset()
-    assert observation["scan"].shape == (2, 360)
-    vector.step(np.zeros((2, 2), dtype=np.float32))
-    vector.close()

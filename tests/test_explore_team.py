@@ -57,19 +57,6 @@ def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
     np.testing.assert_array_equal(env.belief.grid.data, team.robots[0].belief.grid.data)
 
 
-def test_bullet_robots_drive_as_if_alone_while_they_are_apart():
-    start = ((1.0, 1.0, 0.3), (1.0, 3.0, -0.3), (6.0, 2.0, 3.0))
-    team = LidarEnv(ExploreTeam, world=hall(), physics="bullet", num_robots=3, start=start, slam="truth")
-    alone = LidarEnv(Explore, world=hall(), physics="kinematic", start=start[0], slam="truth")
-    team.reset(seed=0)
-    alone.reset(seed=0)
-    for _ in range(50):
-        team.step(np.array([[0.8, 0.2], [0.5, -0.1], [0.3, 0.3]], dtype=np.float32))
-        alone.step(np.array([0.8, 0.2], dtype=np.float32))
-    assert math.dist(team.truths[0].state.pose[:2], alone.truths[0].state.pose[:2]) < 0.03
-    team.close()
-
-
 @pytest.mark.parametrize(
     ("kwargs", "culprit"),
     [
@@ -149,14 +136,6 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
     assert hidden(starts(2)) == 0
     assert hidden(starts(4)) > 0
     check_starts(starts(4), BURGER.radius, corridor)
-
-
-def test_starts_are_not_behind_walls():
-    world = hall(8.0, 4.0, [[1.5, 0.0, 1.5, 3.0]])
-    env = LidarEnv(ExploreTeam, world=world, physics="kinematic", num_robots=2, start=(1.0, 1.0, 0.0))
-    for seed in range(10):
-        env.reset(seed=seed)
-        assert env.truths[1].state.pose.x < 1.5
 
 
 def test_peers_are_seen():

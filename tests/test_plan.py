@@ -5,7 +5,6 @@ import math
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
@@ -13,7 +12,6 @@ from envs.observations import Plan
 from envs.observations.plan import LOOKAHEADS, look_ahead
 from envs.tasks.explore import Explore
 from envs.worlds import World
-from tests.side_by_side import step_both
 
 PARTS = ("scan", "motion", "plan")
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0, "observations": PARTS}
@@ -100,18 +98,6 @@ def test_looking_twice_changes_nothing_and_a_reset_begins_anew():
     np.testing.assert_array_equal(env.observe()["plan"], env.observe()["plan"])
     again = [observation["plan"] for observation in drive(env, 20, seed=3)]
     np.testing.assert_array_equal(first, again)
-
-
-def test_vector_environments_equal_single_ones_bit_for_bit():
-    arguments = {**ROOMS, "time_limit": 6.0}
-    mode = AutoresetMode.SAME_STEP
-    ours = gymnasium.make_vec("lidarnaut/Explore-v0", 3, num_workers=2, autoreset_mode=mode, **arguments)
-    theirs = SyncVectorEnv([lambda: LidarEnv(Explore, **arguments)] * 3, autoreset_mode=mode)
-    ours.action_space.seed(0)
-    actions = (np.abs(ours.action_space.sample()) for _ in range(70))
-    ended = sum(np.count_nonzero(truncated) for (_, _, truncated), _ in step_both(ours, theirs, actions))
-    assert ended >= 6
-    ours.close()
 
 
 def test_each_robot_of_a_team_has_a_plan_of_its_own():

@@ -12,7 +12,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import envs  # noqa: F401
 from envs.core import LidarEnv
-from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
 from envs.randomization import RANDOMIZABLE, Randomization
 from envs.robots import load_robot
@@ -132,24 +131,6 @@ def test_coverage_knows_where_the_lidar_really_looks():
     assert (scan.x, scan.y, scan.theta) == pytest.approx((1.2, 2.0, 0.3 + BURGER.lidar.angle_min))
 
 
-def test_decisions_of_a_kernel_equal_those_of_python(monkeypatch):
-    outs = []
-    for is_fused in (True, False):
-        env = ExploreFrontiersEnv(**{**QUICK, "slam": "hector"}, randomize=RANGES)
-        if not is_fused:
-            monkeypatch.setattr(ExploreFrontiersEnv, "why_not_fused", "asked for")
-        out = [env.reset(seed=1)]
-        for _ in range(4):
-            out.append(env.step(np.int64(0)))
-            if out[-1][2] or out[-1][3]:
-                out.append(env.reset())
-        outs.append(out)
-    for fused, unfused in zip(*outs, strict=True):
-        assert fused[-1]["randomized"] == unfused[-1]["randomized"]
-        np.testing.assert_array_equal(fused[-1]["pose_error"], unfused[-1]["pose_error"])
-        np.testing.assert_array_equal(fused[0]["candidates"], unfused[0]["candidates"])
-
-
 LIDAR = {name: RANGES[name] for name in RANGES if name.startswith("lidar.")}
 CASES = {
     "fused": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 3.0, "randomize": RANGES}),
@@ -179,10 +160,6 @@ def test_sub_environments_draw_what_single_ones_draw(case):
             assert info["final_info"]["randomized"]["lidar.noise_std"][i] in drawn
     assert len(drawn) >= 4
     ours.close()
-
-
-def test_randomized_environments_are_still_stepped_by_the_kernel():
-    assert LidarEnv(Explore, **QUICK, slam="hector", randomize=RANGES).is_fused
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])

@@ -3,7 +3,6 @@
 import math
 import pickle
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -113,22 +112,6 @@ def test_time_limits_hold_on_the_drive_home(monkeypatch):
     _, infos = explore(Tired(20), control_hz=5.0, time_limit=6.0)
     assert infos[-1]["end_reason"] == "time_limit"
     assert infos[-1]["time_home"] > 0.0
-
-
-def test_vector_environments_do_the_same():
-    arguments = QUICK | {"target_coverage": 0.01, "control_hz": 5.0}
-    make = {"num_envs": 2, "num_workers": 1, "autoreset_mode": "Disabled"}
-    vector = gymnasium.make_vec("lidarnaut/Explore-v0", **make, **arguments)
-    observations, _ = vector.reset(seed=5)
-    assert observations["home"].shape == (2, 4)
-    _, rewards, terminated, _, infos = vector.step(np.zeros((2, 2), dtype=np.float32))
-    for k in range(2):
-        env = LidarEnv(Explore, **arguments)
-        env.reset(seed=5 + k)
-        _, reward, ended, _, info = env.step(np.zeros(2, dtype=np.float32))
-        assert (rewards[k], terminated[k], infos["returned"][k]) == (reward, ended, info["returned"])
-        assert info["end_reason"] == infos["end_reason"][k] == "returned"
-    vector.close()
 
 
 def test_policies_see_where_home_is():

@@ -5,7 +5,6 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
 
 import envs  # noqa: F401  (registers the environments)
 from envs.core import LidarEnv
@@ -62,16 +61,6 @@ def test_each_robot_of_a_team_has_its_own_measurement(physics):
     env = LidarEnv(ExploreTeam, sensors=[Cliff], **{**QUICK, "physics": physics})
     assert [one["cliff"].tolist() for one in drive(env, 1)[0]] == [[0.0], [1.0]]
     env.close()
-
-
-def test_a_sensor_is_an_observation_part_in_vector_environments_too():
-    arguments = {"sensors": [Beacon()], "observations": ("scan", "beacon"), **QUICK}
-    ours = gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, **arguments)
-    theirs = SyncVectorEnv([lambda: LidarEnv(Explore, **arguments)] * 2)
-    actions = np.full((2, 2), 0.3, dtype=np.float32)
-    for mine, other in [(ours.reset(seed=0), theirs.reset(seed=0)), (ours.step(actions), theirs.step(actions))]:
-        np.testing.assert_array_equal(mine[0]["beacon"], other[0]["beacon"])
-    ours.close()
 
 
 def test_an_environment_with_sensors_pickles_between_steps():
