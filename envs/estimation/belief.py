@@ -117,13 +117,9 @@ class Estimator(Protocol):
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
-    """Refuse a belief that no map can be made of, by the estimator of some name; kernels check no index.
+    """Refuse what the estimator `name` returned if no map can be made of it; kernels check no index.
 
-    Args:
-        belief: what an estimator returned.
-        name: of the estimator.
-        grid: that it must hold; None for any.
-        before: data of the grid before, and their shape then.
+    It must hold `grid`, if there is one; `before` are the data of the grid before, and their shape then.
 
     Raises:
         ValueError: a part has the wrong type or shape, is not finite or lies outside of the grid; names the estimator.

@@ -39,14 +39,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks where the map may have changed.
+    """Pool map cells into blocks where the map, shape (height, width), int8, may have changed, a `Window` of cells.
 
-    Args:
-        data: shape (height, width), int8, occupancy.
-        window: `Window` of cells that may have changed.
-        block: side of a block [cells], a power of two up to `LARGEST_POOLED`.
-        level: shape (n + 1,), uint16, written: the words of n blocks row by row, and 0 for everything outside. A word
-            holds the share of free cells times 255, and whether any cell is occupied and was visited.
+    `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`; `level`: shape (n + 1,), uint16, written:
+    the words of n blocks row by row, and 0 for everything outside. A word holds the share of free cells times 255, and
+    whether any cell is occupied and was visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col_min // block, window.col_max // block + 1
@@ -87,9 +84,9 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
         level: shape (height * width + 1,), uint16; see `pool_cells`.
         height: rows of the level [blocks].
         width: columns of the level [blocks].
-        x: estimated position of the robot from the map's corner [blocks]; y likewise.
-        y: see x.
-        theta: estimated heading [rad].
+        x: position of the robot from the map's corner, with `y` [blocks] and `theta` [rad].
+        y: see `x`.
+        theta: see `x`.
         pixel: side of a crop pixel [blocks].
         crop: shape (3, size, size), uint8, written: 255 where the block in the middle of the pixel has an occupied
             cell; the share of its cells that are free, times 255; 255 where the robot has been in it.
@@ -178,15 +175,7 @@ class MapPyramid:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose in the map frame.
-
-        Args:
-            x: position [m].
-            y: position [m].
-            theta: heading [rad].
-            pixel: side of a pixel [m].
-            out: shape (3, size, size), uint8, written; see `crop_level`.
-        """
+        """Crop the map around a pose in the map frame, pixels of a side [m], into `out`; see `crop_level`."""
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin

@@ -9,15 +9,11 @@ MAX_REACH = 180
 
 @njit(cache=True, error_model="numpy")
 def squared_distances(occupied, reach):
-    """Measure how far each cell lies from the nearest occupied one, exactly up to a reach.
+    """Measure how far each cell lies from the nearest occupied one, exactly up to a reach [cells], 1 to `MAX_REACH`.
 
     Separable as in Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012): first along rows,
     then down columns. With a small reach the second pass is a plain minimum over offsets, which the compiler
-    vectorises.
-
-    Args:
-        occupied: shape (height, width), bool.
-        reach: distance up to which the result is exact [cells], 1 to `MAX_REACH`.
+    vectorises. `occupied`: shape (height, width), bool.
 
     Returns:
         Shape (height, width), uint16: squared distance between cell centres [cells2] where that is at most `reach**2`,

@@ -15,10 +15,7 @@ from numba.extending import intrinsic
 def _load(typing_context: Any, array: Any, index: Any) -> Any:
     """Return `array[index]`, without bounds check, by a load of its own.
 
-    Args:
-        typing_context: passed by the compiler.
-        array: shape (n,), C-contiguous.
-        index: uint32 or uint64, below n.
+    `array`: shape (n,), C-contiguous; `index`: uint32 or uint64, below n.
     """
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None

@@ -11,12 +11,9 @@ def lengths_along(points: np.ndarray) -> np.ndarray:
 
 
 def points_at(points: np.ndarray, along: np.ndarray, distances: np.ndarray | float) -> np.ndarray:
-    """Return the points of a polyline at distances along it; its ends beyond them: shape (..., 2), float64 [m].
+    """Return points of a polyline at distances along it, shape (...) [m]; its ends beyond: shape (..., 2), float64 [m].
 
-    Args:
-        points: shape (n, 2), n > 0 [m].
-        along: shape (n,), what `lengths_along` returns [m].
-        distances: shape (...) [m].
+    `points`: shape (n, 2), n > 0 [m]; `along`: what `lengths_along` returns for them.
     """
     return np.stack([np.interp(distances, along, points[:, k]) for k in (0, 1)], axis=-1)
 

@@ -27,10 +27,8 @@ def march(distances, x, y, dx, dy, longest):
     """Follow a ray from (x, y) to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
 
     All numbers are float32 [cells]. `distances`, shape (height, width), are those from each cell to the nearest
-    obstacle, 0 in it; the direction (dx, dy) has length 1.
-
-    Returns:
-        Distance to the obstacle; `longest` if there is none, or the ray leaves the map.
+    obstacle, 0 in it; the direction (dx, dy) has length 1. Returns the distance to the obstacle; `longest` if there is
+    none, or the ray leaves the map.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)

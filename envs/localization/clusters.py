@@ -39,8 +39,7 @@ class BinRaster(NamedTuple):
 def find_bins(particles, raster, bins):
     """Write the bins of the particles to `bins`; particles off the map belong to bins at its edge.
 
-    Returns:
-        The extent of the cloud: over how many bins it stretches along the axis where it is longest.
+    Returns over how many bins the cloud stretches along the axis where it is longest.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
@@ -89,12 +88,9 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def mean_and_covariance(particles, weights, total, covariance):
-    """Compute the mean and covariance of particles by weights whose sum is `total`.
+    """Return mean x, y [m] and heading [rad], that of the sum of unit vectors, by weights whose sum is `total`.
 
     Writes to `covariance`, shape (3, 3), float64 [m, m, rad]; headings differ by less than half a turn from the mean.
-
-    Returns:
-        The mean x, y [m] and heading [rad], which is the direction of the sum of unit vectors.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     # Seen from the first particle, so that nothing is lost far from the origin.

@@ -84,11 +84,8 @@ def _move(particles, motion, stds, seed):
 def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
     """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as Nav2 does.
 
-    Args:
-        particles: shape (3, n), float32, x, y, heading [m, rad], changed in place.
-        motion: pose of the base now, as odometry sees it from the base before.
-        params: give the noise.
-        rng: source of the noise.
+    `particles`, shape (3, n), float32, x, y, heading [m, rad], are changed in place; `motion` is the pose of the base
+    now, as odometry sees it from the base before.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0

@@ -22,9 +22,7 @@ _FOLDER = Path(__file__).parent
 def build_page(recordings: Sequence[Recording], title: str | None = None) -> str:
     """Return a page with one episode, or with two in step, as HTML that loads nothing else.
 
-    Args:
-        recordings: what to show.
-        title: of the page; None for the explorers and the world.
+    The title is by default that of the explorers and the world.
 
     Raises:
         ValueError: if there are none or too many.

@@ -41,12 +41,7 @@ class Renderer:
     """Draws scenes, for `human` into a window at a steady pace, for `rgb_array` into arrays without any display."""
 
     def __init__(self, mode: str, fps: float, size: tuple[int, int] = (1280, 720)) -> None:
-        """Prepare to draw; a window opens with the first scene.
-
-        Args:
-            mode: one of `MODES`.
-            fps: pictures per second that `human` does not exceed.
-            size: width and height of the picture [px].
+        """Prepare to draw in one of `MODES` at a size (width, height) [px], `human` at no more than `fps` per second.
 
         Raises:
             ValueError: if an argument is not allowed.
@@ -61,10 +56,7 @@ class Renderer:
         self._clock: Any = None
 
     def draw(self, scene: Scene) -> np.ndarray | None:
-        """Draw a scene.
-
-        Returns:
-            For `rgb_array` a new array, shape (height, width, 3), uint8; None for `human`.
+        """Draw a scene; for `rgb_array` return a new array, shape (height, width, 3), uint8, for `human` None.
 
         Raises:
             RuntimeError: if `human` finds no display.

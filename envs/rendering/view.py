@@ -30,13 +30,9 @@ class View:
         return (points - (self._left, self._top)) * (self.scale, -self.scale)
 
     def paint_grid(self, grid: OccupancyGrid, start: Pose2D, palette: np.ndarray, image: np.ndarray) -> None:
-        """Paint a map over a whole image; what lies outside the map is unknown.
+        """Paint a map, whose frame lies at `start`, over an image, shape (height, width), uint32; beyond is unknown.
 
-        Args:
-            grid: the map.
-            start: pose of the map's frame in the world frame.
-            palette: shape (102,), uint32, the pixel for each occupancy value from -1 to 100.
-            image: shape (height, width), uint32, written.
+        `palette`: shape (102,), uint32, the pixel for each occupancy value from -1 to 100.
         """
         # Three pixel centres tell the affine map from pixels to cells.
         pixels = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])
@@ -49,8 +45,8 @@ class View:
 def _paint(data, palette, corner, per_col, per_row, image):
     """Give every pixel the colour of the cell under its centre.
 
-    The first pixel's centre lies at `corner` (column, row); from column to column, and from row to row, the image goes
-    on by `per_col` and `per_row` [cells].
+    The first pixel's centre lies at `corner` (column, row); image columns and rows go on by `per_col` and `per_row`
+    [cells].
     """
     rows, columns = data.shape
     for i in range(image.shape[0]):

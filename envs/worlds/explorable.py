@@ -134,7 +134,7 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Find the candidates that see, or are, one of the goals along a straight line of free cells.
+    """Find the candidates that are goals, or see one along a straight line of free cells: shape of `free`, bool.
 
     A progress bar shows up if it takes longer than two seconds.
 
@@ -144,9 +144,6 @@ def visible_from(
         candidates: shape of `free`, bool: the cells in question, all free.
         reach: longest line [cells].
         name: of the world, for the progress bar.
-
-    Returns:
-        Shape of `free`, bool.
     """
     # The golden angle: any few directions in sequence look all around.
     steps = np.array([longest_step(2.399963229728653 * k) for k in range(NUM_DIRECTIONS)])

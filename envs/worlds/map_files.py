@@ -55,16 +55,12 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
-    """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided.
-
-    A full disk leaves neither file in part.
+    """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided; a full disk changes nothing.
 
     Args:
         grid: the grid.
-        path: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in `NAME.yaml`).
-
-    Returns:
-        Path of the YAML file.
+        path: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in `NAME.yaml`), which is
+            returned.
 
     Raises:
         ValueError: for another suffix.
@@ -165,13 +161,8 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
 
     Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map
     leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved. A progress bar shows up
-    if it takes longer than two seconds.
-
-    Args:
-        grid: the map.
-        name: name of the world.
-        spawn: where to start; by default in the largest free area, as far from anything solid as it gets.
-        source: where the map comes from.
+    if it takes longer than two seconds. The spawn is by default in the largest free area, as far from anything solid as
+    it gets.
 
     Raises:
         ValueError: if the map has no free cell, or the spawn does not lie on one.

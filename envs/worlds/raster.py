@@ -61,13 +61,9 @@ def _draw(data, segments, circles):
 
 
 def rasterize(world: World, resolution: float) -> OccupancyGrid:
-    """Mark the cells that a world's static segments and circles touch.
+    """Mark the cells, of side `resolution` [m], that a world's static segments and circles touch.
 
     A cell owns its lower and left border, circles are filled, the inside of other bodies is not. Movers are left out.
-
-    Args:
-        world: the world.
-        resolution: side of a cell [m].
 
     Returns:
         0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
@@ -96,12 +92,7 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 def reachable(
     world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
 ) -> tuple[OccupancyGrid, np.ndarray]:
-    """Find where the centre of a round robot can get from the first spawn.
-
-    Args:
-        world: the world.
-        resolution: side of a cell [m].
-        radius: radius of the robot [m]; 0 asks for what is connected at all.
+    """Find where the centre of a robot of a radius [m] can get from the first spawn, on cells of a side [m].
 
     Returns:
         The raster of the world, and a mask of its shape: cells farther than `radius` from every touched cell and
@@ -168,16 +159,13 @@ def check_world(world: World) -> World:
 
 
 def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """Return the borders between solid and open cells, straight neighbours merged.
+    """Return the borders between solid and open cells, straight neighbours merged: shape (n, 4), (x0, y0, x1, y1) [m].
 
     Args:
         solid: shape (height, width), bool; beyond the array counts as solid, so that no segments run along its edge
             unless open cells touch it.
         xs: shape (width + 1,), positions of the grid lines along x [m].
         ys: shape (height + 1,), positions of the grid lines along y [m].
-
-    Returns:
-        Shape (n, 4), float64, axis-aligned (x0, y0, x1, y1) [m].
     """
     padded = np.pad(solid, 1, constant_values=True)
     # Border k of a row of cells lies between cell k - 1 and cell k.

@@ -25,17 +25,11 @@ FITTING_RADIUS = 0.25
 
 
 def _generate(family: str, seed: int, size: Size | None = None, radius: float = 0.0) -> World:
-    """Return a world of a family.
+    """Return a world of a family; the same seed and size give the same bytes.
 
-    A robot of a radius of 0.25 m fits everywhere that it should. For a larger one everything is larger, but for the
-    outer size.
-
-    Args:
-        family: a name in `FAMILIES`.
-        seed: world seed; the same seed and size give the same bytes.
-        size: outer size (x, y) [m], rounded to whole units; drawn from the family's range by default, and at least as
-            large as its smallest.
-        radius: of the robot [m].
+    A robot of a radius of 0.25 m fits everywhere that it should. For one of a larger `radius` [m] everything is larger,
+    but for the outer `size` (x, y) [m]. This is rounded to whole units; by default it is drawn from the family's range,
+    and at least as large as its smallest.
 
     Raises:
         ValueError: if the size is not two numbers from the family's smallest, for this robot, to 200 m.

@@ -157,15 +157,10 @@ def _is_straight(points, loop, i, j, n, tolerance):
 
 
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
-    """Return the closed lines on which a field takes a value, within a tolerance.
+    """Return the closed lines on which a field, shape (height, width), takes a value, as (column, row, column, row).
 
-    Args:
-        field: shape (height, width), float64; all of its edge on one side of `level`.
-        level: the value.
-        tolerance: how far a segment may be from the line that it replaces [grid steps].
-
-    Returns:
-        Shape (n, 4), float64, (column, row, column, row) [grid steps].
+    Shape (n, 4), float64 [grid steps]. The field's edge lies on one side of `level`; segments stay within `tolerance`
+    of the lines that they replace.
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

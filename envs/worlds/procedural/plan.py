@@ -72,13 +72,7 @@ class Plan:
     """A floor plan: walls first, then doors, then `settle`, then bodies."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
-        """Start with four outer walls around an empty floor.
-
-        Args:
-            size: outer size [m].
-            wall: thickness of the outer walls [units].
-            is_open: whether rooms are zones of one floor, without walls between them.
-        """
+        """Start with walls [units] around a floor of an outer size [m]; if it is open, there are none between rooms."""
         self.width, self.height = units(size[0]), units(size[1])
         self.floor: Rect = (wall, wall, self.width - wall, self.height - wall)
         self._is_open = is_open
@@ -110,15 +104,8 @@ class Plan:
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
         """Put an item into a room, if it fits and the rest of the room, or of an open floor, stays in one piece.
 
-        Args:
-            item: what to put.
-            room: the floor to stay on.
-            side: wall that the item turns its back to: 0 south, 1 east, 2 north, 3 west.
-            along: distance from the room's lower or left corner, along the wall.
-            gap: distance from the wall.
-
-        Returns:
-            Whether the item was put.
+        It turns its back to the wall `side` (0 south, 1 east, 2 north, 3 west), `gap` away from it and `along` from the
+        room's lower or left corner. Returns whether it was put.
         """
         x0, y0, x1, y1 = turn((0, gap, item.length, gap + item.depth), room, side, along)
         if x0 < room[0] or y0 < room[1] or x1 > room[2] or y1 > room[3]:
