@@ -1,6 +1,9 @@
+import math
+
 import numpy as np
 import pytest
 
+from envs.geometry.clearance import clearance
 from envs.geometry.polyline import lengths_along, points_at, resample
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
@@ -19,11 +22,19 @@ def test_resampled_points_are_equally_far_apart_and_keep_the_ends():
     np.testing.assert_allclose(np.hypot(*np.diff(points, axis=0).T), 0.1)
     np.testing.assert_allclose(points[10], (1.0, 0.0), atol=1e-12)
     assert (points[[0, -1]] == CORNERS[[0, -1]]).all()
+    assert np.hypot(*np.diff(resample(CORNERS, 0.07), axis=0).T).max() <= 0.07 + 1e-12
     assert len(resample(CORNERS, 10.0)) == 2
     assert len(resample(CORNERS[:1], 0.1)) == 1
 
 
-@pytest.mark.parametrize("spacing", [0.07, 0.4])
-def test_resampled_points_are_at_most_the_spacing_apart(spacing):
-    points = resample(CORNERS, spacing)
-    assert np.hypot(*np.diff(points, axis=0).T).max() <= spacing + 1e-12
+@pytest.mark.parametrize(
+    ("point", "expected"),
+    [((0, 2), 1), ((1, 0), 1), ((0, 0), math.sqrt(2)), ((-3, 0), 0.5), ((-2, 0.1), -0.4), ((1, 2), 0)],
+)
+def test_clearance_is_the_distance_to_the_nearest_segment_or_circle(point, expected):
+    segments, circles = np.array([[1.0, 1.0, 1.0, 3.0]]), np.array([[-2.0, 0.0, 0.5]])
+    assert clearance(*point, segments, circles) == pytest.approx(expected)
+
+
+def test_clearance_without_obstacles_is_infinite():
+    assert clearance(0.0, 0.0, np.empty((0, 4)), np.empty((0, 3))) == math.inf

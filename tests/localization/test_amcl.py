@@ -1,6 +1,5 @@
 import math
 import os
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +37,13 @@ def _reading(pose, **kwargs):
 
 
 START = Pose2D(1.5, 1.0, 0.2)
+
+
+def started(seed, pose=START, **changes):
+    """A localizer at a pose that is known well, or for None anywhere."""
+    amcl = Amcl(LIDAR, replace(PARAMS, **changes))
+    amcl.reset(np.random.default_rng(seed), pose, MAP, SURE)
+    return amcl
 
 
 def _circle(steps=100, start=START):
@@ -88,8 +94,7 @@ def test_a_posterior_known_by_hand():
 
 @pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
 def test_tracking(sensor):
-    amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=1000, max_beams=30))
-    amcl.reset(np.random.default_rng(0), START, MAP, SURE)
+    amcl = started(0, START, sensor=sensor, max_particles=1000, max_beams=30)
     errors, estimate = _follow(amcl)
     rms = np.sqrt(np.mean(errors**2, axis=0))
     assert rms[0] < (0.15 if sensor == "likelihood_field" else 0.05)
@@ -102,9 +107,8 @@ def test_tracking(sensor):
 
 
 def test_global_localization_and_the_cloud_shrinks():
-    amcl = Amcl(LIDAR, PARAMS)
-    first = amcl.reset(np.random.default_rng(1), None, MAP)
-    assert first.is_lost
+    amcl = started(1, None)
+    assert amcl.belief.is_lost
     assert amcl.num_particles == 20_000
     assert math.isnan(amcl.fit)
     free = MAP.data[tuple(MAP.cells(amcl.particles[:, :2]).T)] == 0
@@ -116,17 +120,9 @@ def test_global_localization_and_the_cloud_shrinks():
     assert amcl.num_particles < 1000
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"relocalize": True},
-        {"relocalize": False, "alpha_slow": 0.02, "alpha_fast": 0.5},
-    ],
-    ids=["start over", "random particles"],
-)
+@pytest.mark.parametrize("changes", [{}, {"relocalize": False, "alpha_slow": 0.02, "alpha_fast": 0.5}])
 def test_a_kidnapped_robot_relocalizes(changes):
-    amcl = Amcl(LIDAR, replace(PARAMS, **changes))
-    amcl.reset(np.random.default_rng(2), START, MAP, SURE)
+    amcl = started(2, START, **changes)
     _, estimate = _follow(amcl, 60)
     assert not estimate.is_lost
     was_lost = []
@@ -148,15 +144,13 @@ def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
     for relocalize in (False, True):
         for segments, expected in ((zigzag, True), (SEGMENTS, False)):
             for start in (START, None):
-                amcl = Amcl(LIDAR, replace(PARAMS, relocalize=relocalize, lost_distance=0.1))
-                amcl.reset(np.random.default_rng(4), start, MAP, SURE)
+                amcl = started(4, start, relocalize=relocalize, lost_distance=0.1)
                 _, estimate = _follow(amcl, segments=segments)
                 assert estimate.is_lost is expected, (relocalize, start, amcl.fit)
 
 
 def test_a_robot_that_stands_still_only_follows_odometry():
-    amcl = Amcl(LIDAR, replace(PARAMS, update_min_d=0.2, update_min_a=0.2))
-    amcl.reset(np.random.default_rng(5), START, MAP, SURE)
+    amcl = started(5, START, update_min_d=0.2, update_min_a=0.2)
     poses, clouds = [], []
     for motion, is_corrected in (
         (Pose2D(0.0, 0.0, 0.0), True),
@@ -171,8 +165,7 @@ def test_a_robot_that_stands_still_only_follows_odometry():
 
 
 def test_resample_interval_keeps_weights_in_between():
-    amcl = Amcl(LIDAR, replace(PARAMS, resample_interval=3))
-    amcl.reset(np.random.default_rng(5), START, MAP, SURE)
+    amcl = started(5, START, resample_interval=3)
     resampled = []
     for pose, motion in _circle(40):
         amcl.update(_reading(pose), motion)
@@ -184,8 +177,7 @@ def test_resample_interval_keeps_weights_in_between():
 def test_same_seed_same_bytes():
     clouds = []
     for seed in (7, 7, 8):
-        amcl = Amcl(LIDAR, PARAMS)
-        amcl.reset(np.random.default_rng(seed), None, MAP)
+        amcl = started(seed, None)
         _follow(amcl, 20)
         clouds.append((amcl.particles.tobytes(), tuple(amcl.belief.pose)))
     assert clouds[0] == clouds[1]
@@ -194,8 +186,7 @@ def test_same_seed_same_bytes():
 
 @pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
 def test_beams_that_say_nothing(sensor):
-    amcl = Amcl(LIDAR, replace(PARAMS, sensor=sensor, max_particles=600))
-    amcl.reset(np.random.default_rng(6), START, MAP, SURE)
+    amcl = started(6, START, sensor=sensor, max_particles=600)
     nothing = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
     estimate = amcl.update(Reading.of_scan(nothing), Pose2D(0.0, 0.0, 0.0))
     spread = estimate.covariance[0, 0]
@@ -276,10 +267,8 @@ def test_a_changed_map_is_noticed():
         ({"max_particles": 10}, "max_particles must be at least min_particles, got 10"),
         ({"global_particles": 10}, "global_particles must be at least min_particles"),
         ({"sensor": "sonar"}, "sensor must be one of"),
-        ({"max_beams": 0}, "max_beams must be at least 1"),
         ({"sigma_hit": 0.0}, "sigma_hit must be positive"),
         ({"z_rand": 0.0}, "z_rand must be positive"),
-        ({"alpha1": -0.1}, "alpha1 must not be negative"),
         ({"alpha3": math.nan}, "alpha3 must not be negative"),
         ({"alpha_slow": 0.2, "alpha_fast": 0.1}, "alpha_slow must not exceed alpha_fast"),
         ({"lost_fit": 1.5}, "lost_fit must lie in"),
@@ -309,18 +298,10 @@ def test_the_beginning_of_the_intel_log():
 
 
 def test_localizers_share_what_they_compute_from_equal_maps():
-    lidar, params = LidarParams(180, 6.0), replace(PARAMS, initial_std=0.1)
-    data = np.kron(MAP.data, np.ones((8, 8), dtype=np.int8))
-    localizers, retained, poses = [], [], []
-    tracemalloc.start()
-    for cells in (data, data.copy(), np.roll(data, 8, axis=1)):
-        localizers.append(Amcl(lidar, params))
-        before = tracemalloc.get_traced_memory()[0]
-        localizers[-1].reset(np.random.default_rng(0), START, OccupancyGrid(cells, 0.05 / 8, MAP.origin))
-        retained.append(tracemalloc.get_traced_memory()[0] - before)
-        for pose, motion in _circle(8):
-            localizers[-1].update(_reading(pose), motion)
-        poses.append(localizers[-1].belief.pose)
-    tracemalloc.stop()
-    assert retained[1] < 0.1 * min(retained[0], retained[2])
-    assert poses[0] == poses[1] != poses[2]
+    localizers = []
+    for data in (MAP.data, MAP.data.copy(), np.roll(MAP.data, 1, axis=1)):
+        localizers.append(Amcl(LIDAR, PARAMS))
+        localizers[-1].reset(np.random.default_rng(0), None, OccupancyGrid(data, MAP.resolution, MAP.origin))
+    one, equal, other = (localizer._tables for localizer in localizers)
+    assert one is equal
+    assert one is not other

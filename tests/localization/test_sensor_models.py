@@ -1,5 +1,4 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,13 +20,8 @@ def _room(rng, height=50, width=70, share=0.03):
 
 def _cloud(rng, grid, count):
     x_min, y_min, x_max, y_max = grid.bounds
-    return np.stack(
-        [
-            rng.uniform(x_min - 0.3, x_max + 0.3, count),
-            rng.uniform(y_min - 0.3, y_max + 0.3, count),
-            rng.uniform(-math.pi, math.pi, count),
-        ]
-    ).astype(np.float32)
+    low, high = (x_min - 0.3, y_min - 0.3, -math.pi), (x_max + 0.3, y_max + 0.3, math.pi)
+    return np.ascontiguousarray(rng.uniform(low, high, (count, 3)).T.astype(np.float32))
 
 
 def _scan(rng):
@@ -171,14 +165,10 @@ def test_beam_model_weighs_what_it_casts():
 def test_unknown_cells_stop_rays_but_are_no_obstacles():
     data = np.zeros((40, 60), dtype=np.int8)
     data[:, 50:] = -1
-    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
-    params = AmclParams(sensor="beam", max_beams=1)
-    lidar = LidarParams(1, 3.0, fov=0.2)
+    grid, lidar = OccupancyGrid(data, 0.05, (0.0, 0.0)), LidarParams(1, 3.0, fov=0.2)
     particles = np.array([[1.025, 1.0, 0.0], [0.425, 1.0, 0.0]], dtype=np.float32).T.copy()
-    ranges = np.array([1.5], dtype=np.float32)
-    weights = np.ones(2)
-    BeamModel(params, lidar, grid)(ranges)(particles, weights)
-    assert weights[0] > weights[1]
-    weights = np.ones(2)
-    LikelihoodField(replace(params, sensor="likelihood_field"), lidar, grid)(ranges)(particles, weights)
-    assert weights[0] == weights[1]
+    beam, field = np.ones(2), np.ones(2)
+    for model, weights in ((BeamModel, beam), (LikelihoodField, field)):
+        model(AmclParams(max_beams=1), lidar, grid)(np.array([1.5], dtype=np.float32))(particles, weights)
+    assert beam[0] > beam[1]
+    assert field[0] == field[1]
