@@ -110,7 +110,8 @@ def demo(
         lead = {caption: (work / name).read_bytes() for name, caption in captions.items()}
         summary = publish(evaluation, title="From an unknown house to a finished map", intro=INTRO, lead=lead)
         print_results(evaluation, summary, console)
-        _replace(folder, work)
+        shutil.rmtree(folder, ignore_errors=True)
+        work.rename(folder)
         say("Done")
     ratios = ", ".join(f"{policy} {median_pair(rows, policy)[0]:.2f}" for policy in (CLASSIC, LEARNED, TWIST))
     result = f"Times to 95 % of {WORLD}, as shares of {REFERENCE}'s (median start): {ratios}."
@@ -164,16 +165,6 @@ def draw_moment(traces: Mapping[str, Trace], moment: float, end: float) -> np.nd
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _replace(folder: Path, work: Path) -> None:
-    """Put the new results where the old ones are."""
-    old = folder.with_name(f"{folder.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
-        folder.rename(old)
-    work.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))]
 class Command:
     """What is measured."""
 
-    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]  # type: ignore[valid-type]
+    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]
     """What to measure."""
     json: Path | None = None
     """Also write the rows of the table to this file; what was never reached is null."""

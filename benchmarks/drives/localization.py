@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy import ndimage
@@ -77,21 +77,10 @@ FILTERS = {
 """Filters that are compared on the log, without relocalization, so that no error is hidden."""
 
 
-class Track(NamedTuple):
-    """Estimates at the n scans of a drive, all of shape (n, ...); see `track`."""
-
-    poses: np.ndarray
-    is_lost: np.ndarray
-    seconds: np.ndarray
-    fit: np.ndarray
-    is_corrected: np.ndarray
-    num_particles: np.ndarray
-
-
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
-) -> Track:
-    """Reset a filter with a seed, and localize along a drive on a map.
+) -> dict[str, np.ndarray]:
+    """Reset a filter with a seed, and localize along a drive on a map; see `track`.
 
     `start_std` are the standard deviations of the initial pose, which is the true one [m, m, rad]; None for global
     localization.
@@ -99,7 +88,7 @@ def localize(
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
     amcl.reset(np.random.default_rng(seed), start, grid, covariance)
-    return Track(*track(amcl, drive, "fit", "is_corrected", "num_particles"))
+    return track(amcl, drive, "fit", "is_corrected", "num_particles")
 
 
 @lru_cache(maxsize=4)
@@ -194,22 +183,22 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     elsewhere = record_from_anywhere(setup, second, RECOVERY_TIME)
 
     tracked = localize(amcl, grid, drive, seed, START_STD)
-    distance, angle = pose_errors(tracked.poses, drive.truth)
+    distance, angle = pose_errors(tracked["poses"], drive.truth)
 
     found = localize(amcl, grid, drive, seed, None)
-    is_right = _is_right(found.poses, drive.truth)
+    is_right = _is_right(found["poses"], drive.truth)
     turned = [[motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()] for motion in symmetries(grid)]
-    after_turned = [right_since(_is_right(found.poses, np.array(truth)), HOLD) for truth in turned]
+    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), HOLD) for truth in turned]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
     again = localize(amcl, grid, kidnapped, seed, START_STD)
-    is_right_again, is_lost_again = _is_right(again.poses, kidnapped.truth)[scans:], again.is_lost[scans:]
-    wrong = np.concatenate([~is_right & ~found.is_lost, ~is_right_again & ~is_lost_again])
+    is_right_again, is_lost_again = _is_right(again["poses"], kidnapped.truth)[scans:], again["is_lost"][scans:]
+    wrong = np.concatenate([~is_right & ~found["is_lost"], ~is_right_again & ~is_lost_again])
     return {
         "tracking_m": rms(distance),
         "tracking_deg": math.degrees(rms(angle)),
-        "lost_while_right": float(np.mean(tracked.is_lost & _is_right(tracked.poses, drive.truth))),
+        "lost_while_right": float(np.mean(tracked["is_lost"] & _is_right(tracked["poses"], drive.truth))),
         "global_after": right_since(is_right, HOLD),
         "global_after_up_to_symmetry": min([right_since(is_right, HOLD), *after_turned]),
         "kidnapped_after": right_since(is_right_again, HOLD),
@@ -269,13 +258,13 @@ def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params
     Returns errors over all scans against the reference, time of an update and number of particles.
     """
     done = localize(Amcl(lidar, params), grid, drive, seed, LOG_START_STD)
-    distance, angle = pose_errors(done.poses, drive.truth)
+    distance, angle = pose_errors(done["poses"], drive.truth)
     return {
         "position_rmse_m": rms(distance),
         "position_median_m": float(np.median(distance)),
         "position_max_m": float(distance.max()),
         "heading_rmse_deg": math.degrees(rms(angle)),
-        "update_us": 1e6 * float(np.median(done.seconds[done.is_corrected])),
-        "particles": float(np.mean(done.num_particles[done.is_corrected])),
-        "lost_share": float(np.mean(done.is_lost)),
+        "update_us": 1e6 * float(np.median(done["seconds"][done["is_corrected"]])),
+        "particles": float(np.mean(done["num_particles"][done["is_corrected"]])),
+        "lost_share": float(np.mean(done["is_lost"])),
     }

@@ -36,7 +36,7 @@ def time_amcl(picture: Path | None = None) -> list[Row]:
     for n, sensor in [*itertools.product((1000, 2000), ("likelihood_field", "likelihood_field_prob"))] * REPEATS:
         every_scan = {"update_min_d": 0.0, "update_min_a": 0.0}
         params = replace(PRESETS["nav2"], min_particles=n, max_particles=n, sensor=sensor, **every_scan)
-        seconds = localize(Amcl(lidar, params), grid, drive, 0, START_STD).seconds
+        seconds = localize(Amcl(lidar, params), grid, drive, 0, START_STD)["seconds"]
         spent.setdefault((n, sensor), []).append(1e6 * float(np.median(seconds[20:])))
     rows: list[Row] = [
         {"what": sensor, "particles": n, "update_us": float(np.median(times))} for (n, sensor), times in spent.items()
@@ -61,8 +61,8 @@ def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
     amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
     localize(amcl, grid, drive, seed, None)  # compiles the kernels
     done = localize(amcl, grid, drive, seed, None)
-    weighted, used = np.concatenate([[params.most_particles], done.num_particles[:-1]]), done.is_corrected
-    return PERIOD * np.flatnonzero(used), weighted[used], 1e6 * done.seconds[used]
+    weighted, used = np.concatenate([[params.most_particles], done["num_particles"][:-1]]), done["is_corrected"]
+    return PERIOD * np.flatnonzero(used), weighted[used], 1e6 * done["seconds"][used]
 
 
 def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
@@ -90,11 +90,11 @@ def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray
     drive = record_from_anywhere(setup, first, KIDNAPPED_AT)
     drive = drive.then(record_from_anywhere(setup, second, 40.0), kidnapped_at)
     done, ax = localize(amcl, grid, drive, seed, START_STD), axes["e"]
-    times = PERIOD * np.arange(len(done.poses))
-    ax.semilogy(times, pose_errors(done.poses, drive.truth)[0], color="tab:blue", label="error of the position [m]")
-    ax.semilogy(times, done.fit, color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
+    times = PERIOD * np.arange(len(done["poses"]))
+    ax.semilogy(times, pose_errors(done["poses"], drive.truth)[0], color="tab:blue", label="error of the position [m]")
+    ax.semilogy(times, done["fit"], color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
     low, high = ax.get_ylim()
-    ax.fill_between(times, low, high, where=done.is_lost, color="tab:orange", alpha=0.3, linewidth=0, label="lost")
+    ax.fill_between(times, low, high, where=done["is_lost"], color="tab:orange", alpha=0.3, linewidth=0, label="lost")
     ax.axvline(KIDNAPPED_AT, color="grey", linestyle=":")
     ax.set(xlabel="time [s]", ylim=(low, high), title=f"kidnapped after {KIDNAPPED_AT:g} s")
     ax.legend(loc="lower right", fontsize=8)

@@ -52,11 +52,9 @@ def planning_costs(name: str) -> Row:
     ends = [world.spawns[0][:2]]
     for _ in range(2):
         field = travel_field(costmap, ends[-1])
-        assert field is not None
         travel = np.where(field.travel == field.travel.max(), -1, field.travel)[1:-1, 1:-1]
         ends.append(tuple(grid.centers(np.array(np.unravel_index(travel.argmax(), travel.shape)))))
     across = plan_path(costmap, ends[1], ends[2])
-    assert across is not None
     pose = area.draw_pose(rng)
     ranges = rng.uniform(0.5, robot.lidar.range_max, robot.lidar.num_beams).astype(np.float32)
     pairs = [(area.draw_pose(rng)[:2], area.draw_pose(rng)[:2]) for _ in range(100)]

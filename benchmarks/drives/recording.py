@@ -115,12 +115,12 @@ def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
     return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 
 
-def track(estimator: Estimator, drive: Drive, *noted: str) -> list[np.ndarray]:
+def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarray]:
     """Run an estimator, which was reset, along a drive with n scans.
 
     Returns:
-        Estimated poses, shape (n, 3), float64 [m, rad]; `is_lost`, shape (n,), bool; the time of each update, shape
-        (n,), float64 [s]; and attributes of the estimator after each, by their names.
+        `poses`, estimated, shape (n, 3), float64 [m, rad]; `is_lost`, shape (n,), bool; `seconds`, the time of each
+        update, shape (n,), float64; and attributes of the estimator after each update, by their names.
     """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
@@ -128,7 +128,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> list[np.ndarray]:
         belief = estimator.update(Reading.of_scan(ranges), Pose2D(*motion))
         seconds = time.perf_counter() - began
         rows.append((belief.pose, belief.is_lost, seconds, *(getattr(estimator, name) for name in noted)))
-    return list(map(np.array, zip(*rows)))
+    return dict(zip(("poses", "is_lost", "seconds", *noted), map(np.array, zip(*rows))))
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:

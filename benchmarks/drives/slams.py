@@ -122,8 +122,6 @@ def compare_on_log(
         for seed in range(seeds):
             replayed = replay(log, slam, seed)
             run = measure(log, slam, name, seed, replayed, relations)
-            assert run.error is not None
-            assert run.final_error is not None
             row = {"translation_m": run.final_error.translation, "rotation_deg": run.final_error.rotation}
             if run.final_error_unambiguous:
                 row["unambiguous_m"] = run.final_error_unambiguous.translation
@@ -133,8 +131,8 @@ def compare_on_log(
         panels.append(Panel(f"{name}: {row['translation_m']:.3f} m", slam.belief.grid, replayed.final))
     if picture is not None:
         # The map of the odometry is larger than the building, and would leave no room for it.
-        inside = np.concatenate([panel.path[:, :2] for name, panel in zip(slams, panels) if name != "odometry"])
-        view = np.array([inside.min(axis=0) - 5.0, inside.max(axis=0) + 5.0])
+        inside = [panel.path[:, :2] for name, panel in zip(slams, panels) if name != "odometry" or len(slams) == 1]
+        view = np.array([np.min(np.concatenate(inside), axis=0) - 5.0, np.max(np.concatenate(inside), axis=0) + 5.0])
         draw_maps(picture, panels, view, f"{log_path.stem}: final maps and poses, mean relation error")
     return rows
 
@@ -146,15 +144,15 @@ def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tup
         What was measured, and the estimated poses, shape (n, 3), world frame [m, rad].
     """
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
-    (poses, _, seconds), start = track(slam, drive), setup.world.spawns[0]
-    poses = compose_poses(np.array([start]), poses)
+    tracked, start = track(slam, drive), setup.world.spawns[0]
+    poses = compose_poses(np.array([start]), tracked["poses"])
     distance, angle = pose_errors(poses[1:], drive.truth[1:])
     row = {
         "translation_m": rms(distance),
         "rotation_deg": math.degrees(rms(angle)),
         "map_iou": map_iou(slam.belief.grid, setup.area, start),
-        "ms_per_scan": 1e3 * float(seconds.mean()),
-        "p99_ms": 1e3 * float(np.percentile(seconds, 99)),
+        "ms_per_scan": 1e3 * float(tracked["seconds"].mean()),
+        "p99_ms": 1e3 * float(np.percentile(tracked["seconds"], 99)),
     }
     return row, poses
 
@@ -211,7 +209,8 @@ def kidnap(
     drive = first.then(record(setup, elsewhere, rngs[2], rngs[3], seconds), len(first.ranges))
     slam = make_slam(slam_name, setup.robot.lidar, RESOLUTION, odometry_noise=setup.robot.odometry.noise)
     slam.reset(rngs[5])
-    poses, is_lost, _ = (values[len(first.ranges) :] for values in track(slam, drive))
-    errors = pose_errors(compose_poses(np.array([start]), poses), drive.truth[len(first.ranges) :])[0]
+    after = {name: values[len(first.ranges) :] for name, values in track(slam, drive).items()}
+    poses, is_lost = compose_poses(np.array([start]), after["poses"]), after["is_lost"]
+    errors = pose_errors(poses, drive.truth[len(first.ranges) :])[0]
     found_after = right_since(~is_lost & (errors <= FOUND), PERIOD)
     return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > FOUND)

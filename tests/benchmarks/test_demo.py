@@ -1,24 +1,11 @@
 import json
 import sys
 
-import numpy as np
 import pytest
 
 from agents.config import TrainingConfig
-from benchmarks.arena.trace import Curve, Trace
-from benchmarks.demo import (
-    CLASSIC,
-    LEARNED,
-    REFERENCE,
-    TWIST,
-    WORLD,
-    check_learning,
-    demo,
-    draw_moment,
-    median_pair,
-)
+from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
 from envs.files import Lock, LockedError, parse_record
-from envs.geometry import OccupancyGrid, Pose2D
 
 TINY = {
     "experiment": "tiny",
@@ -98,24 +85,3 @@ def test_the_median_start_is_that_of_the_ratio_of_times():
     assert ratio == 0.9
     assert (own["policy"], own["seed"], other["policy"], other["seed"]) == (TWIST, 1, REFERENCE, 1)
     assert median_pair(rows[:1] + rows[2:])[0] == 4.0  # of the two that are left, the slower one
-
-
-def make_trace(seen_at):
-    """A corridor of 100 cells of 0.1 m, each seen at a time; 1 s between two samples."""
-    data = np.zeros((3, 102), dtype=np.int8)
-    data[[0, 2]] = data[:, [0, -1]] = 100
-    since = np.zeros(data.shape, dtype=np.float32)
-    since[1, 1:-1] = seen_at
-    time = np.arange(0.0, max(seen_at) + 1.0)
-    fraction = np.array([np.mean(seen_at <= moment) for moment in time])
-    trail = np.column_stack([1.0 + 0.1 * time, np.zeros(len(time))]).astype(np.float32)
-    walls = np.array([[0.0, 0.0, 10.2, 0.0], [0.0, 0.3, 10.2, 0.3]], dtype=np.float32)
-    grid = OccupancyGrid(data, 0.1, (0.0, 0.0))
-    return Trace(Curve(time, 0.1 * time, fraction), trail, grid, since, Pose2D(0, 0, 0), walls, np.empty((0, 3)))
-
-
-def test_both_are_drawn_as_they_were():
-    traces = {"quick": make_trace(np.arange(100.0) // 4), "slow": make_trace(np.arange(100.0))}
-    early, late = (draw_moment(traces, moment, 99.0) for moment in (20.0, 99.0))
-    assert early.shape == late.shape
-    assert (early != late).any()
