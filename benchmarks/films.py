@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from PIL import Image
 import envs  # noqa: F401  (registers the environments)
 from baselines import policies_for
 from baselines.episode import run_episode
+from benchmarks.arena.episodes import REFERENCES
 from envs.command_line import run_command
 from envs.core import lidar_env_of
 from envs.files import resolve
@@ -36,15 +37,6 @@ WORLDS = {
 """Worlds of ids whose default is shown by another one."""
 SEEDS = {"lidarnaut/Navigate-v0": 3}
 """Seeds of ids, others have 0: this one drives from room to room."""
-DRIVERS: Mapping[str, str] = {
-    "lidarnaut/ExploreFrontiers": "nearest",
-    "lidarnaut/ExploreTeam": "rrt_team",
-    "lidarnaut/ExploreWarehouse": "nearest",
-    "lidarnaut/Explore": "gain_over_cost",
-    "lidarnaut/Navigate": "pursuit",
-    "lidarnaut/Track": "route_follower",
-}
-"""What drives, by the beginning of the id; the first that fits."""
 
 
 class Film:
@@ -123,7 +115,7 @@ def main(
     Args:
         only: Film only ids that contain this.
         out: Folder of the films, one per id, or with one id the film, a .gif or .webp.
-        policy: Classic policy that drives; None for one that suits the id.
+        policy: Classic policy that drives; None for that which evaluations compare with.
         physics: Simulator.
         seed: Seed of world, start and noise.
         every: Simulated time between two pictures [s]; None for about 48 pictures.
@@ -137,8 +129,9 @@ def main(
         start = SEEDS.get(id, 0) if seed is None else seed
         env.reset(seed=start)
         film = Film(env, every)
-        driver = policy or next(driver for beginning, driver in DRIVERS.items() if id.startswith(beginning))
-        run_episode(env, resolve(driver, policies_for(env), "policy")(), start)
+        drivers = policies_for(env)
+        driver = policy or next(name for name in REFERENCES if name in drivers)
+        run_episode(env, resolve(driver, drivers, "policy")(), start)
         film.finish()
         env.close()
         path = out if out.suffix else out / f"{id.partition('/')[2].lower()}.webp"
