@@ -9,21 +9,13 @@ import numpy as np
 from benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
 from benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
 from benchmarks.arena.measures import Measures
-from benchmarks.arena.page import Cell, Figure, Fold, Section, Table
-from benchmarks.arena.plots import (
-    NUM_POINTS,
-    draw_curves,
-    draw_growth,
-    draw_profiles,
-    render,
-    sample_curves,
-)
+from benchmarks.arena.page import Cell, Figure, Section, Table
+from benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
 from benchmarks.arena.policies import short
 from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Band, Estimate, performance_profile
+from benchmarks.arena.statistics import Estimate, performance_profile
 from benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
 from envs.files import write_file
-from envs.measures import Measure
 from envs.player import Recording, build_page
 
 SHARES = 3.0
@@ -48,18 +40,18 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
-    def profiles(measure: Measure, thresholds: np.ndarray, sign: float = 1.0) -> dict[str, Band]:
-        scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
-        return {policy: performance_profile(values, sign * thresholds) for policy, values in scores.items()}
-
+    # Without a limit, what was never reached is infinite.
+    area, share = measures.headline, replace(measures.relative[0], limit="")
+    within = f"{measures.mark} within this share of {reference}'s time"
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
-    headline, never = measures.headline.label, replace(measures.relative[0], limit="")  # infinite if never reached
-    above, within = profiles(measures.headline, areas), profiles(never, shares, -1.0)
-    race = f"{measures.mark} within this share of {reference}'s time"
-    who, has = f"whose {headline} is above a threshold", f"that reached {race.replace('this', 'a')}"
-    drawn = render(draw_profiles, areas, above, f"{headline} above"), render(draw_profiles, shares, within, race)
-    for name, picture, those in zip(("profile_area", "profile_time"), drawn, (who, has)):
-        figures.append(Figure(name, picture, f"Performance profile: share of episodes {those}."))
+    for name, measure, sign, thresholds, axis, those in (
+        ("area", area, 1.0, areas, f"{area.label} above", f"whose {area.label} is above a threshold"),
+        ("time", share, -1.0, shares, within, f"that reached {within.replace('this', 'a')}"),
+    ):
+        scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
+        bands = {policy: performance_profile(values, sign * thresholds) for policy, values in scores.items()}
+        picture = render(draw_bands, thresholds, bands, axis, "share of episodes")
+        figures.append(Figure(f"profile_{name}", picture, f"Performance profile: share of episodes {those}."))
     return Section("Curves and performance profiles", (text, *figures))
 
 
@@ -70,7 +62,7 @@ def curve_figures(
     over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
     figures = []
     for quantity, (field, words, si) in over.items():
-        picture = render(draw_curves, *sample_curves(curves, field, end), quantity + (unit or si), label)
+        picture = render(draw_bands, *sample_curves(curves, field, end), quantity + (unit or si), label, True)
         figures.append(Figure(name.format(quantity), picture, f"{label.capitalize()} over {words}."))
     return figures
 
@@ -145,7 +137,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
             caption = f"{short(policy)}, {kind}: {episodes.place(row)}: {story(row, episodes.measures)}"
             picture = render(draw_growth, {policy: Trace.load(trace_path(folder, row))})
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
-        strips.append(Fold(short(policy), tuple(figures)))
+        strips.append(Section(short(policy), tuple(figures)))
     text = (
         f"Of each policy the episode with the median {episodes.measures.headline.label} over all worlds, and the one "
         f"with the worst. The last picture of a strip is the final map. {COLORS}"
@@ -207,7 +199,7 @@ def case_sections(
         ),
         Section("All measures", (measures_table(estimates, measures),), 3),
         Section("Pair by pair", parts, 3),
-        replace(unfinished_section(episodes), level=3),
+        unfinished_section(episodes)._replace(level=3),
         *growth,
         Section(f"Final maps (seed {seed})", tuple(maps), 3),
     ]

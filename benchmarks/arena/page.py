@@ -4,8 +4,6 @@ import base64
 import html
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,8 +39,7 @@ class Cell(NamedTuple):
         return cls(*texts(measure, value, sign), is_best)
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """A table; its first column names the rows."""
 
     head: Sequence[str]
@@ -58,8 +55,7 @@ class Table:
         return len(self.lines) > MAX_OPEN_LINES and not self.is_open
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(NamedTuple):
     """A PNG or GIF picture, with the name of its file without ending, and a caption."""
 
     name: str
@@ -67,31 +63,25 @@ class Figure:
     caption: str
     is_wide: bool = False
 
-    @cached_property
+    @property
     def url(self) -> str:
         """A URL that holds the picture."""
         kind = "gif" if self.content.startswith(b"GIF") else "png"
         return f"data:image/{kind};base64,{base64.b64encode(self.content).decode()}"
 
 
-@dataclass(frozen=True)
-class Fold:
-    """Parts behind a line."""
+class Section(NamedTuple):
+    """A heading, and paragraphs, tables and pictures under it; a section in a section is folded away behind its title.
+
+    A page's heading has a level of 2, or more.
+    """
 
     title: str
     parts: "tuple[Part, ...]"
-
-
-Part = str | Table | Figure | Fold
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading, and paragraphs, tables and pictures under it."""
-
-    title: str
-    parts: tuple[Part, ...]
     level: int = 2
+
+
+Part = str | Table | Figure | Section
 
 
 def to_html(sections: Sequence[Section], **more: Any) -> str:
@@ -124,7 +114,7 @@ def _markdown(part: Part, title: str, folder: Path) -> str:
     if isinstance(part, Figure):
         write_file(folder / f"{part.name}.png", part.content)
         return f"![{part.name}]({folder.name}/{part.name}.png)\n\n*{_escape(part.caption)}*"
-    if isinstance(part, Fold):
+    if isinstance(part, Section):
         content = "\n\n".join(_markdown(one, title, folder) for one in part.parts)
         # Without the blank lines it would be taken for HTML.
         return f"<details><summary>{_plain(part.title)}</summary>\n\n{content}\n\n</details>"

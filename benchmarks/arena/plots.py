@@ -103,44 +103,31 @@ def sample_curves(
     }
 
 
-def draw_curves(grid: np.ndarray, bands: Bands, quantity: str, label: str) -> Figure:
-    """Draw the progress of each policy, called `label`, over a quantity, with its 95 % interval as a band."""
-    figure, axes = _draw_bands(grid, bands)
-    for mark in (90, 95, 99):
-        axes.axhline(mark, color=MUTED, linewidth=0.6, linestyle=(0, (2, 3)))
-    end = float(grid[-1])
-    ticks = [0.0]
-    for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
-        if number <= end and np.sqrt(number) - np.sqrt(ticks[-1]) >= 0.11 * np.sqrt(end):
-            ticks.append(number)
-    # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
-    axes.set_xscale("function", functions=(np.sqrt, np.square))
-    axes.set(xticks=ticks, xlim=(0.0, end), yticks=[0, 25, 50, 75, 90, 100])
-    axes.set(xlabel=f"{quantity}, square-root scale", ylabel=f"{label} [%]")
-    return figure
+def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roots: bool = False) -> Figure:
+    """Draw a curve of each policy, as percentages over `grid` or its square roots, with 95 % intervals as bands.
 
-
-def draw_profiles(grid: np.ndarray, bands: Bands, score: str) -> Figure:
-    """Draw each policy's performance profile over thresholds of a score, with its 95 % interval as a band."""
-    figure, axes = _draw_bands(grid, bands)
-    axes.set(xlim=(float(grid[0]), float(grid[-1])), xlabel=score, ylabel="share of episodes [%]")
-    return figure
-
-
-def _draw_bands(grid: np.ndarray, bands: Bands) -> tuple[Figure, Axes]:
-    """Draw curves as percentages; the legend stands beside the axes, in the order of the means of the curves."""
-    figure = Figure(figsize=(6.6, 3.6))
+    The legend stands beside the axes, in the order of the means of the curves.
+    """
+    figure, end = Figure(figsize=(6.6, 3.6)), float(grid[-1])
     axes, looks, lines = figure.subplots(), line_styles(list(bands)), list[Line2D]()
-    axes.set_ylim(0.0, 102.0)
     # So many bands over each other would hide each other.
     alpha = 0.18 if len(bands) <= 4 else 0.09
     for policy, band in bands.items():
         middle, low, high = (100.0 * line for line in band)
         axes.fill_between(grid, low, high, color=looks[policy]["color"], alpha=alpha, linewidth=0)
         lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **looks[policy])
+    axes.set(xlim=(float(grid[0]), end), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
+    if has_roots:
+        # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
+        axes.set_xscale("function", functions=(np.sqrt, np.square))
+        ticks = [0.0]
+        for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
+            if number <= end and np.sqrt(number) - np.sqrt(ticks[-1]) >= 0.11 * np.sqrt(end):
+                ticks.append(number)
+        axes.set(xticks=ticks, yticks=[0, 25, 50, 75, 90, 95, 99], xlabel=f"{xlabel}, square-root scale")
     lines.sort(key=lambda line: -np.mean(np.asarray(line.get_ydata(), np.float64)))
     figure.legend(handles=lines, loc="outside right center", handlelength=2.4)
-    return figure, axes
+    return figure
 
 
 def draw_values(

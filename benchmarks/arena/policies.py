@@ -42,8 +42,7 @@ class Policy:
     """A policy that can be made in any process."""
 
     name: str
-    """As users write it: that of a classic one, `ppo:PATH`, `module:attribute`, or the label that they give to those;
-    it ends with `GROUND_TRUTH` where it is `Omniscient`."""
+    """As users write it, or the label that they give it; it ends with `GROUND_TRUTH` where it is `Omniscient`."""
     source: Any = None
     """What `agents.policies.make_policy` makes it from, or its `module:attribute`."""
     checkpoint: str = ""
@@ -116,9 +115,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
 def make_changed(make: Callable[..., Any], changes: str) -> Any:
     """Make a classic policy with some of its parameters, or of those of its navigator, changed.
 
-    Args:
-        make: makes the policy, of `params` if it is given them.
-        changes: `max_time=8,inflation=0.3`; the values are YAML, where infinity is `.inf`.
+    `make` makes the policy, of `params` if it takes them; `changes` are `max_time=8,inflation=0.3`, of YAML values.
 
     Raises:
         ValueError: if there is no such parameter; lists those there are.

@@ -31,7 +31,6 @@ class Trace:
     """The course of an episode. Trail and map are in the map frame, walls and the start in the world frame."""
 
     curve: Curve
-    """Progress over time and distance, n samples."""
     trail: np.ndarray
     """Shape (n, 2), float32, estimated positions of the (first) robot at the samples [m]."""
     grid: OccupancyGrid
@@ -39,7 +38,7 @@ class Trace:
     known_since: np.ndarray
     """Shape of the map, float32, time at which a cell became known [s]; infinite where it did not."""
     start: Pose2D
-    """Pose of the map frame; in explorations the true one of the robot at the reset."""
+    """Pose of the map frame."""
     segments: np.ndarray
     """Shape (k, 4), float32, true walls as (x0, y0, x1, y1) [m]."""
     circles: np.ndarray

@@ -12,7 +12,6 @@ from benchmarks.arena.page import (
     MAX_OPEN_LINES,
     Cell,
     Figure,
-    Fold,
     Section,
     Table,
     to_html,
@@ -41,7 +40,7 @@ def test_long_tables_are_folded_or_files_unless_they_stay_open(tmp_path):
 
 def test_folded_pictures_are_written_and_shown(tmp_path):
     figures = tuple(Figure(f"map_{k}", b"", f"map {k}", is_wide=k == 0) for k in range(3))
-    page, report = pages_of(tmp_path, Section("Maps", (Fold("all <maps>", ("text", *figures)),)))
+    page, report = pages_of(tmp_path, Section("Maps", (Section("all <maps>", ("text", *figures)),)))
     assert {path.name for path in (tmp_path / "page").iterdir()} == {"map_0.png", "map_1.png", "map_2.png"}
     assert "![map_1](page/map_1.png)\n\n*map 1*" in page
     for text in (page, report):
@@ -55,7 +54,7 @@ HOSTILE = "maps/<img src=x onerror=alert(1)>&amp;[x](javascript:y)`\n# a|b_c.yam
 def test_names_that_users_give_are_text_on_every_page(tmp_path):
     table = Table(("", HOSTILE), [[Cell(HOSTILE, HOSTILE), Cell(HOSTILE, is_best=True, link=HOSTILE)]])
     figure = Figure("map", b"", HOSTILE)
-    page, report = pages_of(tmp_path, Section(HOSTILE, (HOSTILE, table, figure, Fold(HOSTILE, (HOSTILE, table)))))
+    page, report = pages_of(tmp_path, Section(HOSTILE, (HOSTILE, table, figure, Section(HOSTILE, (HOSTILE, table)))))
     rendered = MarkdownIt().enable("table").render(page)
     for text in (rendered, report):
         assert "<img src=x" not in text
