@@ -138,12 +138,10 @@ class KeyScanSlam(ABC):
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, and integrate it.
+        """Match a scan, shape (num_beams,), float32 [m], and integrate it.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m], as for `update`, not checked.
-            predicted: pose of the base by odometry since the last key scan, or since the last scan if every scan is
-                matched; map frame.
+        The predicted pose, map frame, follows odometry since the last key scan, or since the last scan if every scan is
+        matched.
         """
         belief = self.belief
         pose, quality = self._match(ranges, predicted)

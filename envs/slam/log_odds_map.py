@@ -49,11 +49,6 @@ class LogOddsModel(NamedTuple):
         return cls(hit, passed, round(ONE * params.max_log_odds))
 
 
-def log_odds(words: np.ndarray) -> np.ndarray:
-    """Return the log odds that words stand for, same shape, float64."""
-    return (words >> STAMP_BITS) / ONE
-
-
 @njit(cache=True, error_model="numpy")
 def percent(value):
     """Return the occupancy in percent of log odds, fixed-point."""
@@ -115,16 +110,15 @@ def integrate_scans(words, occupancy, scale, ranges, poses, geometry, corner, mo
         scale: side of a cell of the finest level in the cells of this one.
         ranges: shape (n, num_beams), float32 [m].
         poses: shape (n, 3), float64, of the base, map frame [m, m, rad].
-        geometry: `ScanGeometry`, in cells of the finest level.
-        corner: column and row of the finest level's first cell, counted from the map frame's origin.
+        geometry: `ScanGeometry`, in cells of the finest level, as is `corner`; see `beam_ends`.
+        corner: of the map.
         model: `LogOddsModel`.
-        stamp: number of the first scan, and those after it have the next ones: from 1 to `MAX_STAMP`, other than all
-            that the words hold.
+        stamp: number of the first scan; all are from 1 to `MAX_STAMP`, and other than what the words hold.
         ends: shape (num_beams, 3), float64: room to work in.
         new_cells: shape (n, 2), int32, written: row and column of cells that the last scan made known.
 
     Returns:
-        Number of cells that the last scan made known.
+        Number of those.
     """
     num_new = 0
     for i in range(ranges.shape[0]):

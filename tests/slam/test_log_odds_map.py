@@ -7,13 +7,17 @@ import pytest
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, Mount
 from envs.slam import HectorParams
-from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap, log_odds
+from envs.slam.log_odds_map import MAX_STAMP, ONE, STAMP_BITS, LogOddsMap
 
 from .reference import line
 
 SMALL = HectorParams(resolution=1.0, map_width=5.0, map_height=5.0, num_levels=1)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
 HIT, PASSED = math.log(0.9 / 0.1), math.log(0.4 / 0.6)
+
+
+def log_odds(words):
+    return (words >> STAMP_BITS) / ONE
 
 
 def beam(r):

@@ -28,11 +28,6 @@ def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
     return weights / weights.sum()
 
 
-def effective_sample_size(weights: np.ndarray) -> float:
-    """Return 1 / sum w^2 of normalized weights (Grisetti et al., 2007, equation 20): from 1 to their number."""
-    return 1.0 / float(np.square(weights).sum())
-
-
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Choose particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
@@ -225,7 +220,8 @@ class GMapping(KeyScanSlam):
             self.best = candidate
         parents = np.arange(count)
         weights = normalized_weights(self.log_weights)
-        if effective_sample_size(weights) < params.resample_below * count:
+        # The effective sample size (Grisetti et al., 2007, equation 20) is from 1 to the number of particles.
+        if 1.0 / np.square(weights).sum() < params.resample_below * count:
             parents = systematic_resample(weights, self.rng.random())
             self._resample(parents)
         self._is_switched = bool(parents[self.best] != before)

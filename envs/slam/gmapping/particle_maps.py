@@ -149,11 +149,6 @@ class ParticleMaps(GrowingMap):
         wide = self._tiles[1]
         return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
-    @property
-    def num_tiles(self) -> int:
-        """Number of tiles in memory."""
-        return len(self._pool.words) - 1 - int(self._pool.num_free[0])
-
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
         """Return the map of a particle at one level: shape of `grid` / 2^level, int8 [percent]."""
         maps = self.maps

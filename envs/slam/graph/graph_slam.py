@@ -73,10 +73,6 @@ class GraphSlam(Hector):
         self._rendering: MapRendering | None = None
         self._loop_nodes = self._iterations = 0
         self._is_urgent = False
-        self.num_corrections = 0
-        """Number of optimisations so far."""
-        self.num_redrawn = 0
-        """How often the map was replaced."""
         return super().reset(rng, pose)
 
     @property
@@ -220,7 +216,6 @@ class GraphSlam(Hector):
         newest = self.graph.num_submaps - 1
         frame = Pose2D(*arrays.submaps[newest].tolist())
         self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
-        self.num_corrections += 1
         if has_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
             self._rendering = MapRendering(params, self._lidar)
 
@@ -232,7 +227,6 @@ class GraphSlam(Hector):
         self.belief.path = after
         self._mapped.rows[:] = after
         self._rendering = None
-        self.num_redrawn += 1
         moved = self._graph_correction.compose(self._correction.inverse())
         self.belief.pose = moved.compose(self.belief.pose)
         if self.last_key_pose is not None:

@@ -10,7 +10,7 @@ from envs.robots import LidarParams
 from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
 from envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
-from envs.slam.matching.scan_matcher import Match, MatcherParams, match_to_levels
+from envs.slam.matching.scan_matcher import MatcherParams, match_to_levels
 from envs.slam.params import GraphSlamParams
 
 from .nodes import NodeStore
@@ -60,10 +60,17 @@ class LocalSlam:
         over = (submap.geometry, submap.levels, submap.corner)
         poses = (tuple(origin.between(before)), tuple(origin.between(predicted)))
         match = match_to_levels(ranges, *over, *poses, self._matcher, self._covariances[first], self._points)
+        dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
+        stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
         for other in self.active[1:]:
-            self._propagate(self._covariances[other], before, predicted, match)
+            # What the matcher has done to the covariance in the first submap.
+            covariance = self._covariances[other]
+            predict_covariance(covariance, dx, dy, *stds)
+            if match.fits:
+                over = (self._params.residual_variance, self._params.resolution)
+                correct_covariance(covariance, match.fit, match.num_hits, *over)
             if match.is_far:
-                self._covariances[other][:] = self._covariances[first]
+                covariance[:] = self._covariances[first]
         if not match.fits:
             return False
         self.pose = origin.compose(Pose2D(match.x, match.y, match.theta))
@@ -95,12 +102,3 @@ class LocalSlam:
         params = self._params
         least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
         return params.correlation * self._covariances[submap] + np.diag(least**2)
-
-    def _propagate(self, covariance: np.ndarray, before: Pose2D, predicted: Pose2D, match: Match) -> None:
-        """Do to the pose's covariance in another submap what the matcher has done to that in the first one."""
-        dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
-        stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
-        predict_covariance(covariance, dx, dy, *stds)
-        if match.fits:
-            params = self._params
-            correct_covariance(covariance, match.fit, match.num_hits, params.residual_variance, params.resolution)

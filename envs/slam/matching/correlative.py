@@ -66,11 +66,8 @@ def search_window(occupancy, scale, points, num_points, pose, window):
         scale: side of a cell of the finest map in cells of this one.
         points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
         num_points: number of hits, at least 1.
-        pose: predicted x, y from the map's corner [cells of the finest map] and heading [rad].
+        pose: predicted x, y from the map's corner [cells of the finest map] and heading [rad], as is the result.
         window: `SearchWindow`.
-
-    Returns:
-        The pose (x, y, theta), in the units of `pose`.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

@@ -126,30 +126,13 @@ def _eliminate_nodes(linearised, num_nodes):
             continue
         total[:] = 0.0
         for i in range(first, last):
-            for r in range(3):
-                for q in range(3):
-                    total[r, q] += linearised.information[i, r, q]
+            total += linearised.information[i]
         invert(total, inverse[j])
         for i in range(first, last):
             for r in range(3):
                 for q in range(3):
                     shift[j, r] += inverse[j, r, q] * linearised.gradient[i, q]
     return inverse, shift
-
-
-@njit(cache=True, error_model="numpy")
-def _first_blocks(linearised, num_unknown):
-    """Return the first submap that each submap shares a node with, itself included: shape (num_unknown,), int64."""
-    first = np.arange(num_unknown)
-    for j in range(linearised.starts.shape[0] - 1):
-        lowest = num_unknown
-        for i in range(linearised.starts[j], linearised.starts[j + 1]):
-            if 0 <= linearised.submap[i] < lowest:
-                lowest = linearised.submap[i]
-        for i in range(linearised.starts[j], linearised.starts[j + 1]):
-            if linearised.submap[i] >= 0:
-                first[linearised.submap[i]] = min(first[linearised.submap[i]], lowest)
-    return first
 
 
 @njit(cache=True, error_model="numpy")
@@ -223,18 +206,15 @@ def _move_nodes(graph, linearised, inverses, shifts, change):
 
 
 @njit(cache=True, error_model="numpy")
-def _step(graph, phi, order, starts):
+def _step(graph, phi, order, starts, first, rows):
     """Do an iteration with the active constraints in the order of their nodes, those of each from `starts` on."""
     linearised = _linearise(graph, phi, order, starts)
     inverses, shifts = _eliminate_nodes(linearised, graph.nodes.shape[0])
-    num_unknown = max(graph.submaps.shape[0] - 1, 0)
-    first = _first_blocks(linearised, num_unknown)
-    rows = row_starts(first)
     values, change = _reduce(linearised, inverses, shifts, first, rows)
     factorise(values, first, rows)
     solve(values, first, rows, change)
     largest = _move_nodes(graph, linearised, inverses, shifts, change)
-    for k in range(num_unknown):
+    for k in range(first.shape[0]):
         largest = max(largest, _move(graph.submaps, k + 1, change[3 * k], change[3 * k + 1], change[3 * k + 2]))
     return largest
 
@@ -245,10 +225,17 @@ def optimise_step(graph: Graph, phi: float) -> float:
     What no constraint determines stays where it is. `phi` is the chi^2 above which loop constraints weigh less, see
     `robust_weight`; inf for plain least squares. Returns the largest change of a coordinate of a pose [m or rad].
     """
-    active = np.flatnonzero(graph.constraints.is_active)
-    order = active[np.argsort(graph.constraints.node[active], kind="stable")]
-    starts = np.searchsorted(graph.constraints.node[order], np.arange(len(graph.nodes) + 1))
-    largest: float = _step(graph, phi, order, starts)
+    constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
+    active = np.flatnonzero(constraints.is_active)
+    order = active[np.argsort(constraints.node[active], kind="stable")]
+    starts = np.searchsorted(constraints.node[order], np.arange(len(graph.nodes) + 1))
+    # The first submap that each one shares a node with, itself included.
+    pairs = order[constraints.submap[order] > 0]
+    node, submap = constraints.node[pairs], constraints.submap[pairs] - 1
+    lowest, first = np.full(len(graph.nodes), num_unknown), np.arange(num_unknown)
+    np.minimum.at(lowest, node, submap)
+    np.minimum.at(first, submap, lowest[node])
+    largest: float = _step(graph, phi, order, starts, first, row_starts(first))
     return largest
 
 

@@ -17,16 +17,12 @@ LEAST_PIVOT = 1e-11
 """Pivots below this share of the diagonal's entry belong to unknowns that nothing determines."""
 
 
-@njit(cache=True, error_model="numpy")
-def row_starts(first):
+def row_starts(first: np.ndarray) -> np.ndarray:
     """Return where block rows start in the array of numbers, and its length: shape (n + 1,), int64.
 
     `first`, shape (n,), int64, is the first block of each row.
     """
-    starts = np.zeros(first.shape[0] + 1, dtype=np.int64)
-    for i in range(first.shape[0]):
-        starts[i + 1] = starts[i] + 9 * (i + 1 - first[i])
-    return starts
+    return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,20 +1,13 @@
 import math
 
 import numpy as np
-import pytest
 
-from envs.slam.gmapping.gmapping import effective_sample_size, normalized_weights, spread, systematic_resample
+from envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
 
 
 def test_weights_from_logarithms_far_below_zero():
     weights = normalized_weights(np.log([1.0, 2.0, 5.0]) - 4000.0)
     np.testing.assert_allclose(weights, [0.125, 0.25, 0.625])
-
-
-def test_effective_sample_size():
-    assert effective_sample_size(np.full(20, 0.05)) == pytest.approx(20.0)
-    assert effective_sample_size(np.array([1.0, 0.0, 0.0])) == 1.0
-    assert effective_sample_size(np.array([0.5, 0.5, 0.0])) == 2.0
 
 
 def test_systematic_resampling_by_hand():
