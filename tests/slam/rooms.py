@@ -4,7 +4,7 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
-from envs.robots import LidarParams, Mount
+from envs.robots import LidarParams, Mount, OdometryNoise
 from envs.simulation import Reading
 from envs.slam import HectorParams
 from envs.slam.log_odds_map import LogOddsMap
@@ -15,6 +15,9 @@ STAY = Pose2D(0.0, 0.0, 0.0)
 # A room of 6 m x 5 m with a box in it, around the start.
 ROOM = [(-3, -2, 3, -2), (3, -2, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -2)]
 BOX = [(1, 0.5, 1.6, 0.7), (1.6, 0.7, 1.3, 1.4), (1.3, 1.4, 1, 0.5)]
+CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
+BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
+WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
 CORRIDOR = [(-50, -1, 50, -1), (-50, 1, 50, 1)]
 
 

@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import numpy as np
@@ -8,13 +7,9 @@ from envs.estimation import NO_UPDATE
 from envs.geometry import Pose2D
 from envs.robots import OdometryNoise
 from envs.simulation import Reading
-from envs.slam import PRESETS, Hector, HectorParams, load_params, make_slam
+from envs.slam import HectorParams, load_params, make_slam
 
-from .rooms import BOX, CORRIDOR, LIDAR, ROOM, STAY, drive, scan
-
-WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
-CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
-BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
+from .rooms import BOX, BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, ROOM, STAY, WHEELS, drive, scan
 
 
 def distance(a, b):
@@ -154,15 +149,6 @@ def test_robots_share_a_map():
     belief = second.update(Reading.of_scan(scan(moved)), Pose2D(0.0, 0.0, 0.38))
     assert distance(belief.pose, moved) < 0.02
     assert belief.pose.theta == pytest.approx(moved.theta, abs=0.015)
-
-
-@pytest.mark.parametrize("name", PRESETS["hector"])
-def test_presets(name):
-    slam = Hector(LIDAR, dataclasses.replace(load_params(name, slam="hector"), map_width=10.0, map_height=10.0))
-    for _ in range(3):
-        slam.update(Reading.of_scan(scan(STAY)), STAY)
-    assert distance(slam.belief.pose, STAY) < 0.05
-    assert (slam.belief.grid.data >= 0).mean() > 0.1
 
 
 def test_presets_belong_to_their_slam():

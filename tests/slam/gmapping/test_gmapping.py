@@ -8,13 +8,10 @@ from envs.estimation import NO_UPDATE
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import OdometryNoise
 from envs.simulation import Reading
-from envs.slam import PRESETS, GMapping, GMappingParams, load_params, make_slam
+from envs.slam import GMappingParams, load_params, make_slam
 from envs.tasks.explore import ExploreTeam
-from tests.slam.rooms import CORRIDOR, LIDAR, STAY, drive, scan
+from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, scan
 
-WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
-CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
-BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
 TIGHT = OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001)
 NO_RETURN = np.full(180, np.nan, dtype=np.float32)
 
@@ -184,8 +181,6 @@ def test_no_map_can_be_given_and_teams_are_refused():
 
 
 def test_presets_load_and_bad_values_are_named():
-    for name in PRESETS["gmapping"]:
-        assert isinstance(make_slam("gmapping", LIDAR, preset=name), GMapping)
     assert load_params("default", slam="gmapping") == GMappingParams()
     for name, value in [("num_particles", 0), ("likelihood_gain", 0.0), ("resample_below", 1.5), ("num_levels", 5)]:
         with pytest.raises(ValueError, match=name):

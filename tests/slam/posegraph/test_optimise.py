@@ -4,9 +4,47 @@ from scipy.optimize import least_squares
 
 from envs.geometry import Pose2D
 from envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise, optimise_step
-from tests.slam.posegraph.graphs import make_graph
 
 PHI = 9.0
+SPACING, TURN = 20, 40
+"""Nodes from one submap to the next, and nodes that a submap takes."""
+SIGMAS = np.array([0.03, 0.03, 0.008])
+"""Noise of constraints [m, m, rad]."""
+DRIFT = np.array([0.005, 0.005, 0.004])
+"""Noise of odometry from node to node [m, m, rad]."""
+
+
+def make_graph(num_nodes, num_loops, num_outliers, rng):
+    """Return a graph of laps of an oval whose poses have drifted, and the true poses of its nodes."""
+    truth = [Pose2D(0.0, 0.0, 0.0)]
+    for k in range(num_nodes - 1):
+        truth.append(truth[-1].compose(Pose2D(0.2, 0.0, np.pi / 20 if k % 100 >= 80 else 0.0)))
+    graph, covariance, pose = PoseGraph(), np.diag(SIGMAS**2), truth[0]
+    for k in range(num_nodes):
+        if k:
+            motion = np.array(truth[k - 1].between(truth[k])) + DRIFT * rng.standard_normal(3)
+            pose = pose.compose(Pose2D(*motion.tolist()))
+        if k % SPACING == 0:
+            graph.add_submap(pose)
+        graph.add_node(pose)
+        for submap in range(max(k // SPACING - TURN // SPACING + 1, 0), k // SPACING + 1):
+            relative = np.array(truth[submap * SPACING].between(truth[k])) + SIGMAS * rng.standard_normal(3)
+            graph.add_constraint(k, submap, relative, covariance)
+    xy = np.array(truth)[:, :2]
+    pairs = [
+        (k, submap)
+        for k in range(num_nodes)
+        for submap in range(k // SPACING - 3)
+        if np.hypot(*(xy[submap * SPACING] - xy[k])) < 4.0
+    ]
+    for k, submap in rng.permutation(pairs)[:num_loops].tolist() if pairs else []:
+        relative = np.array(truth[submap * SPACING].between(truth[k])) + SIGMAS * rng.standard_normal(3)
+        graph.add_constraint(k, submap, relative, covariance, is_loop=True)
+    for _ in range(num_outliers):
+        k, submap = int(rng.integers(num_nodes // 2, num_nodes)), int(rng.integers(num_nodes // SPACING // 4))
+        wrong = rng.uniform([-4.0, -4.0, -0.5], [4.0, 4.0, 0.5])
+        graph.add_constraint(k, submap, wrong, covariance, is_loop=True)
+    return graph, np.array(truth)
 
 
 def random_graph(seed, num_outliers=0):
