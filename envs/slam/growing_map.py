@@ -36,9 +36,8 @@ class GrowingMap:
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
         """Column and row of the first cell, counted from the map frame's origin."""
-        self.grid = OccupancyGrid(
-            np.full((height, width), UNKNOWN, dtype=np.int8), resolution, self._origin(resolution)
-        )
+        cells = np.full((height, width), UNKNOWN, dtype=np.int8)
+        self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
         """The map as an occupancy grid, always up to date."""
         # Room for all cells that a scan may touch; only what is written takes memory.
         most_cells = lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2)

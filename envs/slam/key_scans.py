@@ -89,10 +89,8 @@ class KeyScanSlam(ABC):
 
     A scan is a key scan if the pose predicted by odometry is `params.min_travel_distance` or `params.min_travel_angle`
     away from that of the last key scan. With `params.match_every_scan`, every scan is matched, and those whose matched
-    poses lie that far apart are integrated.
-
-    What `process_key_scan` does follows from its arguments and from what the last key scan left. A simulation may
-    therefore compose the motions by itself, and call it at the key scans alone.
+    poses lie that far apart are integrated. What `process_key_scan` does follows from its arguments and from what the
+    last key scan left: a simulation may compose the motions by itself, and call it at the key scans alone.
     """
 
     shares_maps = True

@@ -93,11 +93,8 @@ class TinySlam(KnownPoses):
         if self.params.odometry == "robot_frame":
             return pose.compose(motion)
         before, self._odometry = self._odometry, self._odometry.compose(motion)
-        return Pose2D(
-            pose.x + self._odometry.x - before.x,
-            pose.y + self._odometry.y - before.y,
-            wrap_angle(pose.theta + motion.theta),
-        )
+        x, y = pose.x + self._odometry.x - before.x, pose.y + self._odometry.y - before.y
+        return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
         """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
@@ -117,6 +114,5 @@ class TinySlam(KnownPoses):
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
         stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
         weight = params.prior_weight * ONE
-        return self._search._replace(
-            position_penalty=weight * (params.resolution / stds[0]) ** 2, heading_penalty=weight / stds[1] ** 2
-        )
+        position_penalty = weight * (params.resolution / stds[0]) ** 2
+        return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)

@@ -124,9 +124,8 @@ class GraphSlam(Hector):
         for _ in range(self.params.final_passes):
             poses[:] = refine_poses(self.params, self._lidar, self.nodes, poses)
         if len(poses):
-            self._graph_correction = Pose2D(*poses[-1].tolist()).compose(
-                Pose2D(*self.nodes.poses[-1].tolist()).inverse()
-            )
+            local = Pose2D(*self.nodes.poses[-1].tolist())
+            self._graph_correction = Pose2D(*poses[-1].tolist()).compose(local.inverse())
         self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
 
     def _make_map(self) -> LogOddsMap:
@@ -192,13 +191,11 @@ class GraphSlam(Hector):
         """Do one search for a loop closure, and start an optimisation when it is due."""
         loop = self.search.search_next()
         added = [] if loop is None else self._confirmation.add(loop)
+        self._loop_nodes += len(added) > 0
         for loop in added:
             self.graph.add_constraint(loop.node, loop.submap, loop.relative, loop.covariance, is_loop=True)
-        self._loop_nodes += len(added) > 0
-        largest = max(
-            (distance(each.after.x - each.before.x, each.after.y - each.before.y) for each in added), default=0.0
-        )
-        self._is_urgent |= largest > self.params.urgent_correction
+            moved = distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y)
+            self._is_urgent |= moved > self.params.urgent_correction
         is_due = self._loop_nodes >= self.params.optimise_every or self._is_urgent
         if is_due and self._rendering is None and not self._iterations:
             self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False

@@ -67,8 +67,8 @@ class LocalSlam:
             covariance = self._covariances[other]
             predict_covariance(covariance, dx, dy, *stds)
             if match.fits:
-                over = (self._params.residual_variance, self._params.resolution)
-                correct_covariance(covariance, match.fit, match.num_hits, *over)
+                scale = (self._params.residual_variance, self._params.resolution)
+                correct_covariance(covariance, match.fit, match.num_hits, *scale)
             if match.is_far:
                 covariance[:] = self._covariances[first]
         if not match.fits:

@@ -1,7 +1,7 @@
 """One scan matched to a log-odds map: a search where odometry may be far off, Gauss-Newton, and the covariance."""
 
 import math
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -42,7 +42,8 @@ class MatcherParams(NamedTuple):
     def of(cls, params: MatchingParams) -> Self:
         """Return what a matcher with these params reads."""
         values = [getattr(params, name) for name in cls._fields[1:]]
-        return cls(NoiseRecord.of(params.odometry_noise), *(math.inf if value is None else value for value in values))
+        numbers: list[Any] = [math.inf if value is None else value for value in values]
+        return cls(NoiseRecord.of(params.odometry_noise), *numbers)
 
 
 class Match(NamedTuple):
