@@ -67,15 +67,129 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
     return int(row), int(col)
 
 
-class PointNavigator(FrontierNavigator):
-    """Offers, for each valid frontier point, the frontier cell nearest to it."""
+class RrtRobot(FrontierNavigator):
+    """Offers, for each valid frontier point, the frontier cell nearest to it, and decides how to get there."""
 
-    def __init__(self, robot: RobotParams, control_period: float, params: RrtParams) -> None:
-        """Prepare for a robot; of `params` it reads `max_cost` of a point, and `bandwidth`, its reach."""
+    def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
+        """Prepare for an episode of a robot with an index in its team, updated every `control_period` seconds."""
         super().__init__(robot, control_period)
-        self._params = params
-        self.points = np.empty((0, 2))
+        self.index = index
+        self.points = NO_POINTS
         """Frontier points, shape (n, 2), float64, map frame [m]."""
+        self.ended: str | None = None
+        """Why it has stopped exploring; None while it has not."""
+        self.yielding_to: RrtRobot | None = None
+        """The robot that it lets pass."""
+        self.passing = NO_POINTS
+        """Outlines of the peers that plans lead through, and not around, as those in `bodies`; base frame [m]."""
+        self._params, self._radius, self._period = params, robot.radius, control_period
+        self._has_begun = self._has_looked_around = False
+        self._idle_steps = self._pause_steps = self._wait_steps = 0
+
+    @property
+    def driving_to(self) -> tuple[float, float] | None:
+        """The frontier that it drives to (x, y), map frame [m]; None without one."""
+        return self.target if self.navigator.has_goal and self.yielding_to is None else None
+
+    @property
+    def precedence(self) -> tuple[bool, int]:
+        """The robot with the lower one has the right of way."""
+        return self.driving_to is None, self.index
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether it drives to a goal and makes no progress."""
+        drive = self.navigator
+        return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it has begun, and has nothing to do."""
+        is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
+        return self._has_begun and not is_busy
+
+    def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
+        """Process a reading, without peers, and tell whether the robot is to be assigned one of the frontier points.
+
+        A robot that `is_asked` looks for one even in a pause.
+        """
+        self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
+        self._pause_steps -= 1
+        others = np.concatenate([self.bodies, self.passing])
+        if not self._has_begun:
+            self._has_begun = True
+            self.begin(reading, belief)
+            return True
+        if self.yielding_to is not None:
+            if self.drive(reading, belief, others) not in (DRIVING, REPLAN):
+                self.navigator.stop()
+            if not self._has_passed(self.yielding_to, belief.pose):
+                return False
+            self.yielding_to = None
+            self.navigator.stop()
+        elif self.is_idle and self._pause_steps > 0 and not is_asked:
+            self.drive(reading, belief, others)
+            return False
+        return self.update(reading, belief, others) is not None
+
+    def learn(self, belief: Belief) -> None:
+        """Take note of what another robot's scan has changed in the map."""
+        if self._has_begun:
+            self.integrate(belief)
+
+    def open_goals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what may be assigned: candidates that have failed only if there are no others.
+
+        These are frontiers, shape (k, 2), map frame [m], the costs of the paths to their viewpoints [m], and their
+        indices among the candidates.
+        """
+        candidates = self.candidates
+        indices = np.flatnonzero(candidates["failures"] == 0)
+        if len(indices) == 0:
+            indices = np.arange(len(candidates))
+        return candidates["frontier"][indices], candidates["cost"][indices], indices
+
+    def choose(self, index: int) -> None:
+        """Drive to a candidate."""
+        self._has_looked_around, self.ended = False, None
+        super().choose(index)
+
+    def wait(self) -> None:
+        """Stop for a while, since others have all the points."""
+        self._has_looked_around, self.ended = False, None
+        self.navigator.stop()
+        self._pause_steps = max(1, round(PAUSE_TIME / self._period))
+
+    def look_around_or_end(self) -> None:
+        """Turn once around where no point is left; then end, if there has been none for `patience` steps."""
+        if not self._has_looked_around:
+            self._has_looked_around = True
+            self.look_around()
+        elif self._idle_steps >= self._params.patience:
+            self.ended = self.end_reason
+            self.navigator.stop()
+
+    def yield_to(self, other: "RrtRobot", pose: Pose2D) -> bool:
+        """Drop the own goal and drive off the path of another robot; False if there is nowhere to go."""
+        path = other.plan
+        field = None if path is None else travel_field(self.free_costmap(pose), pose[:2])
+        cell = None if path is None or field is None else find_waiting_cell(field, path, self._radius)
+        route = None if field is None or cell is None else field.path(*cell)
+        if route is None:
+            return False
+        self.navigator.drive_to(route)
+        self.yielding_to, self._wait_steps = other, 0
+        return True
+
+    def _has_passed(self, other: "RrtRobot", pose: Pose2D) -> bool:
+        path = other.plan
+        if path is None:
+            return True
+        if self.navigator.has_goal:
+            return False
+        self._wait_steps += 1
+        is_off = not is_beside(pose[:2], path, 2.0 * self._radius + PASSED_CLEARANCE)
+        return is_off or self._wait_steps * self._period > MAX_WAIT
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
         """Return frontier cells, shape (k, 2), and one part for each, shape (k, 4); see `split_groups`."""
@@ -117,138 +231,3 @@ class PointNavigator(FrontierNavigator):
         has_path = len(bodies) > 0 and super()._replan(pose)
         self.bodies = bodies
         return has_path
-
-
-class RrtRobot:
-    """Decides how to get to the point that it is assigned. Sees readings and beliefs, never ground truth."""
-
-    def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
-        """Prepare for an episode of a robot with an index in its team, updated every `control_period` seconds."""
-        self.index = index
-        self.navigator = PointNavigator(robot, control_period, params)
-        self.end_reason: str | None = None
-        """Why it has stopped exploring; None while it has not."""
-        self.yielding_to: RrtRobot | None = None
-        """The robot that it lets pass."""
-        self.blocking, self.passing = NO_POINTS, NO_POINTS
-        """Outlines of the peers that plans lead around, and of those that they lead through; base frame [m]."""
-        self.idle_steps = 0
-        """Control steps without a point."""
-        self._radius, self._period = robot.radius, control_period
-        self._has_begun = self._has_looked_around = False
-        self._pause_steps = self._wait_steps = 0
-
-    @property
-    def plan(self) -> np.ndarray | None:
-        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
-        return self.navigator.plan if self._has_begun else None
-
-    @property
-    def target(self) -> tuple[float, float] | None:
-        """The frontier that it drives to (x, y), map frame [m]; None without one."""
-        is_driving = self._has_begun and self.navigator.navigator.has_goal and self.yielding_to is None
-        return self.navigator.target if is_driving else None
-
-    @property
-    def precedence(self) -> tuple[bool, int]:
-        """The robot with the lower one has the right of way."""
-        return self.target is None, self.index
-
-    @property
-    def is_blocked(self) -> bool:
-        """Whether it drives to a goal and makes no progress."""
-        if not self._has_begun:
-            return False
-        drive = self.navigator.navigator
-        return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether it has begun, and has nothing to do."""
-        drive = self.navigator.navigator
-        return self._has_begun and not drive.has_goal and not drive.is_recovering and self.yielding_to is None
-
-    def update(self, reading: Reading, belief: Belief, points: np.ndarray, *, is_asked: bool) -> bool:
-        """Process a reading, without peers, and tell whether the robot is to be assigned one of the frontier points.
-
-        `points` have the shape (n, 2), float64, map frame [m]. A robot that `is_asked` looks for one even in a pause.
-        """
-        navigator = self.navigator
-        navigator.points, navigator.bodies = points, self.blocking
-        self.idle_steps = 0 if self.target is not None else self.idle_steps + 1
-        self._pause_steps -= 1
-        others = np.concatenate([self.blocking, self.passing])
-        if not self._has_begun:
-            self._has_begun = True
-            navigator.begin(reading, belief)
-            return True
-        if self.yielding_to is not None:
-            if navigator.drive(reading, belief, others) not in (DRIVING, REPLAN):
-                navigator.navigator.stop()
-            if not self._has_passed(self.yielding_to, belief.pose):
-                return False
-            self.yielding_to = None
-            navigator.navigator.stop()
-        elif self.is_idle and self._pause_steps > 0 and not is_asked:
-            navigator.drive(reading, belief, others)
-            return False
-        return navigator.update(reading, belief, others) is not None
-
-    def learn(self, belief: Belief) -> None:
-        """Take note of what another robot's scan has changed in the map."""
-        if self._has_begun:
-            self.navigator.integrate(belief)
-
-    def open_goals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what may be assigned: candidates that have failed only if there are no others.
-
-        These are frontiers, shape (k, 2), map frame [m], the costs of the paths to their viewpoints [m], and their
-        indices among the candidates.
-        """
-        candidates = self.navigator.candidates
-        indices = np.flatnonzero(candidates["failures"] == 0)
-        if len(indices) == 0:
-            indices = np.arange(len(candidates))
-        return candidates["frontier"][indices], candidates["cost"][indices], indices
-
-    def choose(self, index: int) -> None:
-        """Drive to a candidate of the navigator."""
-        self._has_looked_around, self.end_reason = False, None
-        self.navigator.choose(index)
-
-    def wait(self) -> None:
-        """Stop for a while, since others have all the points."""
-        self._has_looked_around, self.end_reason = False, None
-        self.navigator.navigator.stop()
-        self._pause_steps = max(1, round(PAUSE_TIME / self._period))
-
-    def look_around_or_end(self, patience: int) -> None:
-        """Turn once around where no point is left; then end, if there has been none for `patience` steps."""
-        if not self._has_looked_around:
-            self._has_looked_around = True
-            self.navigator.look_around()
-        elif self.idle_steps >= patience:
-            self.end_reason = self.navigator.end_reason
-            self.navigator.navigator.stop()
-
-    def yield_to(self, other: "RrtRobot", pose: Pose2D) -> bool:
-        """Drop the own goal and drive off the path of another robot; False if there is nowhere to go."""
-        path = other.plan
-        field = None if path is None else travel_field(self.navigator.free_costmap(pose), pose[:2])
-        cell = None if path is None or field is None else find_waiting_cell(field, path, self._radius)
-        route = None if field is None or cell is None else field.path(*cell)
-        if route is None:
-            return False
-        self.navigator.navigator.drive_to(route)
-        self.yielding_to, self._wait_steps = other, 0
-        return True
-
-    def _has_passed(self, other: "RrtRobot", pose: Pose2D) -> bool:
-        path = other.plan
-        if path is None:
-            return True
-        if self.navigator.navigator.has_goal:
-            return False
-        self._wait_steps += 1
-        is_off = not is_beside(pose[:2], path, 2.0 * self._radius + PASSED_CLEARANCE)
-        return is_off or self._wait_steps * self._period > MAX_WAIT

@@ -115,7 +115,7 @@ class RrtTeam:
     @property
     def end_reason(self) -> str | None:
         """Why the team has stopped exploring; None while any of its robots has not."""
-        reasons = [robot.end_reason for robot in self._team]
+        reasons = [robot.ended for robot in self._team]
         if None in reasons or not reasons:
             return None
         return "no_reachable_frontier" if "no_reachable_frontier" in reasons else reasons[0]
@@ -133,7 +133,7 @@ class RrtTeam:
     @property
     def targets(self) -> list[tuple[float, float] | None]:
         """The frontier that each robot drives to (x, y), map frame [m]; None for a robot without one."""
-        return [robot.target for robot in self._team]
+        return [robot.driving_to for robot in self._team]
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
         """Return the twist of each robot, from its reading and its belief; the map in these is one and the same.
@@ -153,7 +153,7 @@ class RrtTeam:
                 self._resolve_conflict(robot)
         readings = [self._observe_peers(robot, reading) for robot, reading in zip(self._team, readings, strict=True)]
         self._assign(self._update(readings, beliefs), beliefs)
-        return [robot.navigator.command(belief) for robot, belief in zip(self._team, beliefs, strict=True)]
+        return [robot.command(belief) for robot, belief in zip(self._team, beliefs, strict=True)]
 
     def _update(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[RrtRobot]:
         """Let all robots process their readings, and return those that are to be assigned a point.
@@ -164,7 +164,8 @@ class RrtTeam:
         for robot in sorted(self._team, key=lambda robot: robot.is_idle):
             for peer in self._peers_of(robot):
                 robot.learn(beliefs[peer.index])
-            if robot.update(readings[robot.index], beliefs[robot.index], self.points, is_asked=bool(due)):
+            robot.points = self.points
+            if robot.advance(readings[robot.index], beliefs[robot.index], is_asked=bool(due)):
                 due.append(robot)
         return due
 
@@ -181,7 +182,7 @@ class RrtTeam:
         for row, (frontiers, lengths, _) in enumerate(goals):
             costs[row, [columns[x, y] for x, y in frontiers.tolist()]] = lengths
         points = np.array(list(columns)).reshape(-1, 2)
-        taken = np.array([robot.target for robot in self._team if robot.target]).reshape(-1, 2)
+        taken = np.array([robot.driving_to for robot in self._team if robot.driving_to]).reshape(-1, 2)
         gaps = points[:, None] - taken
         costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= SAME_POINT).any(axis=1)] = np.inf
         positions = np.array([self._poses[robot.index][:2] for robot in due]).reshape(-1, 2)
@@ -189,10 +190,10 @@ class RrtTeam:
         for robot, (frontiers, _, indices), point in zip(due, goals, chosen, strict=True):
             if point != UNASSIGNED:
                 robot.choose(int(indices[(frontiers == points[point]).all(axis=1).argmax()]))
-        is_driving = any(robot.target is not None for robot in self._team)
+        is_driving = any(robot.driving_to is not None for robot in self._team)
         for robot in due:
-            if robot.target is None:
-                robot.wait() if is_driving else robot.look_around_or_end(self._params.patience)
+            if robot.driving_to is None:
+                robot.wait() if is_driving else robot.look_around_or_end()
 
     def _peers_of(self, robot: RrtRobot) -> list[RrtRobot]:
         return [peer for peer in self._team if peer is not robot]
@@ -205,13 +206,13 @@ class RrtTeam:
         obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
         for peer in peers:
             here = self._poses[peer.index]
-            ahead = here.compose(Pose2D(peer.navigator.navigator.velocity.v * PREDICTION_TIME, 0.0, 0.0))
+            ahead = here.compose(Pose2D(peer.navigator.velocity.v * PREDICTION_TIME, 0.0, 0.0))
             obstacles[peer.precedence > robot.precedence] += [
                 outline(pose, here, radius),
                 outline(pose, ahead, radius),
                 self._peer_filter.hits(reading.ranges, pose, here),
             ]
-        robot.blocking, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
+        robot.bodies, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
         ranges = self._peer_filter(reading.ranges, pose, [self._poses[peer.index] for peer in peers])
         return reading._replace(ranges=ranges)
 
@@ -224,9 +225,9 @@ class RrtTeam:
                 continue
             if not is_beside(self._poses[peer.index][:2], path, gap, BLOCKING_REACH):
                 continue
-            robot.navigator.navigator.restart_progress()
+            robot.navigator.restart_progress()
             if not (peer.yield_to(robot, self._poses[peer.index]) or robot.yield_to(peer, self._poses[robot.index])):
-                robot.navigator.fail()
+                robot.fail()
             return
 
 

@@ -24,7 +24,6 @@ from envs.navigation.navigator_kernels import (
     compute_velocity_command,
     navigator_numbers,
     recover,
-    set_goal,
     update_obstacles,
 )
 from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
@@ -138,7 +137,15 @@ class Navigator:
         would keep it there for ever.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
-        set_goal(self._records, goal or (float(path[-1, 0]), float(path[-1, 1])), view, keep_clocks)
+        record = self.record
+        record["index"], record["has_goal"] = 0, 1
+        record["goal_x"], record["goal_y"] = goal or path[-1]
+        record["view_x"], record["view_y"] = view
+        if not keep_clocks:
+            for name in ("steps", "recoveries", "back_steps", "turn_steps"):
+                record[name] = 0
+            record["stall_steps"] = -1
+        record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray) -> None:
         """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]."""

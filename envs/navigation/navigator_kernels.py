@@ -100,20 +100,6 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
 
 
 @njit(cache=True, error_model="numpy")
-def set_goal(navigators, goal, view, keep_clocks):
-    """Begin a drive to a goal (x, y), to look at `view` (x, y), map frame [m]."""
-    record = navigators[0]
-    record.index = 0
-    record.goal_x, record.goal_y = goal
-    record.view_x, record.view_y = view
-    record.has_goal = 1
-    if not keep_clocks:
-        record.steps = record.recoveries = record.back_steps = record.turn_steps = 0
-        record.stall_steps = -1
-    record.planned = record.steps
-
-
-@njit(cache=True, error_model="numpy")
 def _turn_to_view(record, pose, numbers):
     """Return by how much to turn at the goal to get what is to be seen well into view [rad]; 0 if it is."""
     dx, dy = record.view_x - pose[0], record.view_y - pose[1]

@@ -10,7 +10,7 @@ from sklearn.cluster import MeanShift
 from baselines import RrtExplorer, RrtParams
 from baselines.episode import run_episode
 from baselines.rrt.detector import RrtDetector, mean_shift
-from baselines.rrt.robot import PointNavigator
+from baselines.rrt.robot import RrtRobot
 from baselines.rrt.team import UNASSIGNED, assign
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
 from envs.core import LidarEnv
@@ -233,7 +233,7 @@ def test_the_filter_keeps_few_points_and_drops_stale_ones():
 
 
 def navigator_at(grid, points, **params):
-    navigator = PointNavigator(BURGER, 0.1, RrtParams(**params))
+    navigator = RrtRobot(BURGER, 0.1, RrtParams(**params), 0)
     navigator.points = points
     navigator.begin(reading_of(), belief_in(grid))
     return navigator
