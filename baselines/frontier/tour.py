@@ -91,44 +91,27 @@ class TourExplorer(RuleExplorer):
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Measure the paths between a start (x, y) (index 0) and all stops, shape (n, 2), float64 [m].
+    """Return the lengths of the paths between a start (x, y) (index 0) and all stops, shape (n, 2), float64 [m].
 
-    Cells as large as the robot's radius do for that, and take a tenth of the time. A cell is open where any part of it
-    is. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
-    narrow may count as one.
-
-    Returns:
-        Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
+    Cells as large as the robot's radius do for that, and take a tenth of the time. A cell costs what its cheapest part
+    does. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
+    narrow may count as one. Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
     """
-    points = np.vstack([start, stops])
-    coarse = pool(crop(costmap, points))
-    cells = coarse.grid.cells(points)
+    points, grid = np.vstack([start, stops]), costmap.grid
+    reach, size = math.ceil(MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
+    cells = grid.cells(points)
+    top, left = np.maximum(cells.min(axis=0) - reach, 0)
+    bottom, right = cells.max(axis=0) + reach + 1
+    costs = blocks_of(costmap.costs[top:bottom, left:right], size, COST_UNKNOWN).min(axis=2)
+    origin = grid.origin[0] + left * grid.resolution, grid.origin[1] + top * grid.resolution
+    pooled = OccupancyGrid(np.zeros(costs.shape, dtype=np.int8), size * grid.resolution, origin)
+    coarse, cells = Costmap(costs, pooled, costmap.params), pooled.cells(points)
     lengths = np.zeros((len(points), len(points)))
     for k in range(len(points) - 1):
         field = travel_field(coarse, (float(points[k, 0]), float(points[k, 1])))
         paths = np.full(len(points) - k - 1, np.inf) if field is None else field.cost(cells[k + 1 :])
         lengths[k, k + 1 :] = lengths[k + 1 :, k] = paths
     return np.minimum(lengths, FAR)
-
-
-def crop(costmap: Costmap, points: np.ndarray) -> Costmap:
-    """Return the part of a costmap within `MARGIN` of the rectangle around points, shape (n, 2) [m]."""
-    grid = costmap.grid
-    reach = math.ceil(MARGIN / grid.resolution)
-    cells = grid.cells(points)
-    top, left = np.maximum(cells.min(axis=0) - reach, 0)
-    bottom, right = cells.max(axis=0) + reach + 1
-    origin = grid.origin[0] + left * grid.resolution, grid.origin[1] + top * grid.resolution
-    part = OccupancyGrid(grid.data[top:bottom, left:right], grid.resolution, origin)
-    return Costmap(costmap.costs[top:bottom, left:right], part, costmap.params)
-
-
-def pool(costmap: Costmap) -> Costmap:
-    """Return a costmap of cells as large as the robot's radius, each with the cost of its cheapest part."""
-    size = max(1, int(costmap.params.robot_radius / costmap.grid.resolution))
-    costs = blocks_of(costmap.costs, size, COST_UNKNOWN).min(axis=2)
-    grid = OccupancyGrid(np.zeros(costs.shape, dtype=np.int8), size * costmap.grid.resolution, costmap.grid.origin)
-    return Costmap(costs, grid, costmap.params)
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:

@@ -18,7 +18,7 @@ import logging
 import math
 from dataclasses import replace
 from itertools import accumulate
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
@@ -93,21 +93,6 @@ class FrontierParams:
         return list(accumulate(steps, lambda params, step: replace(params, **step), initial=self))
 
 
-class FrontierStatus(NamedTuple):
-    """How far the exploration has come (section 3.4.7)."""
-
-    explored_share: float
-    """Free cells over all cells of the rectangle around everything observed."""
-    goal: tuple[float, float] | None
-    """The frontier that the robot is going to see (x, y), map frame [m]; None without one."""
-    candidates: np.ndarray
-    """Centroids that the last choice was made from, best first, shape (n, 2), map frame [m]."""
-    relaxation: int
-    """Relaxation step of the last choice, from 0 for none to 5."""
-    blacklist_size: int
-    """Failed goals that are remembered."""
-
-
 class FrontierUtility:
     """Takes the cluster of frontier cells with the greatest information gain over the distance."""
 
@@ -119,26 +104,30 @@ class FrontierUtility:
         self._clear()
 
     def _clear(self) -> None:
-        self._blacklist: list[tuple[float, float]] = []
-        self.status = FrontierStatus(0.0, None, np.empty((0, 2)), 0, 0)
-        """State of the exploration at the last choice."""
+        self.goal: tuple[float, float] | None = None
+        """The frontier that the robot is going to see (x, y), map frame [m]."""
+        self.relaxation = 0
+        """Relaxation step of the last choice, from 0 for none to 5."""
+        self.blacklist: list[tuple[float, float]] = []
+        """Failed goals that are remembered."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        if candidates.last_failed and self.status.goal is not None:
-            self._blacklist.append(self.status.goal)
-            del self._blacklist[: -self._params.max_blacklist_size]
+        if candidates.last_failed and self.goal is not None:
+            self.blacklist.append(self.goal)
+            del self.blacklist[: -self._params.max_blacklist_size]
         grid = crop_to_known(candidates.costmap.grid)
         share = np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)) / grid.data.size
-        for step in range(len(self._steps)):
-            choice, centroids = self._best(candidates, grid, belief, self._steps[step], share)
+        for step, params in enumerate(self._steps):
+            self.relaxation = step
+            choice, num_clusters = self._best(candidates, grid, belief, params, share)
             if choice is not None:
                 break
         choice = choice or 0
         x, y = candidates["frontier"][choice].tolist()
-        self.status = FrontierStatus(share, (x, y), centroids, step, len(self._blacklist))
+        self.goal = x, y
         LOGGER.info(
             "%.0f %% explored, goal (%.2f, %.2f), %d candidates at relaxation %d, %d blacklisted",
-            *(100.0 * share, x, y, len(centroids), step, len(self._blacklist)),
+            *(100.0 * share, x, y, num_clusters, self.relaxation, len(self.blacklist)),
         )
         scores = np.full(len(candidates), -np.inf)
         scores[choice] = 0.0
@@ -146,8 +135,8 @@ class FrontierUtility:
 
     def _best(
         self, candidates: Candidates, grid: OccupancyGrid, belief: Belief, params: FrontierParams, share: float
-    ) -> tuple[int | None, np.ndarray]:
-        """Return the candidate of the cluster with the greatest utility, and the clusters' centroids, best first."""
+    ) -> tuple[int | None, int]:
+        """Return the candidate of the cluster with the greatest utility, and from how many clusters it was chosen."""
         size = params.min_frontier_size_final if share > params.adaptive_threshold else params.min_frontier_size
         cells, owners, labels = cluster(candidates, params.cluster_tolerance, size)
         num_clusters = int(labels.max(initial=-1)) + 1
@@ -156,7 +145,7 @@ class FrontierUtility:
         near = self._is_blacklisted(centroids, params.blacklist_radius)
         if 2 * np.count_nonzero(near[keep]) > len(keep):
             # More than half of what is left is blacklisted: forget the oldest two thirds of the list.
-            del self._blacklist[: max(1, 2 * len(self._blacklist) // 3)]
+            del self.blacklist[: max(1, 2 * len(self.blacklist) // 3)]
             near = self._is_blacklisted(centroids, params.blacklist_radius)
         distances = np.hypot(*(centroids - belief.pose[:2]).T)
         keep = keep[~near[keep] & (distances[keep] >= params.min_goal_distance)]
@@ -168,12 +157,12 @@ class FrontierUtility:
             own = np.flatnonzero((labels == k) & is_near_enough[owners])
             if len(own):
                 middle = own[np.argmin(((cells[own] - centroids[k]) ** 2).sum(axis=1))]
-                return int(owners[middle]), centroids[keep]
-        return None, centroids[keep]
+                return int(owners[middle]), len(keep)
+        return None, len(keep)
 
     def _is_blacklisted(self, points: np.ndarray, radius: float) -> np.ndarray:
         """Tell which points (shape (n, 2) [m]) lie within `radius` [m] of a goal that failed: shape (n,), bool."""
-        gaps = points[:, None] - np.array(self._blacklist).reshape(-1, 2)
+        gaps = points[:, None] - np.array(self.blacklist).reshape(-1, 2)
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
 
 
@@ -184,11 +173,6 @@ class FrontierExplorer(RuleExplorer):
 
     def __init__(self, params: FrontierParams = FrontierParams()) -> None:
         super().__init__(FrontierUtility(params), max_time=COMMITTED)
-
-    @property
-    def status(self) -> FrontierStatus:
-        """State of the exploration at the last choice."""
-        return self.rule.status
 
 
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -63,16 +63,10 @@ def assign(
     within `hysteresis_radius` and 1 beyond, so that a robot finishes what is around it first. What a robot will see at
     its point is no gain for the others: unknown cells within `info_radius` of both points do not count any more.
 
-    Args:
-        grid: the map that the robots share.
-        robots: shape (n, 2), float64, positions x_r, map frame [m].
-        points: shape (m, 2), float64, frontier points x_fp, map frame [m].
-        costs: shape (n, m), float64, navigation costs N [m]; inf where a robot cannot reach a point.
-        params: of the revenue.
-        taken: shape (k, 2), float64, points that other robots have already, map frame [m].
-
-    Returns:
-        Shape (n,), int64: index of each robot's point; `UNASSIGNED` where none is left that it can reach.
+    `robots` are positions x_r, shape (n, 2), `points` frontier points x_fp, shape (m, 2), `taken` points that other
+    robots have already, shape (k, 2), all map frame [m]; `costs` are N, shape (n, m) [m], inf where a robot cannot reach
+    a point. Returns the index of each robot's point, shape (n,), int64; `UNASSIGNED` where it can reach none that is
+    left.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)

@@ -161,22 +161,12 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find the frontiers that are cheapest to get to, at most `max_candidates`.
+    """Find the frontiers that are cheapest to get to from a cell, at most `max_candidates`.
 
-    Args:
-        joined: shape (height, width), int8, occupancy of the planning cells.
-        layer: costs, shape (height, width), uint8, and `open_weights` of `_expand`.
-        expansion: workspace of the search.
-        entries: the same.
-        start: (row, column) of the robot.
-        frontier: cells (shape (n, 2), int64) and parts (shape (m, 4), int64) of `split_groups`.
-        min_lengths: cells that a frontier has at least; the next one counts where none of those before can be reached.
-        max_candidates: see above.
-        tables: `PlanningTables`.
-
-    Returns:
-        Shape (k,), `CANDIDATE`, by increasing travel cost, of which the cells, travel cost, span and group are written
-        (`group_size` in cells); and `entries`.
+    `layer` holds costs, shape (height, width), uint8, and the `open_weights` of `_expand`, `frontier` the cells and
+    parts of `split_groups`. A frontier has at least the first of `min_lengths` cells; the next one counts where none of
+    those before can be reached. Returns shape (k,), `CANDIDATE`, by increasing travel cost, of which the cells, travel
+    cost, span and group are written (`group_size` in cells); and `entries`.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -235,19 +225,12 @@ def _clearance(joined, row, col, reach):
 def describe(raster, table, tables, frame, theta, now, past):
     """Complete the records of candidates, `table`, in metres and seconds.
 
-    Args:
-        raster: `joined`, and the predecessors, shape (height + 2, width + 2), uint8, of the search that found them.
-        table: from `find_candidates`, written.
-        tables: `PlanningTables`.
-        frame: where the first column and the first row begin, map frame [m], and the side of a cell [m].
-        theta: heading of the robot [rad].
-        now: time [s].
-        past: frontiers of the candidates before (x, y), and since when they have been there, shape (n, 3); frontiers
-            that the robot did not get to, shape (m, 2); the frontier that was chosen last (x, y), NaN for none; and the
-            distance up to which two frontiers are the same; map frame [m, s].
+    `raster` is `joined` and the predecessors, shape (height + 2, width + 2), uint8, of the search that found them;
+    `frame` where the first column and row begin, map frame, and the side of a cell; `past` the frontiers of the
+    candidates before (x, y), and since when they have been there, shape (n, 3); those that the robot did not get to,
+    shape (m, 2); the one that was chosen last (x, y), NaN for none; and the distance up to which two are the same.
 
-    Returns:
-        Shape (k, 3), float64, the frontiers for the next call; and which candidate was chosen last, -1 if it is gone.
+    Returns the frontiers for the next call, shape (k, 3); and which candidate was chosen last, -1 if it is gone.
     """
     joined, predecessor = raster
     left, low, side = frame

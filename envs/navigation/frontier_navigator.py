@@ -41,15 +41,10 @@ class FrontierNavigator:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Prepare for a robot.
+        """Prepare for a robot; `control_period` is the time between two calls of `update` [s].
 
-        Args:
-            robot: the robot.
-            control_period: time between two calls of `update` [s].
-            max_candidates: how many frontiers are offered at most, the cheapest to get to; None for all.
-            max_time: longest drive, but for a recovery, which is finished [s].
-            planning: what is offered, and how paths are planned.
-            params: how the drives go.
+        At most `max_candidates` frontiers are offered, the cheapest to get to; None for all. Drives take at most
+        `max_time` [s], but for a recovery, which is finished.
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.params = params

@@ -205,7 +205,10 @@ class GoalNavigator:
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
-            self._has_path = self._is_path_good(pose, planning)
+            path = self._planner.remaining
+            is_near = float(np.hypot(*(path - pose[:2]).T).min()) <= self.params.stray_distance
+            costmap, allow_unknown = planning.costmap(self._level, pose), self._allow_unknown
+            self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
@@ -234,12 +237,6 @@ class GoalNavigator:
             return False
         # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
         return math.dist(pose[:2], self.goal) <= self.params.goal_tolerance
-
-    def _is_path_good(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        path, costmap = self._planner.remaining, planning.costmap(self._level, pose)
-        away = float(np.hypot(*(path - pose[:2]).T).min())
-        is_near = away <= self.params.stray_distance
-        return is_near and is_path_valid(costmap, path, allow_unknown=self._allow_unknown)
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Plan; with less footprint, and then without the marks of scans, where there is no path."""

@@ -213,18 +213,10 @@ def travel_field(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> TravelField | None:
-    """Search from a start: everywhere (Dijkstra), or until one goal is reached (A*).
+    """Search from a start (x, y), map frame [m]: everywhere (Dijkstra), or until a goal (row, column) is reached (A*).
 
-    Args:
-        costmap: where to travel.
-        start: position of the robot (x, y), map frame [m]. Where the map says it cannot be, the nearest cell within the
-            robot's radius is taken.
-        goal: (row, column); only the path to this cell is final then.
-        allow_unknown: whether the robot may cross unknown cells, at the highest cost of free ones.
-        cost_weight: see `COST_WEIGHT`.
-
-    Returns:
-        The field; None if the robot is walled in by the map.
+    Where the map says that the robot cannot be at the start, the nearest cell within its radius is taken; None if there
+    is none. With a goal only the path to it is final. Unknown cells, if allowed, have the highest cost of free ones.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -241,17 +233,10 @@ def plan_path(
     tolerance: float = 0.0,
     allow_unknown: bool = False,
 ) -> np.ndarray | None:
-    """Find the cheapest path to a goal with A*.
+    """Return the cheapest path from a start to a goal (x, y), map frame [m], by A*; None if there is none.
 
-    Args:
-        costmap: where to travel.
-        start: position of the robot (x, y), map frame [m].
-        goal: where to go (x, y), map frame [m].
-        tolerance: how far beside the goal the path may end where the goal is not traversable [m].
-        allow_unknown: whether the robot may cross unknown cells, at the highest cost of free ones.
-
-    Returns:
-        Shape (n, 2), float64, points a cell apart from start to goal [m]; None if there is no path.
+    It may end up to `tolerance` [m] beside a goal that is not traversable, and cross unknown cells if these are allowed,
+    at the highest cost of free ones. Shape (n, 2), float64, points a cell apart [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:

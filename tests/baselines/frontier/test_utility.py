@@ -12,8 +12,8 @@ from envs.geometry import OccupancyGrid
 from envs.navigation import crop_to_known
 from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
 
-WIDE, SMALL = (10.1, 0.0), (-0.1, 0.0)
-"""Where the hall's openings are."""
+WIDE = 10.1, 0.0
+"""Where the hall's wide opening is."""
 
 
 def rule_at_rest(**params):
@@ -76,7 +76,7 @@ def test_filters_are_relaxed_before_exploration_ends():
     data[18:20, 20:38] = data[40:42, 20:38] = 100
     grid, rule = OccupancyGrid(data, 0.05, (0.0, 0.0)), rule_at_rest()
     rule(candidates_from(1.45, 1.5, grid), belief_at(1.45, 1.5, grid))
-    assert rule.status.relaxation >= 3
+    assert rule.relaxation >= 3
 
 
 def test_what_failed_is_blacklisted_until_too_much_is():
@@ -84,7 +84,7 @@ def test_what_failed_is_blacklisted_until_too_much_is():
     failed = replace(candidates, last_failed=True)
     assert candidates["frontier"][rule(candidates, belief).argmax()][0] > 10.0
     assert candidates["frontier"][rule(failed, belief).argmax()][0] < 0.0
-    assert rule.status.blacklist_size == 1
+    assert len(rule.blacklist) == 1
     # With both of them blacklisted, more than half is: the list is shortened and the older one is free again.
     assert candidates["frontier"][rule(failed, belief).argmax()][0] > 10.0
 
@@ -93,33 +93,29 @@ def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
     explorer = FrontierExplorer()
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     explorer.act(reading_of(), belief_at(5.0, 0.0))
-    first = explorer.status.goal
+    first = explorer.rule.goal
     assert first[0] > 10.0
     steps = 0
     grid = hall()
-    while explorer.status.goal == first:
+    while explorer.rule.goal == first:
         # To and fro by 0.2 m: that is moving, but leads nowhere.
         steps += 1
         explorer.act(reading_of(time=0.1 * steps), belief_at(5.0 + 0.2 * (steps // 20 % 2), 0.0, grid))
         assert steps < 400
-    assert explorer.status.goal[0] < 0.0
-    assert explorer.status.blacklist_size == 1
+    assert explorer.rule.goal[0] < 0.0
+    assert len(explorer.rule.blacklist) == 1
     assert explorer.end_reason is None
     # The path is the new goal's.
     assert explorer.plan[-1, 0] < 0.5
 
 
-def test_status_and_log_tell_the_progress(caplog):
+def test_the_log_tells_the_progress(caplog):
     rule, candidates = rule_at_rest(), candidates_from(5.0, 0.0)
-    assert rule.status.goal is None
     with caplog.at_level(logging.INFO, logger="baselines.frontier"):
         rule(candidates, belief_at(5.0, 0.0))
-    status, data = rule.status, crop_to_known(candidates.costmap.grid).data
-    assert status.explored_share == pytest.approx((data == 0).mean())
-    assert status.relaxation == 0
-    np.testing.assert_allclose(status.candidates, [WIDE, SMALL], atol=0.11)
-    assert np.hypot(*np.subtract(status.goal, WIDE)) < 0.15
-    assert f"{100 * status.explored_share:.0f} % explored, goal (10." in caplog.text
+    share = (crop_to_known(candidates.costmap.grid).data == 0).mean()
+    assert np.hypot(*np.subtract(rule.goal, WIDE)) < 0.15
+    assert f"{100 * share:.0f} % explored, goal (10." in caplog.text
     assert "2 candidates at relaxation 0, 0 blacklisted" in caplog.text
 
 
