@@ -154,7 +154,8 @@ class GymnasiumVecEnv(VecEnv):
         Raises:
             AttributeError: if they do not have it.
         """
-        inner, chosen = self.env.unwrapped, self._get_indices(indices)
+        inner: Any = self.env.unwrapped
+        chosen = self._get_indices(indices)
         if attr_name == "action_masks" and self._has_masks:
             return [None for _ in chosen]  # only asked whether there is one
         has_attributes = hasattr(inner, "get_attr")
