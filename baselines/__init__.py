@@ -26,11 +26,9 @@ from .frontier.rules import (
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
 from .oracle.explorer import OracleExplorer
-from .random import RandomChooser, RandomExplorer
-from .route_follower import RouteFollower
+from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
-from .wall_following import WallFollower
 
 EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "random": RandomExplorer,

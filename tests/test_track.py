@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.episode import begin_episode, decide_with
-from baselines.route_follower import RouteFollower
+from baselines.reactive import RouteFollower
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.localization.fusion import measure_heading, measure_wheels

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 import envs  # noqa: F401  (registers the environments)
 from baselines.episode import begin_episode, decide_with
-from baselines.route_follower import RouteFollower
+from baselines.reactive import RouteFollower
 from benchmarks.arena.plots import ERROR, INK, LINES, MUTED
 from benchmarks.drives.recording import Row, run_each
 from envs.command_line import Count

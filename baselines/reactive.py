@@ -1,19 +1,16 @@
-"""Wall following by the scan alone: no map, no goals.
-
-Of all arcs it drives the one that curves most to the right and is collision-free, which follows walls, rounds corners
-and turns out of dead ends alike. A robot that only did that would circle one pillar, or one room, for ever. After a net
-rotation of a full turn it leaves the wall, and drives straight on until it meets another.
-"""
+"""Policies that need no map: at random, along walls, and along a route."""
 
 import math
 from itertools import product
 
 import numpy as np
 
+from baselines.frontier.explorer import RuleExplorer
 from envs.estimation import ORIGIN, Belief
-from envs.navigation import Navigator, free_distance
+from envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
+from envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Curvatures that are tried, from right to left, for a robot of a tenth of a metre; larger ones curve less [1/m]."""
@@ -29,10 +26,50 @@ SPEED = 0.8
 """Share of the maximum speed."""
 TURN_RATE = 1.0
 """Yaw rate of turns, where the robot can turn that fast [rad/s]."""
+LOOKAHEAD_TIME = 0.75
+"""Lookahead over speed [s]: half of the path follower's, because a route is smooth where a raster's path is not."""
+MIN_TURN_TIME = 1.0
+"""Arcs whose radius is driven through in less than this at full speed are driven more slowly [s]."""
+ROTATE_FROM = 1.6
+"""Angle from which the robot stops and turns on the spot [rad]: a rounded corner of 90 degrees is driven through."""
+
+
+class RandomExplorer:
+    """Draws forward speed and yaw rate uniformly within the robot's limits."""
+
+    end_reason = plan = None
+    """Never stops, never plans."""
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        self._robot = robot
+        self._rng = rng
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        v, w = self._rng.uniform(-1.0, 1.0, 2).tolist()
+        return Twist(v * self._robot.max_v, w * self._robot.max_w)
+
+
+class RandomChooser(RuleExplorer):
+    """Draws any candidate."""
+
+    def __init__(self) -> None:
+        super().__init__(self._draw)
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._rng = rng
+
+    def _draw(self, candidates: Candidates, belief: Belief) -> np.ndarray:
+        return np.arange(len(candidates)) == self._rng.integers(len(candidates))
 
 
 class WallFollower:
-    """Follows walls to its right, and leaves each after a net rotation of a full turn."""
+    """Follows walls to its right by the scan alone, and leaves each after a net rotation of a full turn.
+
+    Of all arcs it drives the one that curves most to the right and is collision-free, which follows walls, rounds
+    corners and turns out of dead ends alike. A robot that only did that would circle one pillar, or one room, for ever:
+    it drives straight on from there, until it meets another wall.
+    """
 
     end_reason = plan = None
     """Never stops, since without a map it cannot know when; never plans."""
@@ -84,3 +121,27 @@ class WallFollower:
         if abs(curvature) * v > limit:
             v = limit / abs(curvature)
         return Twist(v, curvature * v)
+
+
+class RouteFollower:
+    """Drives a route with the path follower, from the robot's readings and its estimated pose."""
+
+    end_reason = plan = None
+    """The task ends the episode, and draws the route."""
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        self._navigator = Navigator(robot, control_period)
+        self._has_begun = False
+        params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
+        self._follower = PathFollower(robot, control_period, params)
+
+    def set_route(self, route: Route) -> None:
+        """Drive along a route, map frame, from its beginning."""
+        self._follower.set_path(route.points)
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        """Return the twist; see `Explorer`."""
+        navigator = self._navigator
+        (navigator.sense if self._has_begun else navigator.reset)(reading)
+        self._has_begun = True
+        return self._follower.command(belief.pose, navigator.velocity, navigator.obstacles)
