@@ -109,27 +109,22 @@ class CoverPlanner:
         self._has_drifted = True
         return self.plan(x, y, seen, num_rounds)
 
-    def next_viewpoints(self, x: float, y: float, distance: float) -> list[int]:
-        """Return where to drive next from (x, y): the stops within a distance [m], or the viewpoint that ends it.
+    def next_viewpoint(self, x: float, y: float, distance: float) -> int:
+        """Return where to drive next from (x, y): to the next stop, or to the viewpoint so far along the path there.
 
         The paths between stops lead through other viewpoints, and may be slightly longer than the shortest ones; a goal
-        that is near enough keeps the robot on them.
+        that is near enough [m] keeps the robot on them.
         """
-        viewpoints: list[int] = []
-        here, points, travelled = np.array([x, y]), self.viewpoints.points, 0.0
-        origin, predecessors = len(points), self._predecessors
-        for stop in self.stops:
-            path = [stop]
-            while predecessors[path[-1]] != origin:
-                path.append(int(predecessors[path[-1]]))
-            for viewpoint in reversed(path):
-                travelled += math.hypot(*(points[viewpoint] - here))
-                here = points[viewpoint]
-                if travelled >= distance:
-                    return [*viewpoints, viewpoint]
-            viewpoints.append(stop)
-            origin, predecessors = stop, self.viewpoints.predecessors[stop]
-        return viewpoints
+        points, path = self.viewpoints.points, [self.stops[0]]
+        while self._predecessors[path[0]] != len(points):
+            path.insert(0, int(self._predecessors[path[0]]))
+        here, travelled = np.array([x, y]), 0.0
+        for viewpoint in path:
+            travelled += math.hypot(*(points[viewpoint] - here))
+            here = points[viewpoint]
+            if travelled >= distance:
+                return viewpoint
+        return path[-1]
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
         """Return which samples of what is wanted need not be seen, shape (s,), bool; draws new ones if few are left."""

@@ -4,8 +4,6 @@ It plans on the true map and drives over the estimated one, completed by the tru
 navigator of the other explorers: what distinguishes it from them is foresight.
 """
 
-import math
-
 import numpy as np
 
 from baselines.frontier.rules import NearestExplorer
@@ -27,9 +25,7 @@ FIRST_ROUNDS = 300
 ROUNDS = 4
 """How long a shorter one is looked for with each decision."""
 LOOKAHEAD = 3.0
-"""How far ahead along the tour paths are planned [m]; they end before if..."""
-SHARP_TURN = 0.8
-"""...they would turn more sharply than this at a stop [rad]."""
+"""How far ahead along the tour paths are planned at most [m]; they end at the next stop."""
 ARRIVED = 0.15
 """A stop this near has been reached [m]."""
 REACH_MARGIN = 0.1
@@ -179,30 +175,15 @@ class OracleExplorer:
     def _drive_on(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
         """Drive on along the tour; False if there is no path."""
         x, y, _ = self._start.compose(pose)
-        viewpoints = planner.next_viewpoints(x, y, LOOKAHEAD)
-        points = list(map(tuple, self._start.inverse().transform(planner.viewpoints.points[viewpoints]).tolist()))
+        goal = planner.next_viewpoint(x, y, LOOKAHEAD)
+        point = self._start.inverse().transform(planner.viewpoints.points[goal])
         for level in range(planning.max_level + 1):
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
-            path = plan_path(costmap, pose[:2], points[0], tolerance=GOAL_TOLERANCE)
-            if path is None:
-                continue
-            goal = viewpoints[0]
-            for viewpoint, point in zip(viewpoints[1:], points[1:]):
-                more = plan_path(costmap, tuple(path[-1].tolist()), point, tolerance=GOAL_TOLERANCE)
-                if more is None or _turn(path, more) > SHARP_TURN:
-                    break
-                path = np.concatenate([path, more[1:]])
-                goal = viewpoint
-            # The clocks that tell when the robot is stuck go on where the goal is the same.
-            is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
-            self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
-            self._goal = goal
-            return True
+            path = plan_path(costmap, pose[:2], tuple(point.tolist()), tolerance=GOAL_TOLERANCE)
+            if path is not None:
+                # The clocks that tell when the robot is stuck go on where the goal is the same.
+                is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
+                self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
+                self._goal = goal
+                return True
         return False
-
-
-def _turn(path: np.ndarray, more: np.ndarray) -> float:
-    """Return by how much a path turns where another one goes on from its end, from 0 to pi [rad]."""
-    before = path[-1] - path[max(len(path) - 8, 0)]
-    after = more[min(7, len(more) - 1)] - more[0]
-    return abs(math.atan2(before[0] * after[1] - before[1] * after[0], before @ after))
