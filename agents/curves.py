@@ -34,12 +34,7 @@ def draw_learning_curve(
     """Draw how much of the task is done at the end of episodes, and the headline measure, over training steps.
 
     A line is the mean over episodes; the band spans the quartiles of the headline. What does not learn is a level line.
-
-    Args:
-        runs: rows of `evaluations.csv` by the run's label.
-        title: of the figure.
-        path: PNG to write.
-        axis: what the column `steps` counts.
+    `runs` are rows of `evaluations.csv` by the run's label, `axis` is what their column `steps` counts.
     """
     from matplotlib.figure import Figure
 

@@ -95,15 +95,10 @@ class Evaluator:
 def run_episodes(
     vector: VectorEnv[Observations, np.ndarray, np.ndarray], act: Act, max_speed: float = math.inf
 ) -> list[Course]:
-    """Run one episode in each environment, environment i seeded with i.
+    """Run one episode in each environment, environment i seeded with i; return their courses.
 
-    Args:
-        vector: environments that reset in the same step; those that end early are stepped on, and ignored.
-        act: gives the actions for a batch of observations: shape (num_envs, num_actions), or (num_envs,) of choices.
-        max_speed: greatest speed of the robot [m/s].
-
-    Returns:
-        The courses of the episodes, by environment.
+    Environments reset in the same step; those that end early are stepped on, and ignored. `max_speed` is the robot's
+    [m/s].
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it

@@ -157,13 +157,10 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
 
 
 def interval(runs: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the mean of learning curves with its 95 % interval, by Student's t, over seeds.
+    """Return the mean of learning curves over seeds with its 95 % interval, by Student's t: shape (n, 4).
 
-    Args:
-        runs: shape (n, 2) each: how far the training was, and the measure; the shortest one decides how many count.
-
-    Returns:
-        Shape (n, 4): how far, mean, and the bounds, which are NaN for a single run.
+    Runs are steps and the measure, shape (n, 2) each, of which the shortest counts. Columns are steps, mean, and the
+    bounds, which are NaN for a single run.
     """
     length = min(len(run) for run in runs)
     values = np.array([run[:length, 1] for run in runs])

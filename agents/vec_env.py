@@ -93,14 +93,10 @@ class GymnasiumVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
-        """Wrap `env`.
-
-        Args:
-            env: made with `autoreset_mode=AutoresetMode.SAME_STEP`.
-            is_flat: whether observations are vectors; see `agents.networks.flatten`.
+        """Wrap `env`; with `is_flat`, observations are vectors (`agents.networks.flatten`).
 
         Raises:
-            ValueError: if `env` has another autoreset mode.
+            ValueError: if `env` was made with another autoreset mode than `AutoresetMode.SAME_STEP`.
         """
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:

@@ -51,14 +51,9 @@ class FrontierNetwork(nn.Module):
     def __init__(
         self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, has_score: bool = False
     ) -> None:
-        """Build the layers.
+        """Build layers of a width, a multiple of the heads of the attention; `prior` is the utility's factor in logits.
 
-        Args:
-            observation_space: of `ExploreFrontiersEnv`.
-            width: of all layers, a multiple of `heads`.
-            heads: of the attention.
-            prior: factor of the utility in the logits.
-            has_score: whether the utility is a score of frontiers, whose weights are to be put into `score`.
+        With `has_score`, the utility is a score of frontiers, whose weights are to be put into `score`.
 
         Raises:
             ValueError: if an observation is missing.

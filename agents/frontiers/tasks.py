@@ -81,12 +81,7 @@ class Task:
 
 
 def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> Task:
-    """Draw a task in which the robot fits, and has something to explore.
-
-    Args:
-        rng: draws it.
-        families: the procedural families to choose from.
-    """
+    """Draw a task in which the robot fits and has something to explore, in the library or in procedural families."""
     while True:
         task = _draw(rng, families)
         try:
@@ -98,10 +93,7 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Draw a world to train in, as `environment.world`: of the library, or of a family in its usual sizes.
-
-    None is held out, and none is of the families' test split.
-    """
+    """Draw a world to train in, as `environment.world`: of the library or a family, and not held out."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))

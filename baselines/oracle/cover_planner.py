@@ -12,7 +12,6 @@ MAX_SAMPLES = 8192
 """Most cells that sample the area to see."""
 STOP_COST = 0.1
 """What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
-
 NEAR = 0.5
 """Cells within this share of the lidar's range count as in sight of a robot that passes a viewpoint closely."""
 MAX_MISSES = 2
@@ -29,27 +28,14 @@ class CoverPlanner:
     """
 
     def __init__(
-        self,
-        area: ExplorableArea,
-        viewpoints: Viewpoints,
-        reach: float,
-        target_coverage: float,
-        rng: np.random.Generator,
+        self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Begin without a tour.
-
-        Args:
-            area: what there is to see.
-            viewpoints: candidates for stops.
-            reach: range of the lidar [m].
-            target_coverage: share of the area to see.
-            rng: source of chance.
-        """
+        """Begin without a tour; a lidar of a range [m] is to see a share of an area from some of the viewpoints."""
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
         num_explorable = np.count_nonzero(area.explorable)
-        self._num_allowed = num_explorable - math.ceil(target_coverage * num_explorable)
+        self._num_allowed = num_explorable - math.ceil(target * num_explorable)
         self._misses = np.zeros(area.explorable.shape, dtype=np.int32)
         self._used = np.zeros(len(viewpoints.cells), dtype=bool)
         self._has_drifted = False

@@ -143,7 +143,7 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
     lengths = _path_lengths(block_costs, blocks, blocks, size)
     lengths = np.minimum(lengths, lengths.T)
-    near = np.ascontiguousarray(np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32))
+    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
     predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
     return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)
 
