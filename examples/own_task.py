@@ -15,7 +15,7 @@ from envs.observations import Goal
 from envs.robot import Robot
 from envs.simulation import Simulator
 from envs.tasks.goals import GeodesicDistance, draw_goal
-from envs.tasks.measures import GOAL
+from envs.measures import GOAL
 from envs.tasks.starts import UnknownWorldTask
 
 

@@ -2,9 +2,9 @@
 
 import pickle
 
-import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 
 import envs  # noqa: F401  (registers the environments)
 from envs.core import LidarEnv
@@ -51,7 +51,7 @@ def test_readings_hold_what_sensors_measure_and_the_same_seed_repeats_it():
 
 def test_an_episode_is_the_same_with_and_without_sensors():
     with_sensor, without = LidarEnv(Explore, sensors=[Beacon()], **QUICK), LidarEnv(Explore, **QUICK)
-    assert gymnasium.utils.env_checker.data_equivalence(with_sensor.reset(seed=4)[0], without.reset(seed=4)[0])
+    assert data_equivalence(with_sensor.reset(seed=4)[0], without.reset(seed=4)[0])
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])

@@ -32,11 +32,7 @@ class Lock:
         self._descriptor = -1
 
     def __enter__(self) -> "Lock":
-        """Take the lock.
-
-        Raises:
-            LockedError: another process holds it.
-        """
+        """Take the lock; LockedError if another process holds it."""
         if fcntl is None:
             return self
         descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)

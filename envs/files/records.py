@@ -25,6 +25,7 @@ MAX_DIGITS = 100
 """Most characters of a number: the time to read long ones grows with their square."""
 MAX_MISTAKES = 10
 """Most mistakes that an error lists."""
+_adapter = cache(TypeAdapter)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -157,11 +158,6 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
     if len(faults) > MAX_MISTAKES:
         lines.append(f"and {len(faults) - MAX_MISTAKES} more mistakes")
     return lines
-
-
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
 
 
 def _checked_mapping(content: Any, source: str) -> dict[str, Any]:

@@ -15,15 +15,8 @@ def write_file(path: Path, content: bytes | str) -> None:
     Raises:
         OSError: if it cannot be written; the old file is still there, and nothing is left beside it.
     """
-    temporary = temporary_beside(path)
-    try:
-        with naming(path):
-            _write_through(temporary, content)
-            os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    _sync_folder(path.parent)
+    with _in_place_of(path) as temporary:
+        _write_through(temporary, content)
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
@@ -32,19 +25,34 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
     Raises:
         OSError: if it cannot be written or exists already; nothing is left beside it.
     """
+    with _in_place_of(path) as temporary:
+        temporary.mkdir(parents=True)
+        for name, content in files.items():
+            _write_through(temporary / name, content)
+        _sync_folder(temporary)
+
+
+@contextlib.contextmanager
+def _in_place_of(path: Path) -> Iterator[Path]:
+    """Take what a block writes beside `path` to there, if the block succeeds."""
     temporary = temporary_beside(path)
-    shutil.rmtree(temporary, ignore_errors=True)
+    _remove(temporary)
     try:
         with naming(path):
-            temporary.mkdir(parents=True)
-            for name, content in files.items():
-                _write_through(temporary / name, content)
-            _sync_folder(temporary)
-            os.rename(temporary, path)
+            yield temporary
+            os.replace(temporary, path)
     except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove(temporary)
         raise
     _sync_folder(path.parent)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def temporary_beside(path: Path) -> Path:
@@ -56,12 +64,8 @@ def sweep(folder: Path) -> None:
     """Remove what `temporary_beside` named in a folder and processes of this machine that were killed left behind."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
-        if match is None or _is_alive(int(match[1])):
-            continue
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+        if match is not None and not _is_alive(int(match[1])):
+            _remove(path)
 
 
 @contextlib.contextmanager

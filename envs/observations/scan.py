@@ -15,21 +15,21 @@ TIME_RANGE = 600.0
 """Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
 
 
-@njit(cache=True, error_model="numpy")
-def scale_scan(ranges, range_max, scan):
-    """Write to `scan` the ranges over the greatest: 1 without a return, 0 for lost beams; both shape (n,), float32."""
-    scale = np.float32(1.0 / range_max)
-    for k in range(ranges.shape[0]):
-        r = ranges[k]
-        scan[k] = np.float32(0.0) if math.isnan(r) else min(r * scale, np.float32(1.0))
+ONE = np.ones(1, dtype=np.bool_)
 
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write the scans of active rows as `scale_scan` does; both shape (n, num_beams), float32."""
+    """Write to `scans` the ranges of active rows over the greatest: 1 without a return, 0 for lost beams.
+
+    Both have shape (n, num_beams), float32.
+    """
+    scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:
-            scale_scan(ranges[k], range_max, scans[k])
+            for i in range(ranges.shape[1]):
+                r = ranges[k, i]
+                scans[k, i] = np.float32(0.0) if math.isnan(r) else min(r * scale, np.float32(1.0))
 
 
 class Scan:
@@ -41,7 +41,7 @@ class Scan:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the last scan to `out`."""
-        scale_scan(robot.reading.ranges, robot.params.lidar.range_max, out)
+        scale_scans(robot.ranges[None], robot.params.lidar.range_max, ONE, out[None])
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         """Write the last scans of many robots; see `ObservationPart`."""
@@ -49,23 +49,15 @@ class Scan:
 
 
 @njit(cache=True, error_model="numpy")
-def scale_motion(twist, limits, action, bumper, time, out):
-    """Write what `Motion` shows to `out`, shape (6,), float32; twist and limits in m/s and rad/s, time in s."""
-    out[0] = min(max(twist[0] / limits[0], -1.0), 1.0)
-    out[1] = min(max(twist[1] / limits[1], -1.0), 1.0)
-    out[2], out[3] = action
-    out[4] = bumper
-    out[5] = min(time / TIME_RANGE, 1.0)
-
-
-@njit(cache=True, error_model="numpy")
 def scale_motions(rows, limits, active, out):
-    """Write the motions of active rows as `scale_motion` does; `out`: shape (n, 6), float32."""
+    """Write what `Motion` shows of active rows to `out`, shape (n, 6), float32; limits in m/s and rad/s."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
-            twist, action = (row[at.TWIST_V], row[at.TWIST_W]), (row[at.ACTION_V], row[at.ACTION_W])
-            scale_motion(twist, limits, action, row[at.TOUCHED] > 0.0, row[at.TIME], out[k])
+            out[k, 0] = min(max(row[at.TWIST_V] / limits[0], -1.0), 1.0)
+            out[k, 1] = min(max(row[at.TWIST_W] / limits[1], -1.0), 1.0)
+            out[k, 2], out[k, 3], out[k, 4] = row[at.ACTION_V], row[at.ACTION_W], row[at.TOUCHED] > 0.0
+            out[k, 5] = min(row[at.TIME] / TIME_RANGE, 1.0)
 
 
 class Motion:
@@ -81,8 +73,7 @@ class Motion:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the robot's own motion to `out`."""
-        limits, reading = (robot.params.max_v, robot.params.max_w), robot.reading
-        scale_motion(tuple(robot.twist), limits, robot.action, reading.bumper, reading.time, out)
+        scale_motions(robot.row[None], (robot.params.max_v, robot.params.max_w), ONE, out[None])
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         """Write the motions of many robots; see `ObservationPart`."""

@@ -11,6 +11,7 @@ import numpy as np
 from envs.arguments import is_number
 from envs.estimation import NO_UPDATE
 from envs.geometry import Pose2D
+from envs.measures import EXPLORATION, RETURN
 from envs.observations import Home, Peers
 from envs.robot import Robot
 from envs.robots import RobotParams
@@ -18,7 +19,6 @@ from envs.simulation import Simulator
 from envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
-from .measures import EXPLORATION, RETURN
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3

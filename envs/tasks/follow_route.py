@@ -14,6 +14,7 @@ from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.localization import Amcl, AmclParams
 from envs.localization.fusion import FusedPose, start_covariance
+from envs.measures import ROUTE
 from envs.observations import RouteAhead
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
@@ -21,7 +22,6 @@ from envs.simulation import Simulator
 from envs.task import ObservationPart, Task
 from envs.worlds import World, load_world
 
-from .measures import ROUTE
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
 
@@ -134,17 +134,6 @@ class FollowRoute(Task):
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
         """The route in the map frame."""
-        self._make_map = partial(
-            make_route_map,
-            self._world,
-            robot,
-            physics,
-            self.slam,
-            self.route_world.points.tobytes(),
-            self.map_resolution,
-            control_period,
-            self.map_seed,
-        )
 
     def default_observations(self) -> Sequence[str]:
         """Return scan, route and motion; see `Task`."""
@@ -157,7 +146,7 @@ class FollowRoute(Task):
 
     @property
     def route_ahead(self) -> np.ndarray:
-        """Points of the route that are still to drive, shape (n, 2), float64, map frame [m]."""
+        """Points of the route that are still to drive, shape (n, 2), float64, map frame [m]; for pictures."""
         return self.route.points[self.route_progress.index :]
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
@@ -165,21 +154,13 @@ class FollowRoute(Task):
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route.
-
-        Raises:
-            ValueError: another one is asked for.
-        """
+        """Return the world of the route; ValueError if another one is asked for."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robot starts, near the beginning of the route.
-
-        Raises:
-            ValueError: another start is asked for.
-        """
+        """Return where the robot starts, near the beginning of the route; ValueError if elsewhere is asked for."""
         if start is not None:
             raise ValueError("a route has its own start; make another environment")
         spread, turn = self.start_spread
@@ -189,7 +170,9 @@ class FollowRoute(Task):
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return the map, which the first episode makes, and its origin as the start; see `Task`."""
-        route_map = self._make_map()
+        drive = self.physics, self.slam, self.route_world.points.tobytes()
+        made_with = self.map_resolution, self.control_period, self.map_seed
+        route_map = make_route_map(self._world, self.robot, *drive, *made_with)
         self._fused.north = route_map.north
         return Prior(ORIGIN, route_map.grid, start_covariance(*self.start_spread)[:3, :3])
 

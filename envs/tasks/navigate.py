@@ -14,6 +14,7 @@ from envs.estimation import Estimator
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
+from envs.measures import GOAL
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
@@ -22,7 +23,6 @@ from envs.task import ObservationPart
 from envs.worlds import load_map
 
 from .goals import GeodesicDistance, draw_goal, known_map, make_localizer
-from .measures import GOAL
 from .starts import WorldTask
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)

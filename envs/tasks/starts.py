@@ -98,11 +98,7 @@ class UnknownWorldTask(WorldTask):
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Return a SLAM; see `Task`.
-
-        Raises:
-            ValueError: there is none of this name, or it cannot share a map with a team.
-        """
+        """Return a SLAM; ValueError if there is none of this name, or it cannot share a map with a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):

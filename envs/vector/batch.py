@@ -67,13 +67,13 @@ class Batch:
         )
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
-        """Step active environments, of which there is one, by their rows of the actions.
+        """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
 
         Args:
             active: shape (num_envs,), bool.
             is_last: shape (num_envs,), bool: whose episodes end here whatever happens.
-            records: what `info` holds at every step, written.
-            extras: what else it holds, written.
+            records: what `info` holds at every step.
+            extras: what else it holds.
 
         Returns:
             Which episodes of active environments are over, shape (num_envs,), bool.

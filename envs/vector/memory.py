@@ -52,14 +52,7 @@ class Memory:
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
         """Take memory for observations and actions of these spaces, and for what a step returns.
 
-        Args:
-            num_envs: number of sub-environments.
-            observations: space of one observation.
-            actions: space of one action.
-            context: `multiprocessing` context of the processes that share it; None for this process alone.
-
-        Raises:
-            ValueError: an observation is not made of arrays.
+        It is shared by processes of a `multiprocessing` context. ValueError if an observation is not made of arrays.
         """
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]

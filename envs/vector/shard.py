@@ -44,8 +44,8 @@ class Shard:
             make_env: makes one; see `envs.core.LidarEnv` for what a shard calls. It may have Gymnasium's wrappers.
             memory: of all sub-environments' arrays.
             share: rows of the shard's sub-environments.
-            autoreset_mode: when a sub-environment whose episode has ended starts the next one.
-            max_episode_steps: truncates episodes after so many steps.
+            autoreset_mode: see `LidarVectorEnv`.
+            max_episode_steps: see `LidarVectorEnv`.
         """
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
@@ -66,12 +66,7 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes.
-
-        Args:
-            seeds: one for each sub-environment.
-            mask: which of them to reset.
-            options: of their `reset`.
+        """Start episodes of the sub-environments in `mask`, of which each has a seed.
 
         Returns:
             What `info` holds at every step, a record for each sub-environment, and extras.

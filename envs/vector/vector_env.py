@@ -185,11 +185,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment: to each its own of a list or tuple, or all to the same value.
-
-        Raises:
-            ValueError: if there are not as many values as sub-environments.
-        """
+        """Set an attribute of every sub-environment: to each its own of a list or tuple, or all to the same value."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
@@ -245,11 +241,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
-        """Send the workers their requests, do this process's share, wait for the workers' and return all results.
-
-        Raises:
-            Exception: the first one, once nobody is at work any more.
-        """
+        """Send the workers their requests, do the own share, and return all results, or raise the first error."""
         self._is_under_way = True  # and stays so where Ctrl-C, or what else is no `Exception`, ends this method
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)

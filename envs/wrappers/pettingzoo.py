@@ -26,14 +26,7 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
 
     def __init__(self, **arguments: Any) -> None:
-        """Make the team.
-
-        Args:
-            **arguments: of `ExploreTeam-v0`.
-
-        Raises:
-            ValueError: if an argument is not among the allowed values; the message names it and them.
-        """
+        """Make the team with arguments of `ExploreTeam-v0`, which raises what is wrong with them."""
         self.env = LidarEnv(ExploreTeam, **arguments)
         """The environment of the team."""
         self.render_mode = self.env.render_mode
@@ -65,14 +58,7 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
     def step(
         self, actions: dict[str, np.ndarray]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drive for one control period.
-
-        Args:
-            actions: of each agent, shape (2,), float32.
-
-        Raises:
-            ValueError: if an action has the wrong shape, is not finite, or lies outside [-1, 1] and is not clipped.
-        """
+        """Drive for one control period; actions of the agents have shape (2,). Raises as `LidarEnv.step`."""
         agents = self.agents
         rows = np.stack([actions[agent] for agent in agents])
         observation, reward, terminated, truncated, info = self.env.step(rows)

@@ -60,11 +60,7 @@ class BagRecorder:
         inner.on_period = self._record
 
     def close(self) -> None:
-        """Write the last map and finish the bag; where nothing was recorded there is none. Does nothing twice.
-
-        Raises:
-            OSError: if it cannot be written.
-        """
+        """Write the last map and finish the bag; where nothing was recorded there is none. Does nothing twice."""
         if not (self._is_open and self._is_started):
             self.discard()
             return
@@ -133,15 +129,7 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: an environment of this package with one robot.
-            path: folder for the bags; those of the same names are replaced.
-
-        Raises:
-            OSError: the folder cannot be made.
-        """
+        """Wrap an environment of this package with one robot; `path` is a folder, whose bags of such names go."""
         gymnasium.utils.RecordConstructorArgs.__init__(self, path=path)
         super().__init__(env)
         self._folder = Path(path)
@@ -152,13 +140,12 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Finish the bag of the last episode, and start an episode with a bag of its own."""
         self._finish()
-        recorder = BagRecorder(self.env, self._folder / f"episode_{self._count}.mcap")
+        self._recorder = BagRecorder(self.env, self._folder / f"episode_{self._count}.mcap")
         try:
             result = self.env.reset(seed=seed, options=options)
         except BaseException:
-            recorder.discard()
+            self._recorder.discard()
             raise
-        self._recorder = recorder
         self._count += 1
         return result
 
@@ -177,6 +164,5 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
             super().close()
 
     def _finish(self) -> None:
-        recorder, self._recorder = self._recorder, None
-        if recorder is not None:
-            recorder.close()
+        if self._recorder is not None:
+            self._recorder.close()
