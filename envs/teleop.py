@@ -1,7 +1,8 @@
 """Drive a robot by keyboard and see its map grow: `python -m envs.teleop --world turtlebot3_house`."""
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pygame
@@ -131,8 +132,8 @@ def main(
         seed: of world and noise.
         map: where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm.
     """
-    arguments = {"world": world, "robot": robot, "physics": physics, "slam": slam, "control_hz": control_hz}
-    env = LidarEnv(Explore, **arguments, time_limit=float("inf"), start="spawn", render_mode="rgb_array")
+    place: dict[str, Any] = {"world": world, "slam": slam, "start": "spawn", "time_limit": math.inf}
+    env = LidarEnv(Explore, robot=robot, physics=physics, control_hz=control_hz, render_mode="rgb_array", **place)
     map_paths(map)
     if not map.resolve().parent.is_dir():
         raise FileNotFoundError(f"there is no folder {map.resolve().parent} to save maps in")

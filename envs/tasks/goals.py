@@ -89,7 +89,8 @@ def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> 
 
     In a world too small for that, the farthest of a hundred.
     """
-    drawn, away = [], [0.0]
+    drawn: list[Pose2D] = []
+    away = [0.0]
     while away[-1] < MIN_DISTANCE and len(drawn) < 100:
         drawn.append(area.draw_pose(rng))
         away.append(math.dist(drawn[-1][:2], start[:2]))

@@ -68,11 +68,11 @@ class WorldTask(Task):
         """
         self.area = area = explorable_area(world, self.robot, self.map_resolution)
         """The true part of the world that can be reached."""
-        robot, chosen = self.robot, self._start if start is None else read_start(start, self.num_robots)
-        if chosen == "random":
+        robot, wanted = self.robot, self._start if start is None else read_start(start, self.num_robots)
+        if wanted == "random":
             chosen = [area.draw_pose(rng)]
         else:
-            chosen = world.spawns[:1] if isinstance(chosen, str) else chosen
+            chosen = [world.spawns[0]] if isinstance(wanted, str) else wanted
             for pose in chosen:
                 if not area.is_traversable(pose):
                     raise ValueError(
@@ -81,8 +81,8 @@ class WorldTask(Task):
                     )
         if len(chosen) < self.num_robots:
             chosen = draw_starts(area, world, robot, chosen[0], self.num_robots, rng)
-        self.starts = list(chosen)
-        return self.starts
+        self.starts = chosen
+        return chosen
 
 
 @dataclass(kw_only=True, eq=False)
