@@ -248,18 +248,6 @@ def test_a_covariance_turns_the_cloud():
     np.testing.assert_allclose(np.sqrt(np.cov(amcl.particles.T).diagonal()), [0.5, 0.5, math.radians(15)], rtol=0.03)
 
 
-def test_a_changed_map_is_noticed():
-    amcl = Amcl(LIDAR, PARAMS)
-    amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), MAP)
-    changed = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
-    changed.data[10:40, 20:50] = 100
-    with pytest.raises(ValueError, match="occupied"):
-        amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), changed)
-    amcl.reset(np.random.default_rng(0), None, changed)
-    cells = changed.cells(amcl.particles[:, :2])
-    assert (changed.data[tuple(cells.T)] == 0).mean() > 0.999
-
-
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [

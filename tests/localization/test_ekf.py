@@ -131,13 +131,16 @@ def test_late_measurements_change_nothing():
     assert sum(sum(counts.values()) for counts in shuffled.counts.values()) == len(measurements)
 
 
-def test_too_late_ones_are_refused_and_counted():
+def test_too_late_and_missing_ones_are_refused_and_counted():
     ekf = started(horizon=0.5)
+    assert ekf.add(measure(0.1, "compass", math.nan, 0.0)) == "unusable"
+    assert ekf.time == 0.0
     ekf.add(measure(2.0, "encoder", 0.0, 0.0))
     before = ekf.estimate()
     assert ekf.add(measure(1.4, "map", 5.0, 5.0, 1.0)) == "too_old"
     assert ekf.add(measure(1.6, "compass", 0.0, 0.0)) == "accepted"
-    assert ekf.counts == {"map": {"too_old": 1}, "encoder": {"accepted": 1}, "compass": {"accepted": 1}}
+    expected = {"map": {"too_old": 1}, "encoder": {"accepted": 1}, "compass": {"accepted": 1, "unusable": 1}}
+    assert ekf.counts == expected
     assert before.pose == pytest.approx(ekf.estimate().pose, abs=1e-3)
 
 
@@ -160,13 +163,6 @@ def test_silence_is_survived_and_costs_certainty():
     assert after.covariance[0, 0] > 100 * before.covariance[0, 0]
     assert ekf.add(measure(31.0, "map", 13.0, 2.0, 0.3)) == "accepted"
     assert ekf.estimate().pose == pytest.approx((13.0, 2.0, 0.3), abs=0.05)
-
-
-def test_values_that_are_missing_are_counted():
-    ekf = started()
-    assert ekf.add(measure(0.1, "compass", math.nan, 0.0)) == "unusable"
-    assert ekf.counts["compass"] == {"unusable": 1}
-    assert ekf.time == 0.0
 
 
 def test_an_outlier_is_stopped():

@@ -14,7 +14,6 @@ from envs.worlds import (
     free_area,
     load_map,
     load_world,
-    map_files,
     rasterize,
     save_map,
     world_from_map,
@@ -94,25 +93,16 @@ def test_colours_are_averaged_and_transparent_pixels_unknown_in_scale(tmp_path):
         ({"mode": "binary"}, "mode.*trinary"),
         ({"free_thresh": 0.7}, "free_thresh"),
         ({"image": "m.yaml"}, "cannot be read"),
+        # Extents beyond all bounds are refused before anything is allocated.
+        ({"resolution": 1e5}, r"world 'm' spans 200000 x 100000 m, .*cells of 0\.05 m; at most 100,000,000"),
+        ({"resolution": 1e300}, r"resolution: .*1e\+300"),
+        ({"resolution": 1e-320}, "world 'm': spawn"),
+        ({"origin": [1e308, 0, 0]}, r"origin\.0: .*1e\+308"),
     ],
 )
 def test_damaged_maps_are_named(tmp_path, changes, message):
     with pytest.raises(ValueError, match=rf"m\.yaml.*{message}"):
-        load_map(write_map(tmp_path, [[0, 254]], **changes))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"resolution": 1e5}, r"m\.yaml: world 'm' spans 400000 x 100000 m, .*cells of 0\.05 m; at most 100,000,000"),
-        ({"resolution": 1e300}, r"m\.yaml: resolution: .*1e\+300"),
-        ({"resolution": 1e-320}, r"m\.yaml: world 'm': spawn"),
-        ({"origin": [1e308, 0, 0]}, r"m\.yaml: origin\.0: .*1e\+308"),
-    ],
-)
-def test_extents_beyond_all_bounds_are_refused_before_anything_is_allocated(tmp_path, changes, message):
-    with pytest.raises(ValueError, match=message):
-        load_world(write_map(tmp_path, [[254] * 4], **changes))
+        load_world(write_map(tmp_path, [[254, 254]], **changes))
 
 
 def png(width, height):
@@ -165,18 +155,13 @@ def test_a_full_disk_leaves_the_old_map_alone(tmp_path, monkeypatch):
 
 
 def test_a_world_saved_as_a_map_comes_back_as_a_world(tmp_path):
-    world = load_world("turtlebot3_world")
-    path = save_map(rasterize(world, 0.05), tmp_path / "copy.png")
-    # The largest free area of this map is what surrounds the hexagon; name the inside.
-    copy = world_from_map(load_map(path), "copy", spawn=world.spawns[0])
-    assert free_area(copy) == pytest.approx(free_area(world), rel=0.07)
     house = load_world("turtlebot3_house")
-    path = save_map(rasterize(house, 0.05), tmp_path / "house")
+    path = save_map(rasterize(house, 0.05), tmp_path / "house.png")
     again = world_sampler(str(path))(np.random.default_rng(0))
-    assert again.name == "house"
-    assert again.source == str(path)
+    assert (again.name, again.source) == ("house", str(path))
     assert again is load_world(path)
     assert free_area(again) == pytest.approx(free_area(house), rel=0.06)
+    assert world_from_map(load_map(path), "copy", house.spawns[0]).spawns == house.spawns[:1]
 
 
 def test_unknown_is_solid_and_the_spawn_lies_deepest():
@@ -194,12 +179,3 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
         world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half", spawn=Pose2D(2.5, 1.0, 0.0))
     with pytest.raises(ValueError, match="no free cell"):
         world_from_map(OccupancyGrid(np.full((3, 3), -1, dtype=np.int8), 0.1, (0.0, 0.0)), "void")
-
-
-def test_a_long_conversion_shows_its_progress(monkeypatch, capsys):
-    grid = grid_of(np.zeros((20, 30)))
-    world_from_map(grid, "hall")
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(map_files, "_DELAY", 0.0)
-    world_from_map(grid, "hall")
-    assert "world of map hall" in capsys.readouterr().err
