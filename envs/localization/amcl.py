@@ -221,7 +221,8 @@ class Amcl:
             share = 1.0 - self._fast / self._slow
             anywhere = self._draw_anywhere(math.ceil(params.max_particles * share) + 1)
             self._slow = self._fast = 0.0
-        particles, bins, limits = self._particles, self._bins[: len(self._weights)], params.kld_limits
+        particles, bins = self._particles, self._bins[: len(self._weights)]
+        limits = params.min_particles, params.kld_err, params.kld_z
         start = rng.random()
         count = resample(particles, self._weights, bins, start, limits, anywhere, share, self._seen, self._spare)
         self._particles = np.ascontiguousarray(self._spare[:, :count])

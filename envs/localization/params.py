@@ -111,11 +111,6 @@ class AmclParams:
             raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
 
     @property
-    def kld_limits(self) -> tuple[int, float, float]:
-        """Least number of particles, `kld_err` and `kld_z`."""
-        return self.min_particles, self.kld_err, self.kld_z
-
-    @property
     def most_particles(self) -> int:
         """Greatest number of particles at any time, with those of global localization."""
         return max(self.max_particles, self.global_particles or 0)

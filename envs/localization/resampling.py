@@ -53,7 +53,7 @@ def resample(particles, weights, bins, start, kld, injected, share, seen, drawn)
         weights: shape (n,), float64, with the sum 1.
         bins: shape (n,), int32, the particles' bins.
         start: position of the first draw in the cumulated weights, 0 to 1.
-        kld: `AmclParams.kld_limits`.
+        kld: `min_particles`, `kld_err` and `kld_z` of `AmclParams`.
         injected: shape (3, f), float32, random particles to mix in, each of which counts as a bin; f >= `share` * m +
             1.
         share: of these among the drawn particles, 0 to 1.

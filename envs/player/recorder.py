@@ -68,16 +68,13 @@ class EpisodeRecorder:
             self._begin()
         else:
             self._note_decision()
-        if commands is None or self._env.time - self._samples[-1][0] >= self._period - 1e-6:
+        if commands is None or self._env.time - self._samples[-1]["time"] >= self._period - 1e-6:
             self._sample()
         self._previous = self._env.time
 
     def _begin(self) -> None:
-        self._samples: list[tuple[float, ...]] = []
-        self._scans: list[np.ndarray] = []
+        self._samples: list[dict[str, Any]] = []
         self._plans: list[np.ndarray] = []
-        self._movers: list[list[float]] = []
-        self._goals: list[tuple[float, float]] = []
         self._map = MapHistory(self._env.belief.grid)
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         # Those of an episode before are not told from new ones otherwise.
@@ -106,16 +103,23 @@ class EpisodeRecorder:
     def _sample(self) -> None:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
-        counts = float(env.task.metrics()[env.task.progress]), truth.path_length, robot.collisions
-        self._samples.append((env.time, *truth.state.pose, *pose, *counts))
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
-        steps = np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)
-        self._scans.append(np.rint(steps).astype(np.uint8))
-        self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
         positions = [mover.position(env.time) for mover in env.world.movers]
         positions += [peer.state.pose[:2] for peer in env.truths[1:]]
-        self._movers.append([x for position in positions for x in position])
-        self._goals.append(tuple(getattr(env.task, "goal", NOWHERE)[:2]))
+        self._samples.append(
+            {
+                "time": env.time,
+                "true_poses": truth.state.pose,
+                "poses": pose,
+                "goals": tuple(getattr(env.task, "goal", NOWHERE)[:2]),
+                "progress": float(env.task.metrics()[env.task.progress]),
+                "path_length": truth.path_length,
+                "contacts": robot.collisions,
+                "scans": np.rint(np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)),
+                "movers": [x for position in positions for x in position],
+            }
+        )
+        self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
@@ -125,7 +129,7 @@ class EpisodeRecorder:
             about: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
         """
         env = self._env
-        if env.time > self._samples[-1][0]:
+        if env.time > self._samples[-1]["time"]:
             self._sample()
         lidar, area = env.robot.lidar, getattr(env.task, "area", None)
         floor = np.zeros((1, 1)) if area is None else area.explorable
@@ -149,18 +153,10 @@ class EpisodeRecorder:
             "floor": {"resolution": frame[0], "origin": list(frame[1])},
             "figures": {},
         }
-        samples = np.array(self._samples)
         times, chosen, rows = zip(*self._decisions) if self._decisions else ((), (), ())
         return Recording.of(
             facts | dict(about or {}),
-            time=samples[:, 0],
-            true_poses=samples[:, 1:4],
-            poses=samples[:, 4:7],
-            goals=self._goals,
-            progress=samples[:, 7],
-            path_length=samples[:, 8],
-            contacts=samples[:, 9],
-            scans=self._scans,
+            **{name: [sample[name] for sample in self._samples] for name in self._samples[0]},
             map_cells=cells,
             map_changes=changes,
             map_ends=map_ends,
@@ -174,7 +170,6 @@ class EpisodeRecorder:
             circles=env.world.circles,
             route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
             mover_radii=radii,
-            movers=self._movers,
             floor=floor,
         )
 
