@@ -26,6 +26,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.localization.ekf import Ekf, Estimate, Measurement
 from envs.localization.fusion import FUSIONS, make_filter, start_covariance
 from envs.logs import rms
+from envs.navigation import crop_to_known
 
 PAPER = {
     "position_rmse_mm": 20.3,
@@ -267,7 +268,7 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
     """Draw figures 5 and 6, the map made beforehand, the true and the estimated paths; and 7, the heading over time."""
     env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
-    grid = env.belief.grid.known_part()
+    grid = crop_to_known(env.belief.grid)
     env.close()
     position, heading = (Figure(figsize=(10, height), layout="constrained") for height in (7.4, 3.6))
     path, turns = position.subplots(), heading.subplots()

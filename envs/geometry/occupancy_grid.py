@@ -40,17 +40,6 @@ class OccupancyGrid:
         x, y = self.origin
         return x, y, x + width * self.resolution, y + height * self.resolution
 
-    def known_part(self) -> "OccupancyGrid":
-        """Return a copy of the smallest part that holds all known cells; of the whole grid if there are none."""
-        known = self.data != UNKNOWN
-        rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-        if not len(rows):
-            return OccupancyGrid(self.data.copy(), self.resolution, self.origin)
-        x, y = self.origin
-        origin = x + float(cols[0]) * self.resolution, y + float(rows[0]) * self.resolution
-        data = self.data[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1].copy()
-        return OccupancyGrid(data, self.resolution, origin)
-
     def cells(self, points: np.ndarray) -> np.ndarray:
         """Return the cells that contain points, shape (..., 2), (x, y) [m]: shape (..., 2), int64, (row, column).
 

@@ -12,6 +12,7 @@ from envs.estimation import ORIGIN
 from envs.estimation.motion import make_motion_source
 from envs.logs import messages
 from envs.logs.bag_writer import BagWriter
+from envs.navigation import crop_to_known
 from envs.sensor import Sensor
 from envs.simulation import Twist
 
@@ -114,7 +115,7 @@ class BagRecorder:
 
     def _write_map(self) -> None:
         self._map_time = self._time
-        known = self._robot.belief.grid.known_part()
+        known = crop_to_known(self._robot.belief.grid, margin=0)
         self._writer.write("/map", self._time, messages.occupancy_grid(self._time, known))
 
 

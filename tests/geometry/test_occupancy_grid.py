@@ -24,17 +24,6 @@ def test_points_outside_get_cells_outside(grid):
     np.testing.assert_array_equal(grid.contains(cells), [False, False, False, False, True])
 
 
-def test_the_known_part_lies_where_it_did():
-    data = np.full((6, 8), -1, dtype=np.int8)
-    data[2, 3], data[4, 5] = 0, 100
-    part = OccupancyGrid(data, 0.5, (-1.0, 2.0)).known_part()
-    np.testing.assert_array_equal(part.data, data[2:5, 3:6])
-    assert part.origin == (0.5, 3.0)
-    assert not np.shares_memory(part.data, data)
-    unknown = OccupancyGrid(np.full((2, 3), -1, dtype=np.int8), 0.5, (0.0, 0.0))
-    assert unknown.known_part().data.shape == (2, 3)
-
-
 @pytest.mark.parametrize(
     ("data", "resolution", "culprit"),
     [

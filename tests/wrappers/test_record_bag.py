@@ -14,6 +14,7 @@ from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.logs import load_log
 from envs.logs.replay import Options, main
+from envs.navigation import crop_to_known
 from envs.wrappers import BagRecorder, RecordBag
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.5}
@@ -121,7 +122,7 @@ def test_frames_maps_plans_and_commands(tmp_path):
     assert laser.transform.translation.z == robot.lidar.mount.z
     assert messages["/scan"][0][1].header.frame_id == "laser"
 
-    grid, known = messages["/map"][-1][1], belief.grid.known_part()
+    grid, known = messages["/map"][-1][1], crop_to_known(belief.grid, margin=0)
     assert grid.header.frame_id == "map"
     np.testing.assert_array_equal(grid.data.reshape(grid.info.height, grid.info.width), known.data)
     assert (grid.info.origin.position.x, grid.info.origin.position.y) == known.origin
