@@ -77,6 +77,12 @@ def test_modes_thresholds_and_negate(tmp_path, changes, expected):
     assert load_map(path).data.tolist() == [expected]
 
 
+def test_sixteen_bits_are_read_as_eight(tmp_path):
+    path = write_map(tmp_path, [[0]])
+    Image.fromarray(257 * np.array([[0, 128, 254]], dtype=np.uint16)).save(tmp_path / "m.png")
+    assert load_map(path).data.tolist() == [[100, -1, 0]]
+
+
 def test_colours_are_averaged_and_transparent_pixels_unknown_in_scale(tmp_path):
     pixels = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
     assert load_map(write_map(tmp_path, pixels, mode="scale")).data.tolist() == [[0, -1, 100]]
