@@ -33,6 +33,7 @@ from envs.estimation import Estimator
 from envs.logs import compose_poses, load_log, load_relations, pose_errors, rms
 from envs.logs.relations import load_mask
 from envs.logs.runs import measure, replay
+from envs.navigation import crop_to_known
 from envs.progress import Progress
 from envs.robots import load_robot
 from envs.slam import SLAM_NAMES, SLAMS, make_slam
@@ -104,7 +105,7 @@ def compare_slams(
         if picture is not None and name == drives[-1]:
             length = np.hypot(*np.diff(recorded[-1].truth[:, :2], axis=0).T).sum()
             note = f"{world}: {robot.name}, {robot.lidar.range_max:g} m lidar, {length:.0f} m in {minutes:g} minutes"
-            draw_maps(picture, panels, np.reshape(walls.known_part().bounds, (2, 2)), note)
+            draw_maps(picture, panels, np.reshape(crop_to_known(walls, margin=0).bounds, (2, 2)), note)
     return rows
 
 
