@@ -80,11 +80,11 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
     with Lock(run):
         if list_checkpoints(run) or (run / GENERATIONS).exists():
             raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
-        begin(run, config)
+        prepare_folder(run, config)
         yield run
 
 
-def begin(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
+def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
     """Take a locked folder for a run: remove what a killed process left, write the configuration and the versions."""
     for folder in (run, run / "checkpoints"):
         sweep(folder)

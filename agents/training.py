@@ -14,7 +14,7 @@ from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
 from agents.evaluation import Evaluator
 from agents.replay import ReplayFiles
-from agents.run_folder import CheckpointError, begin, discard_after, find_checkpoint, new_run
+from agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
 from agents.state import check_spaces, restore
 from agents.vec_env import GymnasiumVecEnv, make_vector
 from envs.files import Lock
@@ -65,7 +65,7 @@ def train(
                     raise CheckpointError(f"{source} holds another {name}: it needs {name}: {needed}, and not {asked}")
             restore(model, checkpoint, source)
             run = discard_after(source)
-            begin(run, config)
+            prepare_folder(run, config)
         replay = None
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)

@@ -23,7 +23,7 @@ from agents.config import EvolutionConfig
 from agents.curves import LEARNED, Row, read_evaluations
 from agents.learned import POLICY
 from agents.pools import make_pool, stop
-from agents.run_folder import GENERATIONS, CheckpointError, begin, new_run, write_evaluations
+from agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
 from envs.files import Lock, write_file
 from envs.progress import Progress
 
@@ -66,7 +66,7 @@ def evolve(
         else:
             run = resume
             held.enter_context(Lock(run))
-            begin(run, config)
+            prepare_folder(run, config)
         pool = held.enter_context(make_pool(config.num_workers, ray))
         evolution = _Evolution(config, run, pool)
         bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
