@@ -1,5 +1,4 @@
 import copy
-import csv
 import os
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from agents.algorithms import num_updates
 from agents.checkpoint import load_checkpoint
 from agents.config import TrainingConfig
+from agents.curves import read_evaluations
 from agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
 from agents.training import train
 from agents.vec_env import make_env
@@ -32,7 +32,7 @@ def changed(data, **changes):
 
 
 def evaluated_steps(run):
-    return [int(row["steps"]) for row in read_csv(run)]
+    return [row["steps"] for row in read_evaluations(run)]
 
 
 def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
@@ -68,15 +68,10 @@ def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_conf
     }
 
 
-def read_csv(run):
-    with open(run / "evaluations.csv", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_rows_lack_measures_that_were_infinite(tmp_path):
     row = {"policy": "learned", "steps": 0, "progress": 0.5, "area": 1.0, "area_q25": 0.4, "area_q75": 0.6}
     write_evaluations(tmp_path, [row, {**row, "steps": 5, "time_to_90": 9.0}], "tiny")
-    assert [line["time_to_90"] for line in read_csv(tmp_path)] == ["nan", "9.0"]
+    assert [str(line["time_to_90"]) for line in read_evaluations(tmp_path)] == ["nan", "9.0"]
 
 
 def logged_evaluations(run, name="area"):
@@ -86,14 +81,14 @@ def logged_evaluations(run, name="area"):
 
 def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
     for name in ("area", "success"):
-        expected = {int(row["steps"]): float(row[name]) for row in read_csv(tiny_run)}
+        expected = {row["steps"]: row[name] for row in read_evaluations(tiny_run)}
         assert list(expected) == [0, 256, 512, 768]
         assert logged_evaluations(tiny_run, name) == expected
 
     # Resumed from the checkpoint at 512 steps, whose evaluation was logged before: it stays, the one after is replaced.
     run = shutil.copytree(tiny_run, tmp_path / "run")
     train(changed(tiny_data, total_steps=896), resume=list_checkpoints(run)[0], progress=False)
-    expected = {int(row["steps"]): float(row["area"]) for row in read_csv(run)}
+    expected = {row["steps"]: row["area"] for row in read_evaluations(run)}
     assert list(expected) == [0, 256, 512, 768, 896]
     assert logged_evaluations(run) == expected
 
@@ -253,8 +248,13 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tmp_path, monkeypa
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     (run,) = (tmp_path / "runs").iterdir()
-    assert [row["policy"] for row in read_csv(run)] == ["own_parts:Circling", "own_parts:ahead", "learned", "learned"]
-    assert all(float(row["path_length"]) > 0.2 for row in read_csv(run)[:2])
+    assert [row["policy"] for row in read_evaluations(run)] == [
+        "own_parts:Circling",
+        "own_parts:ahead",
+        "learned",
+        "learned",
+    ]
+    assert all(row["path_length"] > 0.2 for row in read_evaluations(run)[:2])
     env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
     assert (env.unwrapped.robot.name, env.unwrapped.task.rewards.weights["collision"]) == ("my_mouse", -5.0)
     sys.modules.pop("own_parts")
