@@ -1,6 +1,6 @@
 """The episodes of an evaluation as one table, and what they say: estimates, pairs from the same starts, rankings."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -122,7 +122,7 @@ class Episodes:
         related = []
         for row in self:
             row = row | {one.name: int(np.isfinite(row[self.measures.marks[0].name])) for one in self.measures.reached}
-            same_start = references.get(start_of(row))
+            same_start = references.get(start_of(row), {})
             for mark in self.measures.marks if same_start else ():
                 unit, share = value_of(same_start, mark), share_of(mark)
                 for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
@@ -206,7 +206,7 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
     return [np.array(stratum) for stratum in strata.values()]
 
 
-def best_of(estimates: dict[str, Estimate], measure: Measure) -> set[str]:
+def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
     """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better.
 
     Bounds do not compete; a lower bound is more than the same number reached.

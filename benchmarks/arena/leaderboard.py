@@ -207,7 +207,7 @@ def unfinished_section(episodes: Episodes) -> Section:
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:
-        for case, here in episodes.where(lambda row, policy=policy: row["policy"] == policy).by_case().items():
+        for case, here in Episodes(episodes.of(policy), episodes.measures).by_case().items():
             left = [row for row in here if (row["explored_fraction"] < MARKS[1] if is_covering else not row["success"])]
             if not left:
                 continue

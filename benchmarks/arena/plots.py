@@ -3,13 +3,13 @@
 import io
 from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle, product
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgba
+from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -24,7 +24,7 @@ from envs.rendering import style
 
 
 def _hex(color: style.Colour) -> str:
-    return to_hex(np.divide(color, 255))
+    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
@@ -35,7 +35,7 @@ LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), 
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
 """From the first cells seen to the last."""
-STYLE = {
+STYLE: dict[Any, Any] = {
     "axes.edgecolor": MUTED,
     "axes.grid": True,
     "axes.labelcolor": INK,
@@ -87,7 +87,7 @@ def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def sample_curves(
-    curves: Mapping[str, Sequence[Sequence[Curve]]], over: Literal["time", "path_length"], end: float | None = None
+    curves: Mapping[str, Sequence[Sequence[Curve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
     """Average the progress over each policy's episodes; one that has ended keeps its last value.
 
@@ -170,8 +170,8 @@ def draw_values(
     for side, labels in ((axes, [short(policy) for policy in values]), (beside, texts)):
         side.set_yticks(range(len(values)), labels)
         side.tick_params(axis="y", length=0)
-        for policy, label in zip(values, side.get_yticklabels()):
-            label.set_fontweight("bold" if policy in marked else "normal")
+        for policy, tick in zip(values, side.get_yticklabels()):
+            tick.set_fontweight("bold" if policy in marked else "normal")
     if levels:
         figure.legend(loc="outside upper center", ncols=len(levels))
     return figure

@@ -235,7 +235,9 @@ class Evaluation:
         faults: list[Exception] = []
         for group in groups.values():
             here = [task for name, task in group.items() if name in pending]
-            with contextlib.closing(here[0].make_env()) if here else contextlib.nullcontext() as env:
+            if not here:
+                continue
+            with contextlib.closing(here[0].make_env()) as env:
                 for task in here:
                     try:
                         prepare(env, task.policy.make(env.action_space), task.key.seed)

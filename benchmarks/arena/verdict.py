@@ -32,21 +32,22 @@ def verdict_section(episodes: Episodes) -> Section | None:
     first = next(iter(values.values()))
     if first.never == first.n:
         return Section("At a glance", (text,))
-    levels, title, best, better = {}, measure.title, "best", "right is better"
+    levels, title, best, better = {}, measure.title, "best", "better"
     if measures.marks:
-        levels = {f"{short(reference)} = 1": 1.0}
-        title, best, better = f"time to {measures.mark} as a share of {short(reference)}'s", "fastest", "left is faster"
+        levels, best, better = {f"{short(reference)} = 1": 1.0}, "fastest", "faster"
+        title = f"time to {measures.mark} as a share of {short(reference)}'s"
     if bound := _bound(episodes, measure):
         levels[f"ground truth: {texts(measure, bound[1])[0]}"] = measure.scale * bound[1].iqm
-    drawn = {
-        policy: (Estimate(*(measure.scale * number for number in value[:3]), n=value.n), _value(value, measure))
-        for policy, value in values.items()
-    }
+    drawn = {}
+    for policy, value in values.items():
+        middle, low, high = (measure.scale * number for number in value[:3])
+        drawn[policy] = Estimate(middle, low, high, value.n), _value(value, measure)
     best_ones = [next(iter(values)), *_tied(episodes, values, measure)]
     picture = render(draw_values, drawn, best_ones, levels, title, bool(measures.marks))
     caption = (
         f"{title[:1].upper()}{title[1:]}{' from the same start' if measures.marks else ''}{where}: interquartile "
-        f"means, 95 % intervals. Further {better}. Blue: the {best}, and those that cannot be told apart from it."
+        f"means, 95 % intervals. Further {'right' if measure.higher_is_better else 'left'} is {better}. Blue: the "
+        f"{best}, and those that cannot be told apart from it."
     )
     return Section("At a glance", (text, Figure("verdict", picture, caption, is_wide=True)))
 

@@ -8,14 +8,17 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
-from benchmarks.arena.trace import Trace
+from benchmarks.arena.trace import Recorder, Trace
+from envs.estimation import MapUpdate
 from envs.files import Lock
+from envs.geometry import OccupancyGrid, Pose2D
 from envs.logs import load_log
 from evaluate import main
 from tests.benchmarks.explorations import MEASURES
@@ -174,6 +177,22 @@ def _distance(trace, point):
     to_segments = np.hypot(*(a + along[:, None] * (b - a) - point).T)
     to_circles = np.abs(np.hypot(*(trace.circles[:, :2] - point).T) - trace.circles[:, 2])
     return min(to_segments.min(), to_circles.min(initial=np.inf))
+
+
+def test_times_stay_under_their_cells_when_a_redrawn_map_has_other_borders():
+    grid = OccupancyGrid(np.full((4, 6), -1, dtype=np.int8), 0.5, (0.0, 0.0))
+    belief = SimpleNamespace(pose=Pose2D(0.0, 0.0, 0.0), grid=grid, update=None)
+    recorder = Recorder(SimpleNamespace(belief=belief, robots=[None]))
+
+    def watch(time, data, origin):
+        grid.data, grid.origin = np.array(data, dtype=np.int8), origin
+        belief.update = MapUpdate(np.argwhere(grid.data >= 0).astype(np.int32), None, True, origin)
+        recorder.watch({"time": time})
+
+    watch(1.0, [[-1, -1, -1], [-1, 0, -1]], (0.0, 0.0))
+    watch(2.0, [[-1, -1, -1, -1], [-1, -1, 0, 100], [-1, -1, -1, -1]], (-0.5, 0.0))  # one more column to the left
+    watch(3.0, [[0, 100], [0, -1]], (0.5, 0.5))  # the lowest row and two columns are gone
+    np.testing.assert_array_equal(recorder._known_since, [[1.0, 2.0], [3.0, np.inf]])
 
 
 def test_a_second_evaluation_of_a_folder_says_that_there_is_a_first(tmp_path, capsys):

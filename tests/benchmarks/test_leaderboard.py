@@ -192,27 +192,17 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     with open(docs / "arena" / "episodes.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 12 + 2
-    for policy in ("nearest", "frontier", "oracle (ground truth)"):
+    lines = [line.replace("*", "").strip("| ").split(" | ") for line in page.splitlines() if line.startswith("|")]
+    shown = {line[0].partition(" ")[2]: line[1:] for line in lines if re.match(r"\d\.|bound:", line[0])}
+    seconds = next(line[1:] for line in lines if line[0] == r"pimouse\_arena")
+    for policy, cell in zip(("oracle (ground truth)", "nearest", "frontier"), seconds, strict=True):
         mine = [r for r in rows if r["policy"] == policy and r["slam"] == "hector"]
-        shown = (
-            re.search(rf"^\| (?:\d\. |bound: ){re.escape(policy)} \| (.*)$", page, re.MULTILINE)
-            .group(1)
-            .replace("*", "")
-        )
-        numbers = [float(re.search(r"[-\d.]+", cell).group()) for cell in shown.split(" | ")]
         areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
-        assert numbers[0] == pytest.approx(100 * stats.trim_mean(areas, 0.25), abs=0.051)
-        assert numbers[1] == pytest.approx(100 * stats.trim_mean(fractions, 0.25), abs=0.051)
-        assert numbers[4] == pytest.approx(100 * np.mean([fraction >= 0.95 for fraction in fractions]), abs=0.51)
-        seconds = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
-        line = re.search(r"^\| pimouse\\_arena \| (.*) \|$", page, re.MULTILINE).group(1).replace("*", "").split(" | ")
-        head = (
-            re.search(r"^\|  \| (oracle \(ground truth\) \| nearest \| frontier) \|$", page, re.MULTILINE)
-            .group(1)
-            .split(" | ")
-        )
-        cell = line[head.index(policy)]
-        assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(seconds, 0.25), abs=0.51)
+        expected = stats.trim_mean(areas, 0.25), stats.trim_mean(fractions, 0.25), np.mean(np.array(fractions) >= 0.95)
+        numbers = [float(re.search(r"[-\d.]+", shown[policy][k]).group()) for k in (0, 1, 4)]
+        assert numbers == pytest.approx(100 * np.array(expected), abs=0.51)
+        times = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
+        assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(times, 0.25), abs=0.51)
     assert "## What mapping error costs" in page
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)

@@ -20,12 +20,16 @@ def row(seed, policy="random"):
     return values | key(seed, policy)._asdict() | {"model": MODELS[policy]}
 
 
+def records_of(folder, shard="", **worlds):
+    return Records(folder, COLUMNS, SETTINGS, shard, worlds)
+
+
 def test_rows_survive_exactly(tmp_path):
     written = [row(3), row(3, LEARNED)]
-    records = Records(tmp_path, COLUMNS, SETTINGS)
+    records = records_of(tmp_path)
     for one in written:
         records.add(one)
-    again = Records(tmp_path, COLUMNS, SETTINGS)
+    again = records_of(tmp_path)
     assert [again.find(key(3, policy), model) for policy, model in MODELS.items()] == written
     assert Key.of(written[0]) == key(3)
     for other in (key(4), key(3)._replace(slam="odometry")):
@@ -34,21 +38,21 @@ def test_rows_survive_exactly(tmp_path):
 
 @pytest.mark.parametrize("kept", ["all but 1 byte", "half a header"])
 def test_a_row_that_was_being_written_runs_again(tmp_path, kept):
-    records = Records(tmp_path, COLUMNS, SETTINGS)
+    records = records_of(tmp_path)
     for seed in (3, 4):
         records.add(row(seed))
     path = tmp_path / "episodes.csv"
     content = path.read_bytes()
     path.write_bytes(content[:-1] if kept == "all but 1 byte" else content[:10])
-    again = Records(tmp_path, COLUMNS, SETTINGS)
+    again = records_of(tmp_path)
     assert again.find(key(4)) is None
     assert (again.find(key(3)) is None) == (kept == "half a header")
     again.add(row(4))
-    assert Records(tmp_path, COLUMNS, SETTINGS).find(key(4)) == row(4)
+    assert records_of(tmp_path).find(key(4)) == row(4)
 
 
 def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_path):
-    first, second = Records(tmp_path, COLUMNS, SETTINGS, "1of2"), Records(tmp_path, COLUMNS, SETTINGS, "2of2")
+    first, second = records_of(tmp_path, "1of2"), records_of(tmp_path, "2of2")
     first.add(row(1))
     second.add(row(2))
     # The other machine is in the middle of a row.
@@ -56,71 +60,61 @@ def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_pat
         file.write("random,maze,")
     before = (tmp_path / "episodes-2of2.csv").read_bytes()
     for shard in ("1of2", ""):
-        records = Records(tmp_path, COLUMNS, SETTINGS, shard)
+        records = records_of(tmp_path, shard)
         assert [records.find(key(seed)) for seed in (1, 2)] == [row(1), row(2)]
     assert (tmp_path / "episodes-2of2.csv").read_bytes() == before
-    Records(tmp_path, COLUMNS, SETTINGS, "2of2").add(row(3))
-    assert Records(tmp_path, COLUMNS, SETTINGS).find(key(3)) == row(3)
+    records_of(tmp_path, "2of2").add(row(3))
+    assert records_of(tmp_path).find(key(3)) == row(3)
 
 
 def test_failures_are_kept_until_the_episode_is_run(tmp_path):
-    records = Records(tmp_path, COLUMNS, SETTINGS, "1of2")
+    records = records_of(tmp_path, "1of2")
     records.add_failure(key(3), 'the robot, a "tugbot", fits nowhere')
-    again = Records(tmp_path, COLUMNS, SETTINGS)
+    again = records_of(tmp_path)
     assert again.failure(key(3)) == 'the robot, a "tugbot", fits nowhere'
     assert again.failure(key(4)) is None
     again.add(row(3))
-    assert Records(tmp_path, COLUMNS, SETTINGS).failure(key(3)) is None
+    assert records_of(tmp_path).failure(key(3)) is None
 
 
 def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
-    Records(tmp_path, COLUMNS, SETTINGS).add(row(3, LEARNED))
+    records_of(tmp_path).add(row(3, LEARNED))
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, COLUMNS, {"time_limit": None})
     with pytest.raises(ValueError, match="other weights"):
-        Records(tmp_path, COLUMNS, SETTINGS).find(key(3, LEARNED), "0" * 12)
+        records_of(tmp_path).find(key(3, LEARNED), "0" * 12)
     assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
 def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
     Records(tmp_path, COLUMNS, {"time_limit": None})
-    late, records = Records(tmp_path, COLUMNS, {"time_limit": 5.0}), Records(tmp_path, COLUMNS, SETTINGS)
+    late, records = Records(tmp_path, COLUMNS, {"time_limit": 5.0}), records_of(tmp_path)
     records.begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
         late.begin()
+    records_of(tmp_path).begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, COLUMNS, {"time_limit": None})
 
 
-def test_an_evaluation_that_begins_first_has_the_folder_to_itself(tmp_path):
-    records, late = Records(tmp_path, COLUMNS, SETTINGS), Records(tmp_path, COLUMNS, {"time_limit": 5.0})
-    records.begin()
-    with pytest.raises(ValueError, match=r"time_limit 12\.5, not 5\.0"):
-        late.begin()
-    Records(tmp_path, COLUMNS, SETTINGS).begin()
-
-
-def test_a_table_of_another_version_is_refused(tmp_path):
-    (tmp_path / "episodes.csv").write_text("policy,world,score\nrandom,maze,3\n")
-    with pytest.raises(ValueError, match="other columns"):
-        Records(tmp_path, COLUMNS, SETTINGS)
-
-
 def test_damaged_tables_name_the_file_and_the_row(tmp_path):
-    Records(tmp_path, COLUMNS, SETTINGS).add(row(3))
+    records_of(tmp_path).add(row(3))
     path = tmp_path / "episodes.csv"
     header, line = path.read_text().splitlines()
     path.write_text(f"{header}\n{line}\n{line.replace('maze,3', 'maze,three')}\n")
     with pytest.raises(ValueError, match=r"episodes\.csv, row 3: damaged: .*'three'"):
-        Records(tmp_path, COLUMNS, SETTINGS)
+        records_of(tmp_path)
+    path.write_text("policy,world,score\nrandom,maze,3\n")
+    with pytest.raises(ValueError, match="other columns"):
+        records_of(tmp_path)
     path.write_bytes(b"\xff\xfe\n")
     with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
-        Records(tmp_path, COLUMNS, SETTINGS)
+        records_of(tmp_path)
     path.write_bytes(b"")
     for content in ("[1]", "{", "[" * 100_000):
         (tmp_path / SETTINGS_FILE).write_text(content)
         with pytest.raises(ValueError, match=r"settings\.json is damaged"):
-            Records(tmp_path, COLUMNS, SETTINGS)
+            records_of(tmp_path)
 
 
 def test_a_world_of_the_users_own_stays_the_same(tmp_path):
@@ -128,29 +122,26 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
     for path, side in ((first, 4), (second, 5)):
         path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
 
-    def open_records(source, shard=""):
-        return Records(folder, COLUMNS, SETTINGS, shard, {"maze": str(source)})
-
-    open_records(second).begin()  # which was never driven in
-    records = open_records(first, "1of2")
+    records_of(folder, maze=str(second)).begin()  # which was never driven in
+    records = records_of(folder, "1of2", maze=str(first))
     records.begin()
     records.add(row(0))
     for other in ("my_package:flat", second):
         with pytest.raises(ValueError, match=rf"{folder} holds .* 'maze' of {first}, not of {other}; give"):
-            open_records(other)
+            records_of(folder, maze=str(other))
     first.rename(tmp_path / "moved.yaml")
-    open_records(tmp_path / "moved.yaml", "2of2").begin()
-    Records(folder, COLUMNS, SETTINGS)
+    records_of(folder, "2of2", maze=str(tmp_path / "moved.yaml")).begin()
+    records_of(folder)
 
 
 def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
     (tmp_path / "a.yaml").write_text("image: a.pgm\nresolution: 0.05\n")
     (tmp_path / "a.pgm").write_bytes(b"one")
-    worlds = {"maze": str(tmp_path / "a.yaml")}
-    records = Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
+    worlds, folder = {"maze": str(tmp_path / "a.yaml")}, tmp_path / "out"
+    records = records_of(folder, **worlds)
     records.begin()
     records.add(row(0))
-    Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
+    records_of(folder, **worlds)
     (tmp_path / "a.pgm").write_bytes(b"two")
     with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):
-        Records(tmp_path / "out", COLUMNS, SETTINGS, worlds=worlds)
+        records_of(folder, **worlds)
