@@ -13,6 +13,8 @@ from baselines.episode import Episode
 from benchmarks.arena.records import Row
 from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.navigation import crop_to_known
+from envs.navigation.costmap import known_window
 
 
 class Curve(NamedTuple):
@@ -103,16 +105,12 @@ class Recorder:
         """Return the course of the episode that has ended."""
         env, course = self._env, episode.course
         curve = Curve(course.of("time"), course.of("path_length"), course.samples[env.task.progress])
-        known = env.belief.grid.data >= 0
-        rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-        cut = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        resolution, (x, y) = env.belief.grid.resolution, env.belief.grid.origin
-        origin = x + float(cols[0]) * resolution, y + float(rows[0]) * resolution
+        top, left, bottom, right = known_window(env.belief.grid.data)
         return Trace(
             curve,
             np.array(self._trail, dtype=np.float32),
-            OccupancyGrid(env.belief.grid.data[cut].copy(), resolution, origin),
-            self._known_since[cut].copy(),
+            crop_to_known(env.belief.grid, margin=0),
+            self._known_since[top : bottom + 1, left : right + 1],
             env.map_pose,
             env.world.segments.astype(np.float32),
             env.world.circles.astype(np.float32),
