@@ -101,13 +101,12 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scans(words, occupancy, scale, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into a level of a map that has room for them.
+def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
+    """Integrate scans into all levels of a map that has room for them.
 
     Args:
-        words: shape (height, width), int32, the cells, written.
-        occupancy: shape (height, width), int8, the same in percent, written.
-        scale: side of a cell of the finest level in the cells of this one.
+        words: the cells of each level, the finest first, shape (height, width), int32, written.
+        levels: the same in percent, int8, written.
         ranges: shape (n, num_beams), float32 [m].
         poses: shape (n, 3), float64, of the base, map frame [m, m, rad].
         geometry: `ScanGeometry`, in cells of the finest level, as is `corner`; see `beam_ends`.
@@ -120,13 +119,15 @@ def integrate_scans(words, occupancy, scale, ranges, poses, geometry, corner, mo
     Returns:
         Number of those.
     """
-    num_new = 0
+    num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
         lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
-        num_new = _integrate(words, occupancy, scale, lidar, ends, model, stamp + i, new_cells)
+        # The finest level comes last, since its new cells are those that count.
+        for k in range(len(words) - 1, -1, -1):
+            num_new = _integrate(words[k], levels[k], 0.5**k, lidar, ends, model, stamp + i, new_cells)
     for k in range(num_new):
         index = new_cells[k, 0]
-        new_cells[k, 0], new_cells[k, 1] = index // words.shape[1], index % words.shape[1]
+        new_cells[k, 0], new_cells[k, 1] = index // width, index % width
     return num_new
 
 
@@ -173,16 +174,13 @@ class LogOddsMap(GrowingMap):
         There must be fewer than `MAX_STAMP` of them, and at least one. Returns first and last columns and rows that
         they touch, see `beam_ends`, and how many cells the last one made known.
         """
-        extent, count = self._make_room(ranges, poses), 0
+        extent = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
             for words in self.words:
                 forget_stamps(words)
             self._stamp = 1
-        scans = (ranges, poses, self.geometry, self.corner)
-        how = (self.model, self._stamp + 1, self._ends, self._new_cells)
-        # The finest level comes last, since its new cells are those that count.
-        for k in reversed(range(len(self.words))):
-            count = integrate_scans(self.words[k], self.levels[k], 0.5**k, *scans, *how)
+        scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._new_cells)
+        count = integrate_scans(tuple(self.words), self.levels, *scans, self.model, self._stamp + 1, *work)
         self._stamp += len(ranges)
         return extent, count
 

@@ -88,7 +88,8 @@ class LossTracker:
         """
         self.is_found = False
         if fits and (self._is_found_by_fit or not self.is_lost):
-            self.reset()
+            if self.is_in_doubt:
+                self.reset()
             return None
         if fits is None and not self.is_in_doubt:
             return None
