@@ -14,7 +14,8 @@ from .explorer import Explorer, Omniscient, OnePerRobot, Policy
 from .frontier.explorer import RuleExplorer
 from .frontier.pursuit import PursuitExplorer
 from .frontier.rules import (
-    PUBLISHED,
+    PUBLISHED_LITE,
+    PUBLISHED_VIEWS,
     ExploreLite,
     ExploreLiteExplorer,
     GainOverCostExplorer,
@@ -36,12 +37,12 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "frontier": FrontierExplorer,
     "tour": TourExplorer,
     "explore_lite": ExploreLiteExplorer,
-    "explore_lite:published": partial(ExploreLiteExplorer, PUBLISHED["explore_lite"]),
+    "explore_lite:published": partial(ExploreLiteExplorer, PUBLISHED_LITE),
     "gain_over_cost": GainOverCostExplorer,
     "pursuit": PursuitExplorer,
     "greedy_gain": GreedyGainExplorer,
     "next_best_view": NextBestViewExplorer,
-    "next_best_view:published": partial(NextBestViewExplorer, PUBLISHED["next_best_view"]),
+    "next_best_view:published": partial(NextBestViewExplorer, PUBLISHED_VIEWS),
     "wall_follower": WallFollower,
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,

@@ -67,7 +67,7 @@ class Animation:
         first.save(path, save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
         pictures = [frame for frame, _ in self._frames]
         localized = next((frame for frame, duration in self._frames if duration == FRAME_MS[False]), pictures[-1])
-        strip = Image.fromarray(np.hstack([np.asarray(frame) for frame in (pictures[0], localized, pictures[-1])]))
+        strip = Image.fromarray(np.hstack([np.asarray(picture) for picture in (pictures[0], localized, pictures[-1])]))
         strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
 
 

@@ -131,8 +131,7 @@ class NextBestViewExplorer(RuleExplorer):
         super().__init__(NextBestView(params), max_time=params.max_time, planning=planning)
 
 
-PUBLISHED = {
-    "explore_lite": ExploreLite(gain_scale=1.0),
-    "next_best_view": NextBestViewParams(discount=0.5, max_time=math.inf),
-}
-"""The parameters of the package's launch file, and of the paper's experiments."""
+PUBLISHED_LITE = ExploreLite(gain_scale=1.0)
+"""The package's launch file."""
+PUBLISHED_VIEWS = NextBestViewParams(discount=0.5, max_time=math.inf)
+"""The paper's experiments, for views that are gone to to the end."""

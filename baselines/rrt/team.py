@@ -64,9 +64,8 @@ def assign(
     its point is no gain for the others: unknown cells within `info_radius` of both points do not count any more.
 
     `robots` are positions x_r, shape (n, 2), `points` frontier points x_fp, shape (m, 2), `taken` points that other
-    robots have already, shape (k, 2), all map frame [m]; `costs` are N, shape (n, m) [m], inf where a robot cannot
-    reach a point. Returns the index of each robot's point, shape (n,), int64; `UNASSIGNED` where it can reach none
-    that is left.
+    robots have already, shape (k, 2), all map frame [m]; `costs` are N, shape (n, m) [m], inf where there is no path.
+    Returns the index of each robot's point, shape (n,), int64; `UNASSIGNED` where it can reach none that is left.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)

@@ -235,8 +235,8 @@ def plan_path(
 ) -> np.ndarray | None:
     """Return the cheapest path from a start to a goal (x, y), map frame [m], by A*; None if there is none.
 
-    It may end up to `tolerance` [m] beside a goal that is not traversable, and cross unknown cells if these are
-    allowed, at the highest cost of free ones. Shape (n, 2), float64, points a cell apart [m].
+    It may end up to `tolerance` [m] beside a goal that is not traversable. Unknown cells, if allowed, have the highest
+    cost of free ones. Shape (n, 2), float64, points a cell apart [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:

@@ -205,15 +205,16 @@ class PlanningMap:
         is_hit = ranges <= self.params.marking_range
         angles, ranges = angles[is_hit], ranges[is_hit]
         points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
-        mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
-        self._spoil(self._around(x, y, max(self.params.marking_range, self.params.clearing_range)))
+        self.mark(points)
+        self._spoil(self._around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:
         """Mark obstacles that no scan shows, as what the bumper touched: shape (n, 2), map frame [m]."""
         self.refresh()
         mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
-        for x, y in points.tolist():
-            self._spoil(self._around(x, y, self.side))
+        if len(points):
+            x, y = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
+            self._spoil(self._around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
     def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
         """Forget the marks within a square around (x, y), map frame, of half the side `radius` [m]; by default all."""
