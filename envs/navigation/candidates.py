@@ -165,8 +165,8 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
 
     `layer` holds costs, shape (height, width), uint8, and the `open_weights` of `_expand`, `frontier` the cells and
     parts of `split_groups`. A frontier has at least the first of `min_lengths` cells; the next one counts where none of
-    those before can be reached. Returns shape (k,), `CANDIDATE`, by increasing travel cost, of which the cells, travel
-    cost, span and group are written (`group_size` in cells); and `entries`.
+    those before can be reached. Returns records, `CANDIDATE`, of which the cells, travel cost, span and group are
+    written (`group_size` in cells); which of them are candidates, shape (k,), by increasing cost; and `entries`.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -206,7 +206,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
             break
     # Parts found in a later round may cost less than some before: a view from afar waits for a nearer one.
     order = np.argsort(found["travel"][:num_found], kind="mergesort")[:max_candidates]
-    return found[order], entries
+    return found, order, entries
 
 
 @njit(cache=True, error_model="numpy")

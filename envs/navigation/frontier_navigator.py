@@ -238,9 +238,10 @@ class FrontierNavigator:
                 workspace = planning.expansion, planning.entries
                 costs, frontier = (layer.costs, layer.open_weights), (cells, parts)
                 limits = self._lengths, self._max_candidates
-                table, planning.entries = find_candidates(
+                found, order, planning.entries = find_candidates(
                     planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
                 )
+                table = found[order]  # kernels are slow to copy records as large as these
             if len(table):
                 break
         self._level = level

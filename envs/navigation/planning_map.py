@@ -11,7 +11,7 @@ import numpy as np
 
 from envs.geometry import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
-from envs.navigation.costmap import COST_UNKNOWN, Costmap, Window, known_window, union
+from envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, Window, known_window, union
 from envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from envs.navigation.obstacles import NO_POINTS
 from envs.navigation.params import PlanningParams
@@ -60,8 +60,8 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
 class CostLayer:
     """Costs for the footprint of one padding level."""
 
-    def __init__(self, tables: PlanningTables, shape: tuple[int, int]) -> None:
-        self.tables = tables
+    def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
+        self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
         """Shape (height, width), uint8, as in `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
@@ -143,7 +143,7 @@ class PlanningMap:
         self.refresh()
         tables = self.tables[level]
         if level not in self._layers:
-            self._layers[level] = CostLayer(tables, self.joined.shape)
+            self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.joined.shape)
             if self._known is not None:
                 self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
@@ -179,7 +179,7 @@ class PlanningMap:
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
         """Return the costs of a layer as they are; the array is live."""
-        return Costmap(layer.costs, self.grid, self.params.costmap(layer.tables.robot_radius))
+        return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
         """Mark what a scan shows and the map misses, and clear the marks that its beams pass.
