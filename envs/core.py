@@ -120,6 +120,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.parts = make_parts(chosen, {**measured, **self.task.observation_parts()})
         space: Any = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
         self.observation_space: spaces.Space[Any] = batch_space(space, num_robots) if self._is_team else space
+        space = self.observation_space
+        self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._prepared: tuple[Mapping[str, Any], World] | None = None
@@ -292,8 +294,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in fresh arrays, or write it to the arrays of `out`."""
         if out is None:
-            space: Any = self.observation_space
-            out = {name: np.empty(space[name].shape, space[name].dtype) for name in self.parts}
+            out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
         for name in self.parts:
             self.write_part(name, out[name])
         return dict(out)
@@ -314,11 +315,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self._randomization is not None:
             info["randomized"] = dict(self.randomized)
         info["time"], info["rewards"], info["pose_error"] = self.time, rewards, pose_errors(rows)
-        info["path_length"] = rows[:, at.PATH_LENGTH].copy()
-        info["collisions"] = rows[:, at.COLLISIONS].astype(np.int64)
-        if not self._is_team:
-            info["pose_error"], info["path_length"] = info["pose_error"][0], float(info["path_length"][0])
-            info["collisions"] = int(info["collisions"][0])
+        if self._is_team:
+            info["path_length"] = rows[:, at.PATH_LENGTH].copy()
+            info["collisions"] = rows[:, at.COLLISIONS].astype(np.int64)
+        else:
+            info["pose_error"], info["path_length"] = info["pose_error"][0], float(rows[0, at.PATH_LENGTH])
+            info["collisions"] = int(rows[0, at.COLLISIONS])
         return info
 
     def prepare(self) -> None:
