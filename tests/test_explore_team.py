@@ -13,21 +13,11 @@ from envs.robots import load_robot
 from envs.simulation.contact import check_starts
 from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.starts import draw_starts
-from envs.worlds import Mover, World, explorable_area, world_sampler
+from envs.worlds import Mover, explorable_area, world_sampler
+from tests.rollouts import hall
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 BURGER = load_robot("turtlebot3_burger")
-
-
-def hall(width=8.0, height=4.0, segments=()):
-    walls = [[0, 0, width, 0], [width, 0, width, height], [width, height, 0, height], [0, height, 0, 0]]
-    return World(
-        name="hall",
-        segments=np.array([*walls, *segments], dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(0.4, 0.4, 0.0),),
-        bounds=(0.0, 0.0, width, height),
-    )
 
 
 def still(env, steps=1):

@@ -10,21 +10,10 @@ from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.simulation import KinematicSimulator, Twist, make_simulator
 from envs.simulation.records import X
-from envs.worlds import World
+from tests.rollouts import hall
 
 BURGER = load_robot("turtlebot3_burger")
 STILL = Twist(0.0, 0.0)
-
-
-def hall(width):
-    walls = [[0, 0, width, 0], [width, 0, width, 4], [width, 4, 0, 4], [0, 4, 0, 0]]
-    return World(
-        name="hall",
-        segments=np.array(walls, dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(1.0, 1.0, 0.0),),
-        bounds=(0.0, 0.0, width, 4.0),
-    )
 
 
 def reset_at(world, *poses):

@@ -12,19 +12,11 @@ from envs.robots import LidarParams, load_robot
 from envs.tasks.coverage import Coverage, map_iou
 from envs.tasks.explore import Explore
 from envs.worlds import Mover, World, explorable_area
+from tests.rollouts import hall
 
 
-def room(width: float, height: float, *extra: tuple[float, float, float, float]) -> World:
-    """A rectangular room with its lower left corner at the origin, and further walls."""
-    corners = [(0, 0), (width, 0), (width, height), (0, height)]
-    walls = [(*corners[i], *corners[(i + 1) % 4]) for i in range(4)]
-    return World(
-        name="room",
-        segments=np.array([*walls, *extra], dtype=np.float64),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(0.5, 0.5, 0.0),),
-        bounds=(0.0, 0.0, width, height),
-    )
+def room(width, height, *walls):
+    return hall(width, height, walls)
 
 
 @pytest.fixture(scope="module")
@@ -225,15 +217,7 @@ def test_under_ground_truth_all_that_is_mapped_counts(slam):
 @pytest.mark.parametrize("slam", ["tinyslam", "odometry"])
 def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
     blocker = Mover(0.4, np.array([[6.0, 0.5], [6.0, 0.501]]), 0.001)
-    walls = [[0, 0, 32, 0], [32, 0, 32, 1], [32, 1, 0, 1], [0, 1, 0, 0]]
-    corridor = World(
-        name="corridor",
-        segments=np.array(walls, dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(5.0, 0.5, 0.0),),
-        bounds=(0.0, 0.0, 32.0, 1.0),
-        movers=(blocker,),
-    )
+    corridor = replace(hall(32.0, 1.0), spawns=(Pose2D(5.0, 0.5, 0.0),), movers=(blocker,))
     env = LidarEnv(Explore, world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
     env.reset(seed=0)
     for _ in range(1200):
