@@ -11,7 +11,7 @@ import tyro
 from envs.command_line import run_command
 from envs.core import LidarEnv
 from envs.rendering.picture import GAP, Typesetter
-from envs.rendering.renderer import open_window
+from envs.rendering.renderer import SIZE, open_window
 from envs.rendering.style import PAPER
 from envs.slam import DEFAULT_SLAM
 from envs.tasks.explore import Explore
@@ -51,7 +51,7 @@ class Teleop:
         self._map_path = map_path
         self._held: set[int] = set()
         self._message = ""
-        self._window = open_window("lidarnaut", (1280, 720 + STRIP))
+        self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + STRIP))
         self._text = Typesetter()
         env.reset(seed=seed)
         self._show()

@@ -19,10 +19,8 @@ SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
 _FOLDER = Path(__file__).parent
 
 
-def build_page(recordings: Sequence[Recording], title: str | None = None) -> str:
+def build_page(recordings: Sequence[Recording]) -> str:
     """Return a page with one episode, or with two in step, as HTML that loads nothing else.
-
-    The title is by default that of the explorers and the world.
 
     Raises:
         ValueError: if there are none or too many.
@@ -30,19 +28,14 @@ def build_page(recordings: Sequence[Recording], title: str | None = None) -> str
     if not 1 <= len(recordings) <= MAX_EPISODES:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
     texts = {name: (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}
+    explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
+    worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
     return Template(texts["page.html"]).substitute(
-        title=html.escape(title or title_of(recordings)),
+        title=html.escape(f"{explorers} in {', '.join(worlds)}"),
         style=texts["page.css"],
         script="\n".join(texts[name] for name in SCRIPTS),
         data=base64.b64encode(pack(recordings)).decode(),
     )
-
-
-def title_of(recordings: Sequence[Recording]) -> str:
-    """Return who explores what."""
-    explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
-    worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
-    return f"{explorers} in {', '.join(worlds)}"
 
 
 def pack(recordings: Sequence[Recording]) -> bytes:

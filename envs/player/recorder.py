@@ -32,20 +32,19 @@ class EpisodeRecorder:
     A context manager: within it, the environment's `on_period` also records. It watches, and changes nothing.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None, period: float = PERIOD) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
         """Prepare to record; the next reset must follow.
 
         Args:
             env: any environment of this package or of a task of your own, wrapped or not.
             explorer: what drives. Candidates are recorded of explorers whose `navigator` is a `FrontierNavigator`, and
                 scores where `scores` has them (`baselines.frontier.explorer.RuleExplorer`).
-            period: time between two samples [s].
 
         Raises:
             TypeError: the environment is another one.
         """
         inner = lidar_env_of(env)
-        self._env, self._explorer, self._period = inner, explorer, period
+        self._env, self._explorer = inner, explorer
         self._chooser = next((one for one in (env.unwrapped, explorer) if hasattr(one, "navigator")), None)
         angles = inner.robot.lidar.angles
         self._beams = np.unique(np.linspace(0, len(angles) - 1, MAX_BEAMS).astype(int))
@@ -68,7 +67,7 @@ class EpisodeRecorder:
             self._begin()
         else:
             self._note_decision()
-        if commands is None or self._env.time - self._samples[-1]["time"] >= self._period - 1e-6:
+        if commands is None or self._env.time - self._samples[-1]["time"] >= PERIOD - 1e-6:
             self._sample()
         self._previous = self._env.time
 

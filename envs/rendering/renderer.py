@@ -9,6 +9,8 @@ from .scene import Scene
 
 MODES = ("human", "rgb_array")
 """Render modes."""
+SIZE = (1280, 720)
+"""Width and height of pictures [px]."""
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a greeting would spoil what programs print for programs
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
@@ -40,8 +42,8 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
 class Renderer:
     """Draws scenes, for `human` into a window at a steady pace, for `rgb_array` into arrays without any display."""
 
-    def __init__(self, mode: str, fps: float, size: tuple[int, int] = (1280, 720)) -> None:
-        """Prepare to draw in one of `MODES` at a size (width, height) [px], `human` at no more than `fps` per second.
+    def __init__(self, mode: str, fps: float) -> None:
+        """Prepare to draw in one of `MODES`, `human` at no more than `fps` pictures per second.
 
         Raises:
             ValueError: if an argument is not allowed.
@@ -50,7 +52,7 @@ class Renderer:
             raise ValueError(f"render mode must be one of {', '.join(MODES)}, got {mode!r}")
         if not fps > 0:
             raise ValueError(f"fps must be positive, got {fps!r}")
-        self.mode, self.fps, self.size = mode, fps, size
+        self.mode, self.fps = mode, fps
         self._picture: Any = None
         self._window: Any = None
         self._clock: Any = None
@@ -66,12 +68,12 @@ class Renderer:
         from .picture import Picture
 
         if self._picture is None:
-            self._picture = Picture(self.size)
+            self._picture = Picture(SIZE)
         if self.mode == "rgb_array":
             pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
-            return np.frombuffer(pixels, dtype=np.uint8).reshape(self.size[1], self.size[0], 3).copy()
+            return np.frombuffer(pixels, dtype=np.uint8).reshape(SIZE[1], SIZE[0], 3).copy()
         if self._window is None:
-            self._window = open_window("lidarnaut", self.size)
+            self._window = open_window("lidarnaut", SIZE)
             self._clock = pygame.Clock()
         self._window.get_surface().blit(self._picture.paint(scene), (0, 0))
         self._window.flip()
