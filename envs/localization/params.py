@@ -1,114 +1,102 @@
 """Parameters of AMCL, and their presets."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from envs.files import resolve
+from envs.robots.params import CONFIG, NotNegative, Positive
 
+Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class AmclParams:
     """Parameters of AMCL. Defaults are Nav2's, with its names where they do not mislead."""
 
-    min_particles: int = 500
+    min_particles: Count = 500
     """Least number of particles."""
     max_particles: int = 2000
     """Greatest number of particles, and the number to start with around an initial pose."""
     global_particles: int | None = None
     """Particles to start global localization with; None for `max_particles`. From the first used scan on there are at
     most `max_particles`."""
-    kld_err: float = 0.05
+    kld_err: Positive = 0.05
     """Bound of the Kullback-Leibler divergence between the particles and the true distribution; Nav2's `pf_err`."""
-    kld_z: float = 0.99
+    kld_z: Positive = 0.99
     """Upper quantile of the standard normal with which the bound holds; Nav2's `pf_z`, a quantile there too."""
-    bin_size: float = 0.5
+    bin_size: Positive = 0.5
     """Side of the histogram bins of KLD-sampling and clustering [m]."""
-    bin_angle: float = math.radians(10.0)
+    bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
     """Size of the bins in heading [rad]; rounded so that a whole number fills the turn."""
-    alpha1: float = 0.2
+    alpha1: NotNegative = 0.2
     """Variance of a rotation per squared rotation."""
-    alpha2: float = 0.2
+    alpha2: NotNegative = 0.2
     """Variance of a rotation per squared translation [rad2/m2]."""
-    alpha3: float = 0.2
+    alpha3: NotNegative = 0.2
     """Variance of a translation per squared translation."""
-    alpha4: float = 0.2
+    alpha4: NotNegative = 0.2
     """Variance of a translation per squared rotation [m2/rad2]."""
     sensor: SensorModel = "likelihood_field"
     """Sensor model; see `docs/localization.md`."""
-    max_beams: int = 60
+    max_beams: Count = 60
     """Beams of a scan that are used, evenly spread."""
-    max_range: float | None = None
+    max_range: Positive | None = None
     """Readings from this on count as no return [m]; None takes the lidar's range."""
-    z_hit: float = 0.5
+    z_hit: NotNegative = 0.5
     """Weight of readings at an obstacle of the map."""
-    z_short: float = 0.05
+    z_short: NotNegative = 0.05
     """Weight of readings in front of it (`beam`)."""
-    z_max: float = 0.05
+    z_max: NotNegative = 0.05
     """Weight of readings without a return (`beam`)."""
-    z_rand: float = 0.5
+    z_rand: Positive = 0.5
     """Weight of random readings."""
-    sigma_hit: float = 0.2
+    sigma_hit: Positive = 0.2
     """Standard deviation of readings around the obstacle [m]."""
-    lambda_short: float = 0.1
+    lambda_short: NotNegative = 0.1
     """Rate at which readings before the obstacle become rarer with their range [1/m] (`beam`)."""
-    max_distance: float = 2.0
+    max_distance: Positive = 2.0
     """Upper limit of the distance to the nearest obstacle [m]; Nav2's `laser_likelihood_max_dist`."""
-    squash: float = 1.0
+    squash: Positive = 1.0
     """Divisor of a scan's log likelihood, because beams are not as independent as `likelihood_field_prob`, which alone
     uses it, assumes; 1 in Nav2, 2.2 in MIT's filter for race cars."""
-    update_min_d: float = 0.25
+    update_min_d: NotNegative = 0.25
     """A scan is used once the robot is this far from where the last one was used [m]..."""
-    update_min_a: float = 0.2
+    update_min_a: NotNegative = 0.2
     """... or has turned by this much since [rad]."""
-    resample_interval: int = 1
+    resample_interval: Count = 1
     """Number of used scans per resampling."""
-    alpha_slow: float = 0.0
+    alpha_slow: Share = 0.0
     """Rate of the long-term average of the likelihood; 0 for no injection of random particles."""
-    alpha_fast: float = 0.0
+    alpha_fast: Share = 0.0
     """Rate of the short-term average of the likelihood."""
-    initial_std: float = 0.5
+    initial_std: NotNegative = 0.5
     """Standard deviation of the initial position, per axis [m]."""
-    initial_std_theta: float = math.radians(15.0)
+    initial_std_theta: NotNegative = math.radians(15.0)
     """Standard deviation of the initial heading [rad]."""
-    lost_distance: float = 0.2
+    lost_distance: NotNegative = 0.2
     """The map explains hits within this distance of an obstacle [m]."""
-    lost_fit: float = 0.5
+    lost_fit: Share = 0.5
     """The filter is lost where the map explains less than this share of the hits of recent scans."""
-    lost_updates: int = 5
+    lost_updates: Count = 5
     """Number of used scans that count as recent. After global localization so many must fit before the pose counts."""
-    lost_spread: float = 0.5
+    lost_spread: Positive = 0.5
     """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
     square) [m], or while that cluster holds less than half of the weight."""
     relocalize: bool = False
     """Whether global localization starts anew once the map has not explained `lost_updates` used scans."""
 
     def __post_init__(self) -> None:
-        for field in ("min_particles", "max_beams", "resample_interval", "lost_updates"):
-            self._require(getattr(self, field) >= 1, field, "must be at least 1")
-        self._require(self.max_particles >= self.min_particles, "max_particles", "must be at least min_particles")
-        few = self.global_particles is not None and self.global_particles < self.min_particles
-        self._require(not few, "global_particles", "must be at least min_particles, or None")
-        self._require(self.sensor in get_args(SensorModel), "sensor", f"must be one of {get_args(SensorModel)}")
-        for field in ("kld_err", "kld_z", "bin_size", "sigma_hit", "max_distance", "squash", "lost_spread"):
-            self._require(0 < getattr(self, field) < math.inf, field, "must be positive")
-        self._require(self.max_range is None or 0 < self.max_range < math.inf, "max_range", "must be positive or None")
-        self._require(0 < self.bin_angle <= math.pi, "bin_angle", "must lie in (0, pi]")
-        for field in (
-            *("alpha1", "alpha2", "alpha3", "alpha4", "z_hit", "z_short", "z_max", "lambda_short"),
-            *("update_min_d", "update_min_a", "initial_std", "initial_std_theta", "lost_distance"),
-        ):
-            self._require(0 <= getattr(self, field) < math.inf, field, "must not be negative")
-        self._require(0 < self.z_rand < math.inf, "z_rand", "must be positive: no reading is impossible")
-        for field in ("alpha_slow", "alpha_fast", "lost_fit"):
-            self._require(0 <= getattr(self, field) <= 1, field, "must lie in [0, 1]")
-        self._require(self.alpha_slow <= self.alpha_fast, "alpha_slow", "must not exceed alpha_fast")
-
-    def _require(self, condition: bool, field: str, what: str) -> None:
-        if not condition:
-            raise ValueError(f"{field} {what}, got {getattr(self, field)!r}")
+        for name in ("max_particles", "global_particles"):
+            count = getattr(self, name)
+            if count is not None and count < self.min_particles:
+                raise ValueError(f"{name} must be at least min_particles, got {count}")
+        if self.alpha_slow > self.alpha_fast:
+            raise ValueError(f"alpha_slow must not exceed alpha_fast, got {self.alpha_slow}")
 
     @property
     def most_particles(self) -> int:
