@@ -84,10 +84,9 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
     num_known, known_score = known_score_at(map, points, num_points, x, y, theta)
     fits = num_known < params.min_known_hits or known_score >= params.min_known_score
     fits &= distance(x - prior.x, y - prior.y) <= max_correction
-    cost = fit.squares + prior_cost(prior, x, y, theta)
     if not fits:
         x, y, theta = prior.x, prior.y, prior.theta
-        cost = evaluate(map, 0, points, num_points, x, y, theta).squares
+    cost = evaluate(map, 0, points, num_points, x, y, theta).squares + prior_cost(prior, x, y, theta)
     return (x, y, theta), fit, -0.5 * cost / params.residual_variance, num_known, known_score, fits
 
 
