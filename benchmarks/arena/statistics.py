@@ -83,7 +83,8 @@ def estimate(
     One episode alone gives an interval of no width: it says nothing about the spread, and `n` tells. Where `reached`
     (shapes as `strata`, bool) is False, the value is only a lower bound; None where there are no such.
     """
-    found = Estimate(*map(float, bootstrap(strata, statistic)), n=sum(map(len, strata)))
+    middle, low, high = map(float, bootstrap(strata, statistic))
+    found = Estimate(middle, low, high, sum(map(len, strata)))
     if reached is None or all(stratum.all() for stratum in reached):
         return found
     unlimited = [np.where(known, values, np.inf) for values, known in zip(strata, reached, strict=True)]
@@ -110,7 +111,8 @@ def paired_difference(a: Strata, b: Strata) -> Estimate:
 def paired_ratio(a: Strata, b: Strata) -> Estimate:
     """Return the geometric mean of a / b, pair by pair."""
     logs = estimate([np.log(x / y) for x, y in zip(a, b, strict=True)], statistic=np.mean)
-    return Estimate(*(float(np.exp(number)) for number in logs[:3]), n=logs.n)
+    middle, low, high = (float(np.exp(number)) for number in logs[:3])
+    return Estimate(middle, low, high, logs.n)
 
 
 def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> Estimate:
