@@ -31,12 +31,9 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def register(id: str, task: Any, **defaults: Any) -> None:
-    """Register environments of a task, so that `gymnasium.make` and `gymnasium.make_vec` make them.
+    """Register environments of a task for `gymnasium.make` and `gymnasium.make_vec`, with defaults of their arguments.
 
-    Args:
-        id: such as "my_lab/Escape-v0".
-        task: subclass of `envs.task.Task`, or `module:attribute` of it.
-        **defaults: arguments of the environment, of the task's own and of those that all tasks share.
+    `id` is such as "my_lab/Escape-v0", and `task` a subclass of `envs.task.Task` or `module:attribute` of one.
     """
     _register(id, LIDAR_ENV, {"task": task, **defaults})
 

@@ -83,10 +83,10 @@ def _in_a_line(box: str) -> str:
 
 
 def run_command(main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None) -> Any:
-    """Call a function with the options of the command line, and return what it returns.
+    """Call a function with the options of the command line, whose help is that of its module; return what it returns.
 
     Args:
-        main: the function; the documentation of its module is shown as help.
+        main: the function.
         arguments: options; None takes those of the process.
         options: class of what the function takes; None for arguments of its own.
 

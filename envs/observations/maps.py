@@ -18,17 +18,9 @@ MAX_SIZE = 4096
 
 @njit(cache=True, error_model="numpy")
 def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
-    """Crop the maps around active rows; see `crop_level`.
+    """Crop the maps around active rows to `out`, shape (n, 3, size, size), uint8; see `crop_level`.
 
-    Args:
-        levels: list of the levels' words.
-        sizes: shape (n, 2), int64: rows and columns of the levels.
-        origins: shape (n, 2), float64: corners of the maps [m].
-        rows: shape (n, ROW_SIZE), float64; see `envs.simulation.records`.
-        side: of a block [m].
-        pixel: side of a pixel [blocks].
-        active: shape (n,), bool.
-        out: shape (n, 3, size, size), uint8, written.
+    For `levels`, `sizes`, `origins` and `side` see `Batch.levels`; `pixel` is the side of a pixel [blocks].
     """
     for k in range(active.shape[0]):
         if active[k]:

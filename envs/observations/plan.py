@@ -65,16 +65,7 @@ class Plan:
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
-        """Choose what to show.
-
-        Args:
-            detection_time: time between two searches for frontiers [s].
-            num_candidates: how many are shown.
-            max_candidates: how many are rated at most, the cheapest to get to.
-
-        Raises:
-            ValueError: if one is not positive, or more are shown than rated.
-        """
+        """Choose the time between two searches for frontiers [s], how many are shown, and how many rated at most."""
         if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
             raise ValueError(
                 "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "

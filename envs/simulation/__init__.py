@@ -11,13 +11,7 @@ PHYSICS = ("bullet", "kinematic")
 
 
 def make_simulator(physics: str, robot: RobotParams, control_period: float, num_robots: int = 1) -> Simulator:
-    """Return equal robots under the named physics.
-
-    Args:
-        physics: one of `PHYSICS`.
-        robot: their parameters.
-        control_period: time between two commands [s].
-        num_robots: how many there are.
+    """Return equal robots under one of `PHYSICS`, which get commands every `control_period` seconds.
 
     Raises:
         ValueError: the physics is unknown, the control period is not positive, or there is not at least one robot.

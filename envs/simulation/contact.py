@@ -114,7 +114,7 @@ def find_contacts(
         positions: shape (num_robots, 2), float64, of all robots, world frame [m].
         radius: of their footprints [m].
         world: the world.
-        circles: shape (m, 3), float64: static cylinders and then movers, as (x, y, radius) [m].
+        circles: see `Simulator.circles`.
     """
     contacts = []
     starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]

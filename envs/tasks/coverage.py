@@ -167,13 +167,7 @@ class Coverage:
         self._num_explored = 0
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
-        """Process what a scan changed in the map.
-
-        Args:
-            update: the change.
-            resolution: side of the map's cells [m].
-            ranges: shape (num_beams,), float32 [m]: the scan.
-            true_pose: pose of the base that it was taken from, world frame.
+        """Process what a scan, shape (num_beams,), float32 [m], from a true pose changed in a map of a resolution [m].
 
         Returns:
             Change of the explored area [m2]; negative where a map that was redrawn no longer holds a cell as known.

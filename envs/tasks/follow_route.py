@@ -77,7 +77,7 @@ class FollowRoute(Task):
     2. Termination: the robot is `max_deviation` away from the route.
     3. Truncation: `time_limit` seconds have passed.
 
-    Collisions cost, and do not end the episode.
+    Collisions do not end the episode.
 
     ## Information
     Each step: `progress` (share of the route driven), `deviation` (to the left of the route [m]), `pose_error` (position
