@@ -25,17 +25,9 @@ TOPICS = {
 }
 """Types of the messages by topic."""
 _FOREVER = QosTime(9223372036, 854775807)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    False,
-)
+_RELIABILITY, _DURABILITY = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
+_TIMES = _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
+_LATCHED = Qos(QosHistory.KEEP_LAST, 1, _RELIABILITY, _DURABILITY, *_TIMES, False)
 """Quality of service of what late subscribers get as well."""
 _LATCHED_TOPICS = ("/map", "/tf_static")
 
@@ -44,11 +36,7 @@ class BagWriter:
     """Writes a bag under a temporary name, which `close` replaces by its own: there is a whole bag, or none."""
 
     def __init__(self, path: Path, further: Mapping[str, str] = {}) -> None:
-        """Start a bag.
-
-        Args:
-            path: of the file, `NAME.mcap`; a file that is there is replaced in the end.
-            further: types of messages by topic, beside `TOPICS`.
+        """Start a bag `NAME.mcap`, in place of one that is there; `further` are types by topic, beside `TOPICS`.
 
         Raises:
             ValueError: for another suffix.
@@ -65,15 +53,12 @@ class BagWriter:
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._writer.open()
         self._topics = {**TOPICS, **further}
-        self._connections = {
-            topic: self._writer.add_connection(
-                topic,
-                kind,
-                typestore=typestore(),
-                offered_qos_profiles=[_LATCHED] if topic in _LATCHED_TOPICS else [],
+        self._connections = {}
+        for topic, kind in self._topics.items():
+            qos = [_LATCHED] if topic in _LATCHED_TOPICS else []
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=typestore(), offered_qos_profiles=qos
             )
-            for topic, kind in self._topics.items()
-        }
 
     def write(self, topic: str, time: float, message: Any) -> None:
         """Write a message at a time [s]."""

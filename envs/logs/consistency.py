@@ -27,13 +27,8 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
     compared. A trajectory whose parts contradict each other, such as rooms that are laid over each other, shows here
     without ground truth; one that is bent, but meets none of its own walls, does not.
 
-    Args:
-        log: the log.
-        poses: shape (m, 3), float64, of the base at its scans [m, m, rad].
-
-    Returns:
-        The share among beams with a return; NaN if there are none, if a pose is not finite, or if poses are too far
-        apart for a map.
+    `poses` are those of the base at its scans, shape (m, 3), float64 [m, m, rad]. The share is that among beams with a
+    return; NaN if there are none, if a pose is not finite, or if poses are too far apart for a map.
     """
     if not np.isfinite(poses).all():
         return math.nan

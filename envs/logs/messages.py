@@ -27,14 +27,7 @@ def clock(time: float) -> Any:
 
 
 def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float) -> Any:
-    """Return a `sensor_msgs/LaserScan`.
-
-    Args:
-        time: of the scan, whose beams are all measured at once.
-        ranges: shape (num_beams,), float32 [m], as `Reading.ranges`.
-        lidar: geometry of the scan.
-        period: time between two scans [s].
-    """
+    """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m], every `period` [s]."""
     first, last = lidar.angles[[0, -1]].tolist()
     limits = (lidar.range_min, lidar.range_max)
     no_intensities = np.array([], dtype=np.float32)

@@ -24,15 +24,12 @@ class RelationError:
     """How far relative poses are off, over all relations."""
 
     translation: float
-    """Mean [m]."""
     translation_std: float
-    """Standard deviation [m]."""
+    """Mean and standard deviation [m]."""
     rotation: float
-    """Mean [deg]."""
     rotation_std: float
-    """Standard deviation [deg]."""
+    """Mean and standard deviation [deg]."""
     count: int
-    """Number of relations."""
 
     def __str__(self) -> str:
         """Give means and standard deviations with their units."""

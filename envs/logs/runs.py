@@ -102,15 +102,9 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Judge a replay.
+    """Judge a replay of an estimator of some name with a seed.
 
-    Args:
-        log: the log.
-        slam: the estimator, after the replay.
-        name: of the estimator.
-        seed: of the replay.
-        replayed: what it gave.
-        relations: as from `load_relations`, by the field of `Run` that holds the online error over them.
+    `relations` are as from `load_relations`, by the field of `Run` that holds the online error over them.
 
     Raises:
         ValueError: no relation lies within the log.
@@ -122,29 +116,16 @@ def measure(
         for field, some in relations.items():
             errors[f"{prefix}{field}"] = relation_error(log.times, trajectory, some)
     loop_closures = getattr(slam, "loop_closures", None)
-    return Run(
-        name,
-        seed,
-        float(milliseconds.mean()),
-        float(np.percentile(milliseconds, 99)),
-        float(milliseconds.max()),
-        float(replayed.is_lost.mean()),
-        conflict_share(log, replayed.final),
-        None if loop_closures is None else int(loop_closures),
-        **errors,
-    )
+    times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
+    shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
+    return Run(name, seed, *times, *shares, None if loop_closures is None else int(loop_closures), **errors)
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
     """Write map, picture and trajectories of a replay, and the pose graph of an estimator that has one.
 
-    Args:
-        folder: gets `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
-            `trajectory_online_SEED.tum` if those differ, and `pose_graph_SEED.g2o`.
-        log: the log.
-        slam: the estimator, after the replay.
-        seed: of the replay.
-        replayed: what it gave.
+    The folder gets `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
+    `trajectory_online_SEED.tum` if those differ, and `pose_graph_SEED.g2o`.
     """
     grid = slam.belief.grid
     picture(grid, replayed.final[:, :2]).save(folder / f"map_with_path_{seed}.png", optimize=True)

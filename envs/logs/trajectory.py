@@ -13,13 +13,9 @@ MAX_CLOCK_JUMP = 1.0
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
     """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
 
-    Args:
-        odometry: shape (n, 3), poses by odometry [m, rad].
-        scan_rows: shape (m,), rows of `odometry` at which the scans were taken, ascending.
-        scan_poses: shape (m, 3), estimated poses of the base at the scans [m, rad].
-
-    Returns:
-        Shape (n, 3), estimated poses [m, rad]. Those before the first scan lead back from it.
+    Poses by odometry are of shape (n, 3), those estimated at the scans of shape (m, 3) [m, rad]; `scan_rows`, shape
+    (m,), ascending, are the rows of odometry at which these were taken. Returns estimated poses, shape (n, 3); those
+    before the first scan lead back from it.
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
@@ -59,10 +55,6 @@ def rms(values: np.ndarray) -> float:
 
 
 def find_jump_back(times: np.ndarray) -> int | None:
-    """Return the first row at which a clock has run back by more than `MAX_CLOCK_JUMP`; None if there is none.
-
-    Args:
-        times: shape (n,), n at least 1 [s].
-    """
+    """Return the first row at which a clock, shape (n,) [s], n > 0, has run back by more than `MAX_CLOCK_JUMP`."""
     is_back = np.maximum.accumulate(times) - times > MAX_CLOCK_JUMP
     return int(is_back.argmax()) if is_back.any() else None

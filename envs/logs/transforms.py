@@ -74,12 +74,9 @@ def heading(quaternion: Any) -> float:
 
 
 def planar_beams(pose: np.ndarray, first: float, step: float) -> tuple[float, float]:
-    """Return the angle of the first beam in the base frame, and from one beam to the next, for a mounted lidar [rad].
+    """Return the first beam's angle and the angle from beam to beam in the base frame, from those in the lidar's [rad].
 
-    Args:
-        pose: of the lidar in the base frame, shape (4, 4); it may hang upside down.
-        first: angle of the first beam in the lidar's frame [rad].
-        step: angle from one beam to the next in the lidar's frame [rad].
+    The lidar's `pose` in the base frame, shape (4, 4), may hang upside down.
 
     Raises:
         ValueError: the lidar is tilted.
