@@ -11,7 +11,7 @@ from envs.robots import BodyParams, RobotParams
 
 from . import records as at
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
-from .drive import plan_wheels
+from .kinematic import plan_wheels
 
 WHEEL_LINKS = (0, 1)
 """Links of the left and the right wheel."""

@@ -10,7 +10,7 @@ from envs.estimation.motion import WheelMotion
 from envs.geometry import Pose2D
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.simulation.drive import SLIP_MARGIN
+from envs.simulation.kinematic import SLIP_MARGIN
 
 SECONDS = 5
 
