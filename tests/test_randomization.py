@@ -17,8 +17,8 @@ from envs.randomization import RANDOMIZABLE, Randomization
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
 from tests.rollouts import rollout
+from tests.rooms import square_room
 from tests.side_by_side import step_both
-from tests.simulation.conftest import make_world
 
 HAS_BULLET = importlib.util.find_spec("pybullet") is not None
 BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not HAS_BULLET, reason="PyBullet is not installed"))
@@ -32,8 +32,8 @@ RANGES = {
     "max_v": (0.15, 0.22),
 }
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "physics": "kinematic"}
-ROOM = {"world": make_world(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
-HALL = {**ROOM, "world": make_world(10.0)}
+ROOM = {"world": square_room(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
+HALL = {**ROOM, "world": square_room(10.0)}
 
 
 def fixed(**values):

@@ -1,6 +1,7 @@
 """Worlds of so many walls that PyBullet holds those around the robots alone."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.simulation import Twist, make_simulator
-from envs.worlds import World, load_world
+from envs.worlds import load_world
+from tests.rooms import BURGER, make_room
 
 pytest.importorskip("pybullet")
 
@@ -24,46 +26,35 @@ def many(monkeypatch):
 
 def corridor(length):
     """A corridor of 1 m along x, of walls of a tenth of a metre, closed at both ends."""
-    xs = np.arange(0.0, length, 0.1)
-    sides = [np.column_stack([xs, np.full_like(xs, y), xs + 0.1, np.full_like(xs, y)]) for y in (-0.5, 0.5)]
-    ends = np.array([[x, -0.5, x, 0.5] for x in (0.0, length)])
-    return World(
-        name="corridor",
-        segments=np.vstack([*sides, ends]),
-        circles=np.array([[length - 1.0, 0.4, 0.1]]),
-        spawns=(Pose2D(0.5, 0.0, 0.0),),
-        bounds=(0.0, -0.5, length, 0.5),
-    )
+    sides = [[x, y, x + 0.1, y] for y in (-0.5, 0.5) for x in np.arange(0.0, length, 0.1)]
+    ends = [[x, -0.5, x, 0.5] for x in (0.0, length)]
+    bodies = {"segments": np.array(sides + ends), "circles": np.array([[length - 1.0, 0.4, 0.1]])}
+    return replace(make_room(0.0, -0.5, length, 0.5, spawn=Pose2D(0.5, 0.0, 0.0)), **bodies)
 
 
 def drive(simulator, world, commands, seed=0):
     simulator.reset(world, [world.spawns[0]], [np.random.default_rng(seed)])
     readings = [simulator.step([command])[0] for command in commands]
-    return np.array([simulator.states[0].pose]), readings
+    return simulator.states[0].pose, readings[-1]
 
 
 def test_a_robot_far_from_its_start_is_stopped_by_walls(many):
     robot = load_robot("create3")
     simulator = make_simulator("bullet", robot, 0.2)
     length = 14.0
-    pose, readings = drive(simulator, corridor(length), [Twist(robot.max_v, 0.0)] * 300)
-    assert pose[0, 0] > length / 2
-    assert pose[0, 0] < length - robot.radius + 0.02
-    assert abs(pose[0, 1]) < 0.5 - robot.radius + 0.02
-    assert readings[-1].bumper
-    simulator.close()
+    pose, reading = drive(simulator, corridor(length), [Twist(robot.max_v, 0.0)] * 300)
+    assert length / 2 < pose.x < length - robot.radius + 0.02
+    assert abs(pose.y) < 0.5 - robot.radius + 0.02
+    assert reading.bumper
 
 
 def test_an_episode_does_not_depend_on_the_one_before(many):
-    world = load_world("turtlebot3_house")
-    robot = load_robot("turtlebot3_burger")
-    rng = np.random.default_rng(1)
-    commands = [Twist(robot.max_v, float(w)) for w in rng.uniform(-1.0, 1.0, 60).repeat(5)]
-    first, again = make_simulator("bullet", robot, 0.2), make_simulator("bullet", robot, 0.2)
+    world, rng = load_world("turtlebot3_house"), np.random.default_rng(1)
+    commands = [Twist(BURGER.max_v, float(w)) for w in rng.uniform(-1.0, 1.0, 60).repeat(5)]
+    first, again = (make_simulator("bullet", BURGER, 0.2) for _ in range(2))
     drive(again, world, commands[::-1], seed=5)
     poses = [drive(simulator, world, commands)[0] for simulator in (first, again, again)]
-    np.testing.assert_array_equal(poses[0], poses[1])
-    np.testing.assert_array_equal(poses[0], poses[2])
+    assert poses[0] == poses[1] == poses[2]
 
 
 def test_what_is_near_is_there_and_what_is_far_is_not(many):

@@ -10,6 +10,7 @@ from envs.geometry.clearance import clearance
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
 from envs.worlds import Mover
+from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 
 SUBSTEPS = 6
 
@@ -57,17 +58,15 @@ def plain_advance(pose, reached, command, normals, period, robot, segments, befo
     return pose, reached, angles, touched
 
 
-def test_equals_the_plain_physics(room):
+def test_equals_the_plain_physics():
     """Among walls, posts and a walking body, with slip."""
-    robot = load_robot("turtlebot3_burger")
     walls = [[0.4, -0.5, 0.4, 0.5], [-0.3, 0.3, 0.3, 0.5], [-0.5, -0.4, 0.2, -0.45]]
     mover = Mover(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
-    world = room(0.8, segments=walls, circles=[[-0.2, 0.2, 0.05]], movers=[mover])
-    simulator = KinematicSimulator(robot, 0.1)
+    world = square_room(0.8, walls, circles=[[-0.2, 0.2, 0.05]], movers=[mover])
+    simulator, pose = KinematicSimulator(BURGER, 0.1), Pose2D(0.0, 0.0, 0.3)
     rng, copy = np.random.default_rng(3), np.random.default_rng(3)
-    pose = Pose2D(0.0, 0.0, 0.3)
     simulator.reset(world, [pose], [rng])
-    size = 4 + robot.lidar.num_beams
+    size = 4 + BURGER.lidar.num_beams
     copy.standard_normal(size)
     reached, angles, contacts = [0.0, 0.0], np.zeros(2), 0
     commands = np.random.default_rng(8)
@@ -75,16 +74,10 @@ def test_equals_the_plain_physics(room):
         if step % 10 == 0:
             command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
         reading = simulator.step([command])[0]
+        circles = [world.circles_at(0.1 * time) for time in (step, step + 1)]
+        normals = copy.standard_normal(size)[:2]
         pose, reached, turned, touched = plain_advance(
-            pose,
-            reached,
-            command,
-            copy.standard_normal(size)[:2],
-            0.1,
-            robot,
-            world.segments,
-            world.circles_at(0.1 * step),
-            world.circles_at(0.1 * (step + 1)),
+            pose, reached, command, normals, 0.1, BURGER, world.segments, *circles
         )
         angles += turned
         contacts += touched
@@ -94,75 +87,69 @@ def test_equals_the_plain_physics(room):
     assert 20 < contacts < 180
 
 
-def test_it_slides_along_a_wall(room):
-    robot = load_robot("turtlebot3_burger")
-    robot = replace(robot, drive=replace(robot.drive, slip_std=0.0))
-    simulator = KinematicSimulator(robot, 0.1)
-    simulator.reset(room(5.0), [Pose2D(0.0, 5.0 - robot.radius - 0.01, math.pi / 6)], [np.random.default_rng(0)])
+def test_it_slides_along_a_wall():
+    pose = Pose2D(0.0, 5.0 - BURGER.radius - 0.01, math.pi / 6)
+    simulator = begin("kinematic", without_slip(BURGER), square_room(5.0), pose)
     for _ in range(100):
         simulator.step([Twist(0.2, 0.0)])
     x, y, theta = simulator.states[0].pose
     assert theta == pytest.approx(math.pi / 6)
-    assert y == pytest.approx(5.0 - robot.radius, abs=1e-5)
+    assert y == pytest.approx(5.0 - BURGER.radius, abs=1e-5)
     assert x == pytest.approx(20 * 0.1 * math.cos(math.pi / 6) * 0.96, rel=0.06)
     assert simulator.states[0].twist.v == pytest.approx(0.2 * math.cos(math.pi / 6) ** 2, rel=0.01)
 
 
-def test_a_robot_too_fast_for_its_size_tunnels_nowhere(room):
+def test_a_robot_too_fast_for_its_size_tunnels_nowhere():
     robot = replace(load_robot("raspimouse"), max_v=20.0, max_acc_v=1000.0)
-    world = room(30.0, segments=[[2.0, -30.0, 2.0, 30.0]])
-    simulator = KinematicSimulator(robot, 0.5)
-    simulator.reset(world, [Pose2D(0.0, 0.0, 0.3)], [np.random.default_rng(0)])
+    world = square_room(30.0, segments=[[2.0, -30.0, 2.0, 30.0]])
+    simulator = begin("kinematic", robot, world, Pose2D(0.0, 0.0, 0.3), period=0.5)
     for _ in range(6):
         simulator.step([Twist(20.0, 0.0)])
         assert simulator.states[0].pose.x <= 2.0 - robot.radius + 1e-5
 
 
-def test_a_wedged_robot_stays_where_it_is(room):
-    robot = load_robot("turtlebot3_burger")
-    wedge = [[0.0, -0.3, 2.0, 0.0], [0.0, 0.3, 2.0, 0.0]]
-    simulator = KinematicSimulator(robot, 0.1)
-    world = room(5.0, segments=wedge)
-    simulator.reset(world, [Pose2D(0.3, 0.0, 0.0)], [np.random.default_rng(0)])
+def test_a_wedged_robot_stays_where_it_is():
+    world = square_room(5.0, segments=[[0.0, -0.3, 2.0, 0.0], [0.0, 0.3, 2.0, 0.0]])
+    simulator = begin("kinematic", BURGER, world, Pose2D(0.3, 0.0, 0.0))
     for _ in range(100):
         simulator.step([Twist(0.2, 0.0)])
-        assert clearance(*simulator.states[0].pose[:2], world.segments, world.circles) > robot.radius - 1e-5
-    assert simulator.states[0].pose.x < 2.0 - robot.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
+        assert clearance(*simulator.states[0].pose[:2], world.segments, world.circles) > BURGER.radius - 1e-5
+    assert simulator.states[0].pose.x < 2.0 - BURGER.radius / math.sin(math.atan2(0.3, 2.0)) + 1e-3
 
 
-@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan)])
-def test_commands_that_are_no_numbers_are_refused(physics, command, plain):
-    simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
-    simulator.reset(plain, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf)])
+def test_commands_that_are_no_numbers_are_refused(physics, command):
+    simulator = begin(physics, BURGER, PLAIN, ORIGIN)
     before = simulator.states[0]
-    with pytest.raises(ValueError, match=r"command must be finite, got v = .* w = (nan|inf|0\.0)"):
+    with pytest.raises(ValueError, match=r"command must be finite, got v = .* w = (inf|0\.0)"):
         simulator.step([Twist(*command)])
     assert simulator.states[0] == before
 
 
-def test_bad_use_is_refused(physics, room):
-    robot = load_robot("turtlebot3_burger")
-    with pytest.raises(ValueError, match="control_period must be positive"):
-        make_simulator(physics, robot, 0.0)
-    simulator = make_simulator(physics, robot, 0.1)
+def test_bad_use_is_refused(physics):
+    simulator = make_simulator(physics, BURGER, 0.1)
     with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
         simulator.step([Twist(0.0, 0.0)])
-    world = room(2.0, circles=[[1.0, 0.0, 0.3]])
-    for pose in (Pose2D(1.95, 0.0, 0.0), Pose2D(1.0, 0.1, 0.0)):
-        with pytest.raises(ValueError, match=r"does not fit at x = 1\..* world 'test'.* 0\.125 m"):
-            simulator.reset(world, [pose], [np.random.default_rng(0)])
-    with pytest.raises(ValueError, match="finite"):
-        simulator.reset(world, [Pose2D(math.nan, 0.0, 0.0)], [np.random.default_rng(0)])
+    world = square_room(2.0, circles=[[1.0, 0.0, 0.3]])
+    misfit = r"does not fit at x = 1\..* world 'test'.* 0\.125 m"
+    for pose, complaint in (((1.95, 0.0, 0.0), misfit), ((1.0, 0.1, 0.0), misfit), ((math.nan, 0.0, 0.0), "finite")):
+        with pytest.raises(ValueError, match=complaint):
+            simulator.reset(world, [Pose2D(*pose)], [np.random.default_rng(0)])
 
 
-def test_unknown_physics_is_refused():
-    with pytest.raises(ValueError, match="'newton'.*" + ", ".join(PHYSICS)):
-        make_simulator("newton", load_robot("turtlebot3_burger"), 0.1)
-
-
-def test_a_period_of_countless_physics_steps_is_refused():
-    robot = replace(load_robot("turtlebot3_burger"), max_v=1e6)
-    with pytest.raises(
-        ValueError, match=r"'turtlebot3_burger' .*1e\+06 m/s\) needs more than 10,000 physics steps in a control period"
-    ):
-        make_simulator("kinematic", robot, 0.2)
+@pytest.mark.parametrize(
+    ("physics", "max_v", "period", "complaint"),
+    [
+        ("newton", 0.2, 0.1, "'newton'.*" + ", ".join(PHYSICS)),
+        ("kinematic", 0.2, 0.0, "control_period must be positive"),
+        (
+            "kinematic",
+            1e6,
+            0.2,
+            r"'turtlebot3_burger' .*1e\+06 m/s\) needs more than 10,000 physics steps in a control",
+        ),
+    ],
+)
+def test_simulators_that_cannot_be_made_are_refused(physics, max_v, period, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        make_simulator(physics, replace(BURGER, max_v=max_v), period)

@@ -1,7 +1,6 @@
 """Walls stop robots, let none through, and tip none over."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +10,10 @@ from envs.geometry.clearance import clearance
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
 from envs.worlds import Mover, load_world
+from tests.rooms import BURGER, ORIGIN, begin, square_room, without_slip
 
 WALL = 2.0
+WALLED = square_room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
 
 
 def farthest(robot, pose):
@@ -26,49 +27,45 @@ def farthest(robot, pose):
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_a_thin_wall_stops_the_robot(physics, name, room):
+def test_a_thin_wall_stops_the_robot(physics, name):
     robot = load_robot(name)
-    world = room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
-    simulator = make_simulator(physics, robot, 0.1)
     one_substep = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius / 60
     for heading, sign in ((0.0, 1), (0.7, 1), (math.pi, -1), (math.pi - 0.3, -1)):
-        simulator.reset(world, [Pose2D(WALL - robot.radius - 1.4, 0.0, heading)], [np.random.default_rng(0)])
+        simulator = begin(physics, robot, WALLED, Pose2D(WALL - robot.radius - 1.4, 0.0, heading))
         touched, reached = [], []
         for _ in range(40 + math.ceil(10 * (2.0 / robot.max_v + robot.max_v / robot.max_acc_v))):
             reading = simulator.step([Twist(sign * robot.max_v, 0.0)])[0]
+            pose = simulator.states[0].pose
             touched.append(reading.bumper)
-            reached.append(farthest(robot, simulator.states[0].pose))
+            reached.append(farthest(robot, pose))
             if physics == "kinematic":
-                free = clearance(*simulator.states[0].pose[:2], world.segments, world.circles)
+                free = clearance(*pose[:2], WALLED.segments, WALLED.circles)
                 assert free > robot.radius - 1e-5
             else:
-                assert farthest(robot, simulator.states[0].pose) < WALL + 0.001 + one_substep
+                assert reached[-1] < WALL + 0.001 + one_substep
                 assert max(map(abs, simulator.robots[0].tilt)) < math.radians(10)
         assert sum(touched) > 10
         first = touched.index(True)
         if heading in (0.0, math.pi):
             assert np.ptp(reached[first + 5 : first + 15]) < 0.01, "head-on, the robot has to come to rest"
-    simulator.close()
 
 
-def test_driving_freely_touches_nothing(physics, room):
-    simulator = make_simulator(physics, load_robot("turtlebot3_burger"), 0.1)
-    simulator.reset(room(3.0), [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+def test_driving_freely_touches_nothing(physics):
+    simulator = begin(physics, BURGER, square_room(3.0), ORIGIN)
     assert not any(simulator.step([Twist(0.2, 0.3)])[0].bumper for _ in range(100))
 
 
-def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
+def test_a_body_that_walks_pushes_the_robot_aside(physics):
     robot = load_robot("turtlebot3_waffle_pi")
     path = np.array([[1.5, 0.03], [-3.0, 0.03], [-3.0, 3.0], [1.5, 3.0]])
-    world = room(5.0, movers=[Mover(radius=0.25, waypoints=path, speed=0.8)])
-    simulator = make_simulator(physics, robot, 0.1)
-    simulator.reset(world, [Pose2D(0.0, 0.0, 0.0)], [np.random.default_rng(0)])
+    mover = Mover(radius=0.25, waypoints=path, speed=0.8)
+    simulator = begin(physics, robot, square_room(5.0, movers=[mover]), ORIGIN)
     touched = 0
     nearest = robot.radius if physics == "kinematic" else robot.body.center[0] + 0.5 * robot.body.size[0]
     for _ in range(60):
         reading = simulator.step([Twist(0.0, 0.0)])[0]
         touched += reading.bumper
-        gap = math.dist(world.movers[0].position(reading.time), simulator.states[0].pose[:2])
+        gap = math.dist(mover.position(reading.time), simulator.states[0].pose[:2])
         assert gap > 0.25 + nearest - 0.01
     assert touched >= 3
     assert math.hypot(*simulator.states[0].pose[:2]) > 0.2
@@ -76,14 +73,11 @@ def test_a_body_that_walks_pushes_the_robot_aside(physics, room):
 
 
 @pytest.mark.parametrize("name", ["create3", "turtlebot3_waffle_pi", "raspimouse"])
-def test_a_wall_of_many_pieces_is_smooth(physics, name, room):
+def test_a_wall_of_many_pieces_is_smooth(physics, name):
     """Robots glide along it at a shallow angle; a round one keeps its heading, a square one may turn along it."""
-    robot = load_robot(name)
-    robot = replace(robot, drive=replace(robot.drive, slip_std=0.0))
-    ends = np.arange(-4.0, 4.01, 0.05)
-    world = room(5.0, segments=[[x, 1.0, x + 0.05, 1.0] for x in ends])
-    simulator = make_simulator(physics, robot, 0.1)
-    simulator.reset(world, [Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25)], [np.random.default_rng(0)])
+    robot = without_slip(load_robot(name))
+    world = square_room(5.0, segments=[[x, 1.0, x + 0.05, 1.0] for x in np.arange(-4.0, 4.01, 0.05)])
+    simulator = begin(physics, robot, world, Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25))
     seconds = 3.0 / robot.max_v
     touched = [simulator.step([Twist(robot.max_v, 0.0)])[0].bumper for _ in range(round(10 * seconds))]
     assert np.mean(touched) > 0.5
@@ -93,18 +87,13 @@ def test_a_wall_of_many_pieces_is_smooth(physics, name, room):
     assert 0.0 < y < 1.0
     if robot.body.radius is not None:
         assert theta == pytest.approx(0.25, abs=0.05)
-    simulator.close()
 
 
-@pytest.mark.parametrize("world", ["plain wall", "explorebench_loop"])
+@pytest.mark.parametrize(("world", "wall"), [(WALLED, WALL), (load_world("explorebench_loop"), 9.925)])
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "turtlebot3_waffle_pi", "raspimouse", "mpo_500", "create3"])
-def test_a_robot_that_a_wall_keeps_from_turning_is_no_faster_than_it_can_drive(physics, name, world, room):
+def test_a_robot_that_a_wall_keeps_from_turning_is_no_faster_than_it_can_drive(physics, name, world, wall):
     """Against a wall at all angles, forward and backward, while turning either way."""
     robot = load_robot(name)
-    if world == "plain wall":
-        world, wall = room(8.0, segments=[[WALL, -8.0, WALL, 8.0]]), WALL
-    else:
-        world, wall = load_world(world), 9.925
     simulator = make_simulator(physics, robot, 0.1)
     limit = 1.05 * robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
     contacts = 0
@@ -120,4 +109,3 @@ def test_a_robot_that_a_wall_keeps_from_turning_is_no_faster_than_it_can_drive(p
                 assert pose.x < wall
             contacts += touched
     assert contacts > 8
-    simulator.close()

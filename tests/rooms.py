@@ -1,0 +1,47 @@
+"""Rooms for tests, and simulators that begin in them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.simulation import make_simulator
+from envs.worlds import World
+
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+BURGER = load_robot("turtlebot3_burger")
+
+
+def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), movers=(), spawn=ORIGIN):
+    """A rectangular room with something in it; its walls come before `segments`."""
+    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
+    walls = [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1])]
+    return World(
+        name="test",
+        segments=np.array([*walls, *segments], dtype=float),
+        circles=np.array(circles, dtype=float).reshape(-1, 3),
+        spawns=(spawn,),
+        bounds=(x_min, y_min, x_max, y_max),
+        movers=tuple(movers),
+    )
+
+
+def square_room(size, segments=(), circles=(), movers=()):
+    """A room of side 2 `size` around the origin."""
+    return make_room(-size, -size, size, size, segments, circles, movers)
+
+
+PLAIN = square_room(60.0)
+"""Flat ground with nothing near."""
+
+
+def without_slip(robot):
+    return replace(robot, drive=replace(robot.drive, slip_std=0.0))
+
+
+def begin(physics, robot, world, *poses, period=0.1, seed=0):
+    """Return a simulator at the start of an episode of robots at `poses`."""
+    simulator = make_simulator(physics, robot, period, len(poses))
+    simulator.reset(world, poses, np.random.default_rng(seed).spawn(len(poses)))
+    return simulator
