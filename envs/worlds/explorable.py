@@ -5,24 +5,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.distance_transform import MAX_REACH, squared_distances
-from envs.geometry.lines import longest_step
-from envs.progress import Progress
 from envs.robots import RobotParams
 
 from .raster import rasterize
+from .visibility import visible_from
 from .world import World
-
-NUM_DIRECTIONS = 180
-"""Directions in which a traversable cell is searched for from a cell."""
-_ROWS = 80
-"""Rows of cells between two updates of the progress bar."""
-_DELAY = 2.0
-"""Time after which there is a progress bar [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,61 +120,3 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
         x, y = mover.position(0.0)
         near_movers |= np.hypot(xs - x, ys - y) <= robot.radius + mover.radius
     return ExplorableArea(walls, explorable, traversable, start_cells, near_movers)
-
-
-def visible_from(
-    free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
-) -> np.ndarray:
-    """Find the candidates that are goals, or see one along a straight line of free cells: shape of `free`, bool.
-
-    A progress bar shows up if it takes longer than two seconds.
-
-    Args:
-        free: shape (height, width), bool.
-        goals: shape of `free`, bool: cells to be seen, all free.
-        candidates: shape of `free`, bool: the cells in question, all free.
-        reach: longest line [cells].
-        name: of the world, for the progress bar.
-    """
-    # The golden angle: any few directions in sequence look all around.
-    steps = np.array([longest_step(2.399963229728653 * k) for k in range(NUM_DIRECTIONS)])
-    reach = min(reach, 2.0 * max(free.shape))  # lines that are longer end beyond the raster
-    lengths = (reach / np.hypot(*steps.T)).astype(np.int64)
-    lines = np.floor(0.5 + np.arange(1, reach + 1)[:, None] * steps[:, None]).astype(np.int64)  # see `cell_along`
-    visible = goals.copy()
-    label = f"explorable area of {name}"
-    with Progress(total=len(free), desc=label, unit="row", delay=_DELAY, leave=False) as bar:
-        for first in range(0, len(free), _ROWS):
-            last = min(first + _ROWS, len(free))
-            _look(free, goals, candidates, lengths, lines, first, last, visible)
-            bar.update(last - first)
-    return visible
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _look(free, goals, candidates, lengths, lines, first, last, visible):
-    """Mark in `visible` which candidates of the rows from `first` to `last` see a goal."""
-    latest = 0
-    for row in range(first, last):
-        for col in range(free.shape[1]):
-            if not candidates[row, col] or goals[row, col]:
-                continue
-            # What the cell before saw is often seen in the same direction.
-            for n in range(-1, lengths.shape[0]):
-                k = latest if n < 0 else n
-                if _sees(free, goals, row, col, lines[k, : lengths[k]]):
-                    visible[row, col] = True
-                    latest = k
-                    break
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _sees(free, goals, row, col, line):
-    """Tell whether a goal comes before the first wall on a line that starts at a cell."""
-    for step in range(line.shape[0]):
-        i, j = row + line[step, 0], col + line[step, 1]
-        if not (0 <= i < free.shape[0] and 0 <= j < free.shape[1]) or not free[i, j]:
-            return False
-        if goals[i, j]:
-            return True
-    return False

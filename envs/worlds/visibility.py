@@ -1,0 +1,165 @@
+"""Which cells of a raster see one of some others along a straight line of free cells."""
+
+import math
+from itertools import product
+
+import numpy as np
+from numba import njit
+
+from envs.geometry.lines import cell_along, longest_step
+from envs.progress import Progress
+
+NUM_DIRECTIONS = 180
+"""Directions in which a goal is searched for from a cell."""
+_HEIGHT, _WIDTH = 8, 128
+"""Size of a block of cells that look at once: a byte holds eight rows of a column, and bytes side by side are combined
+by vector instructions."""
+_ROWS = 10 * _HEIGHT
+"""Rows of cells between two updates of the progress bar."""
+_DELAY = 2.0
+"""Time after which there is a progress bar [s]."""
+
+
+def visible_from(
+    free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
+) -> np.ndarray:
+    """Find the candidates that see one of the goals along a line of at most `reach` cells, and the goals themselves.
+
+    All arrays are of the same shape, bool; goals and candidates are free cells. All cells of a block look along the
+    same line at once; bits tell which of them have met neither a wall nor a goal yet. So the time is proportional to
+    the number of cells, and at worst to the reach, whatever the shape of the free space: other searches take minutes
+    for large maps with doors that are too narrow. Cells from which no path with the steps of an octant's lines leads
+    to a goal do not look along these. A progress bar shows up after two seconds.
+    """
+    height = len(free)
+    reach = min(reach, 2.0 * max(free.shape))  # lines that are longer end beyond the raster
+    slopes, lengths, lines = _lines(reach)
+    plain, ends = _pack(free & ~goals), _pack(goals)
+    visible = goals.copy()
+    label = f"explorable area of {name}"
+    with Progress(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
+        for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
+            # An octant: one step in `sign` along the axis each time, to `side` or not at all along the other one.
+            chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
+            straight, diagonal = ((sign, 0), (sign, side)) if axis == 0 else ((0, sign), (side, sign))
+            wanted = _pack(candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach))
+            for first in range(0, height, _ROWS):
+                last = min(first + _ROWS, height)
+                _look(plain, ends, wanted, lengths[chosen], lines[chosen], first, last, visible)
+                bar.update(last - first)
+    return visible
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _comes_near(free, goals, straight, diagonal, reach):
+    """Tell from which cells some path of two kinds of steps, each (rows, columns), leads to a goal through free cells.
+
+    Shape (height, width), bool; paths have at most `reach` steps.
+    """
+    height, width = free.shape
+    far = np.uint16(2**16 - 2)
+    near = np.empty((height, width), dtype=np.bool_)
+    # Steps to a goal in this row and in the one that steps lead to, with a margin.
+    line, before = np.full(width + 2, far, dtype=np.uint16), np.full(width + 2, far, dtype=np.uint16)
+    by_row, by_col = diagonal
+    for k in range(height):
+        row = height - 1 - k if by_row > 0 else k
+        line, before = before, line
+        aslant = before[1 + by_col :]
+        ahead = aslant if straight[0] == 0 else before[1:]
+        is_free, is_goal, steps = free[row], goals[row], line[1:]
+        for col in range(width):
+            least = min(min(ahead[col], aslant[col]) + 1, far) if is_free[col] else far
+            steps[col] = 0 if is_goal[col] else least
+        if straight[0] == 0:
+            latest = far
+            for n in range(width):
+                col = width - 1 - n if by_col > 0 else n
+                if is_free[col]:
+                    steps[col] = min(steps[col], min(latest + 1, far))
+                latest = steps[col]
+        for col in range(width):
+            near[row, col] = steps[col] <= reach and steps[col] < far
+    return near
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _lines(reach):
+    """Return steps (`longest_step`), numbers of steps, and (row, column) after each step of the lines from any cell.
+
+    Shapes (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
+    """
+    slopes = np.empty((NUM_DIRECTIONS, 2))
+    lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
+    lines = np.empty((NUM_DIRECTIONS, int(reach) + 1, 2), dtype=np.int64)
+    for k in range(NUM_DIRECTIONS):
+        # The golden angle: any few directions in sequence look all around.
+        d_row, d_col = longest_step(2.399963229728653 * k)
+        slopes[k] = d_row, d_col
+        lengths[k] = int(reach / math.hypot(d_row, d_col))
+        for step in range(lengths[k] + 1):
+            lines[k, step] = cell_along(0, 0, d_row, d_col, step)
+    return slopes, lengths, lines
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _pack(mask):
+    """Return the bits of a mask, shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8, with a margin of zeros.
+
+    Bit b at (row + _HEIGHT, column + _WIDTH) is that of the mask at (row + b, column): a byte holds eight rows.
+    """
+    height, width = mask.shape
+    packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
+    for row in range(height - 1, -_HEIGHT, -1):
+        line, below = packed[row + _HEIGHT, _WIDTH:], packed[row + _HEIGHT + 1, _WIDTH:]
+        for col in range(width):
+            line[col] = below[col] << 1
+        if row >= 0:
+            for col in range(width):
+                line[col] |= mask[row, col]
+    return packed
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _look(plain, ends, wanted, lengths, lines, first, last, visible):
+    """Mark in `visible` which of the wanted cells of the rows from `first`, a multiple of `_HEIGHT`, see a goal.
+
+    Free cells without the goals, goals, and cells in question are packed, see `_pack`; for the lines see `_lines`.
+    """
+    height, width = visible.shape
+    left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
+    for top in range(first, last, _HEIGHT):
+        for start in range(0, width, _WIDTH):
+            asked = wanted[top + _HEIGHT, start + _WIDTH : start + 2 * _WIDTH]
+            if not asked.any():
+                continue
+            left[:] = asked
+            for k in range(lengths.shape[0]):
+                if not left.any():
+                    break
+                alive[:] = left
+                for step in range(1, lengths[k] + 1):
+                    row, col = top + _HEIGHT + lines[k, step, 0], start + _WIDTH + lines[k, step, 1]
+                    if not (0 < row < height + _HEIGHT and 0 < col < width + _WIDTH):
+                        break
+                    if not _advance(plain[row, col : col + _WIDTH], ends[row, col : col + _WIDTH], alive, left):
+                        break
+            for j in range(min(_WIDTH, width - start)):
+                seen = asked[j] & ~left[j]
+                for bit in range(_HEIGHT):
+                    if seen >> bit & 1:
+                        visible[top + bit, start + j] = True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _advance(plain, ends, alive, left):
+    """Let the cells of a block that are `alive` take a step; return whether any has met neither a wall nor a goal yet.
+
+    Shape (_WIDTH,), uint8, each; `left` are those that have seen no goal so far.
+    """
+    remain = np.uint8(0)
+    for j in range(_WIDTH):
+        left[j] &= ~(alive[j] & ends[j])
+        alive[j] &= plain[j]
+        remain |= alive[j]
+    return remain != 0
