@@ -42,10 +42,8 @@ def test_a_record_survives_being_written(tmp_path):
         ({"speed": -1}, "mem: speed: .*greater than 0, got -1"),
         ({"speed": 1, "wheels": [{}]}, "mem: key 'wheels.0.radius' is missing"),
         ({"speed": 1, "wheels": [{"radius": -1}]}, "mem: wheels.0: radius must be positive, got -1.0$"),
-        (
-            {"speed": 1, "spare": {"radios": 1}},
-            r"unknown key 'spare.radios' \(did you mean 'radius'\?\); allowed are radi",
-        ),
+        ({"speed": 1, "spare": {"radios": 1}}, r"unknown key 'spare.radios' \(did you mean 'radius'\?\); allowed"),
+        ({"sped": 1, "colour": 2}, r"^(mem: .*\n){2}mem: .*$"),  # each mistake has a line of its own
         ([1], "mem: must hold keys and values, got list"),
     ],
 )
@@ -54,10 +52,10 @@ def test_mistakes_name_source_key_and_what_is_allowed(content, message):
         parse_record(content, "mem", Cart)
 
 
-def test_each_mistake_has_a_line_of_its_own():
-    with pytest.raises(ValueError, match=r"mem: .*'sped'") as caught:
-        parse_record({"sped": 1, "colour": 2}, "mem", Cart)
-    assert [line.split()[0] for line in str(caught.value).splitlines()] == ["mem:"] * 3
+def bomb(first, line, repeats):
+    """A small file each of whose twelve lines holds the one before several times."""
+    lines = (f"a{k}: &a{k} {line.format(', '.join([f'*a{k - 1}'] * repeats))}" for k in range(1, 12))
+    return "\n".join([f"a0: &a0 {first}", *lines])
 
 
 @pytest.mark.parametrize(
@@ -76,6 +74,9 @@ def test_each_mistake_has_a_line_of_its_own():
         ("a: !!timestamp now", "not readable as YAML"),
         ("".join(f"k{i}: 1\n" for i in range(30_000)) + "k29999: 2", "key 'k29999' occurs twice"),
         ("a: &a [*a]", "more than 500,000 values"),
+        (bomb("[1, 1, 1]", "[{}]", 10), "more than 500,000 values, aliases counted each time"),
+        (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 10), "more than 500,000 values, aliases counted each time"),
+        (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 1000), "more than 500,000 values, aliases counted each time"),
         ("a: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels"),
         ("a: [" + "1," * 500_001 + "]", "more than 500,000 values"),
         ("a: '" + "x" * 9_000_000 + "'", "bytes; at most 8,388,608 are allowed"),
@@ -89,30 +90,20 @@ def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
         read_mapping(tmp_path / "gone.yaml")
 
 
-def test_aliases_cannot_make_a_small_file_large(tmp_path):
-    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 12)]
-    (tmp_path / "bomb.yaml").write_text("\n".join(lines))
-    with pytest.raises(ValueError, match=r"bomb\.yaml: .*more than 500,000 values"):
-        read_mapping(tmp_path / "bomb.yaml")
-    (tmp_path / "fine.yaml").write_text("a: &a [1, 2]\nb: [*a, *a]")
-    assert read_mapping(tmp_path / "fine.yaml") == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
-
-
-@pytest.mark.parametrize("repeats", [10, 1000])
-def test_merges_cannot_make_a_small_file_large(tmp_path, repeats):
-    lines = ["a0: &a0 {k: 1, l: 2}"]
-    lines += [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * repeats)}]}}" for k in range(1, 12)]
-    (tmp_path / "bomb.yaml").write_text("\n".join(lines))
-    with pytest.raises(ValueError, match=r"bomb\.yaml: .*more than 500,000 values, aliases counted each time"):
-        read_mapping(tmp_path / "bomb.yaml")
-    (tmp_path / "fine.yaml").write_text("x: &x {a: 1, b: 2}\ny: &y {<<: *x, b: 3}\nz: {<<: [*y, {c: 4}], d: 5}")
-    assert read_mapping(tmp_path / "fine.yaml")["z"] == {"a": 1, "b": 3, "c": 4, "d": 5}
-
-
-def test_long_texts_of_digits_are_read_fast(tmp_path):
-    (tmp_path / "digits.yaml").write_text("a: " + "1" * 200_000 + "x")
-    assert read_mapping(tmp_path / "digits.yaml") == {"a": "1" * 200_000 + "x"}
+@pytest.mark.parametrize(
+    ("text", "content"),
+    [
+        ("a: &a [1, 2]\nb: [*a, *a]", {"a": [1, 2], "b": [[1, 2], [1, 2]]}),
+        (
+            "x: &x {a: 1, b: 2}\ny: &y {<<: *x, b: 3}\nz: {<<: [*y, {c: 4}], d: 5}",
+            {"x": {"a": 1, "b": 2}, "y": {"a": 1, "b": 3}, "z": {"a": 1, "b": 3, "c": 4, "d": 5}},
+        ),
+        ("a: " + "1" * 200_000 + "x", {"a": "1" * 200_000 + "x"}),  # a long text of digits, which takes no long time
+    ],
+)
+def test_aliases_merges_and_long_texts_are_read(tmp_path, text, content):
+    (tmp_path / "fine.yaml").write_text(text)
+    assert read_mapping(tmp_path / "fine.yaml") == content
 
 
 def test_messages_stay_short():

@@ -14,13 +14,7 @@ def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
     dead.wait()
     node = platform.node()
     gone = [f".a.csv.{node}.{dead.pid}.tmp", f".{node}.{dead.pid}.tmp.{node}.{dead.pid}.tmp"]
-    kept = [
-        f".a.csv.{node}.{os.getppid()}.tmp",
-        f".a.csv.elsewhere.{dead.pid}.tmp",
-        "a.csv",
-        ".a.tmp",
-        f"a.{dead.pid}.tmp",
-    ]
+    kept = [f".a.csv.{node}.{os.getppid()}.tmp", f".a.csv.elsewhere.{dead.pid}.tmp", f"a.{dead.pid}.tmp", ".a.tmp"]
     for name in (*gone, *kept):
         (tmp_path / name).write_text("x")
     folder = tmp_path / f".step_7.{node}.{dead.pid}.tmp"
@@ -66,19 +60,16 @@ def test_a_lock_is_held_by_one_process_or_shared_and_ends_with_it(tmp_path):
 
     other = hold(shared=False)
     for shared in (False, True):
-        with (
-            pytest.raises(LockedError, match=rf"{tmp_path} is in use: process {other.pid} on "),
-            Lock(tmp_path, shared=shared),
-        ):
-            pass
+        with pytest.raises(LockedError, match=rf"{tmp_path} is in use: process {other.pid} on "):
+            Lock(tmp_path, shared=shared).__enter__()
     other.kill()
     other.wait()
     other = hold(shared=True)
     with Lock(tmp_path, shared=True):
         pass
-    with pytest.raises(LockedError, match="is in use: another process"), Lock(tmp_path):
-        pass
+    with pytest.raises(LockedError, match="is in use: another process"):
+        Lock(tmp_path).__enter__()
     other.kill()
     other.wait()
-    with Lock(tmp_path), pytest.raises(LockedError), Lock(tmp_path):
-        pass
+    with Lock(tmp_path), pytest.raises(LockedError):
+        Lock(tmp_path).__enter__()

@@ -34,7 +34,4 @@ def test_resampled_points_are_equally_far_apart_and_keep_the_ends():
 def test_clearance_is_the_distance_to_the_nearest_segment_or_circle(point, expected):
     segments, circles = np.array([[1.0, 1.0, 1.0, 3.0]]), np.array([[-2.0, 0.0, 0.5]])
     assert clearance(*point, segments, circles) == pytest.approx(expected)
-
-
-def test_clearance_without_obstacles_is_infinite():
     assert clearance(0.0, 0.0, np.empty((0, 4)), np.empty((0, 3))) == math.inf

@@ -10,29 +10,22 @@ import pytest
 
 from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from envs.rendering import Renderer, Scene, style
+from envs.rendering.panels import beam_ends
 from envs.rendering.view import View
 from envs.robots import load_robot
 from envs.slam import Belief, PoseGraphView
 from envs.slam.posegraph import PoseGraph
-from envs.worlds import Mover, World
+from envs.worlds import Mover
+from tests.rooms import BURGER, make_room
 
-WALLS = [(0, 0, 8, 0), (8, 0, 8, 6), (8, 6, 0, 6), (0, 6, 0, 0)]
-WORLD = World(
-    name="a room",
-    segments=np.array(WALLS, dtype=np.float64),
-    circles=np.array([(6.0, 4.5, 0.5)]),
-    spawns=(Pose2D(1.0, 1.0, 0.0),),
-    bounds=(0.0, 0.0, 8.0, 6.0),
-    movers=(Mover(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0),),
-)
-ROBOT = load_robot("turtlebot3_burger")
+MOVER = Mover(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0)
+WORLD = make_room(0.0, 0.0, 8.0, 6.0, circles=[(6.0, 4.5, 0.5)], movers=[MOVER], spawn=Pose2D(1.0, 1.0, 0.0))
 ROOT = Path(__file__).parents[2]
 START = Pose2D(2.0, 1.0, 0.5)
 """The map frame is turned against the world, so that a picture which forgets to turn it is wrong."""
 
 
-TRUE = Pose2D(5.0, 2.0, 1.0)
-ESTIMATED = Pose2D(4.2, 2.6, 1.3)
+TRUE, ESTIMATED = Pose2D(5.0, 2.0, 1.0), Pose2D(4.2, 2.6, 1.3)
 
 
 def make_scene(pose=TRUE, estimated=ESTIMATED):
@@ -43,11 +36,11 @@ def make_scene(pose=TRUE, estimated=ESTIMATED):
     grid.data[tuple(cells[(x > 1.0) & (x < 6.0)].T)] = FREE
     grid.data[tuple(cells[(x >= 6.0) & (x < 6.5)].T)] = OCCUPIED
     estimated = START.between(estimated)
-    ranges = np.full(ROBOT.lidar.num_beams, np.inf, dtype=np.float32)
+    ranges = np.full(BURGER.lidar.num_beams, np.inf, dtype=np.float32)
     ranges[::7], ranges[1::7] = 1.2, np.nan
     return Scene(
         world=WORLD,
-        robot=ROBOT,
+        robot=BURGER,
         pose=pose,
         start=START,
         belief=Belief(estimated, grid, np.empty((0, 2), dtype=np.int32)),
@@ -82,14 +75,11 @@ def found(panel, colour, tolerance=12):
 
 
 def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
-    first = renderer.draw(make_scene())
-    second = renderer.draw(make_scene())
-    assert first.shape == (720, 1280, 3)
-    assert first.dtype == np.uint8
-    assert first.flags.writeable
+    first, second, other = (each.draw(make_scene()) for each in (renderer, renderer, Renderer("rgb_array", 10)))
+    assert (first.shape, first.dtype, first.flags.writeable) == ((720, 1280, 3), np.uint8, True)
     assert not np.shares_memory(first, second)
     np.testing.assert_array_equal(first, second)
-    np.testing.assert_array_equal(first, Renderer("rgb_array", 10).draw(make_scene()))
+    np.testing.assert_array_equal(first, other)
 
 
 def test_true_and_estimated_robot_are_where_they_should_be(renderer):
@@ -125,24 +115,20 @@ def test_the_ground_truth_shows_floor_bodies_and_outside(renderer):
     floor, outside, solid = (found(truth, colour, 2) for colour in (style.FLOOR, style.OUTSIDE, style.SOLID))
     assert floor.min() > -0.05
     assert (floor.max(axis=0) < (8.05, 6.05)).all()
-    beyond = (outside < 0).any(axis=1) | (outside > (8.0, 6.0)).any(axis=1)
-    assert beyond.all()
+    assert ((outside < 0) | (outside > (8.0, 6.0))).any(axis=1).all()
     assert np.hypot(*(solid - (6.0, 4.5)).T).max() < 0.5
-    mover = found(truth, style.MOVER)
-    assert np.abs(mover.mean(axis=0) - WORLD.movers[0].position(75.0)).max() < 0.05
+    assert np.abs(found(truth, style.MOVER).mean(axis=0) - MOVER.position(75.0)).max() < 0.05
 
 
 def test_beams_end_where_the_scan_says():
-    from envs.rendering.panels import beam_ends
-
     scene = make_scene(pose=Pose2D(5.0, 2.0, 0.0))
     sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
-    mount = ROBOT.lidar.mount
+    mount = BURGER.lidar.mount
     np.testing.assert_allclose(sensor, (5.0 + mount.x, 2.0 + mount.y))
     lengths = np.hypot(*(ends - sensor).T)
-    np.testing.assert_allclose(lengths[:3], [1.2, 0.0, ROBOT.lidar.range_max], rtol=1e-6)
-    first = ends[0] - sensor
-    assert math.atan2(first[1], first[0]) == pytest.approx(math.remainder(ROBOT.lidar.angle_min, 2 * math.pi))
+    np.testing.assert_allclose(lengths[:3], [1.2, 0.0, BURGER.lidar.range_max], rtol=1e-6)
+    first = math.atan2(*(ends[0] - sensor)[::-1])
+    assert first == pytest.approx(math.remainder(BURGER.lidar.angle_min, 2 * math.pi))
 
 
 @pytest.mark.parametrize("robot", ["tugbot", "raspimouse", "turtlebot3_waffle_pi"])
@@ -163,11 +149,10 @@ def test_painted_grid_equals_looking_up_every_pixel():
     view.paint_grid(grid, START, palette, image)
     expected = np.zeros_like(image)
     corner = view.pixels(np.array([(0.0, 0.0)]))[0]
-    for i in range(48):
-        for j in range(64):
-            x, y = (j + 0.5 - corner[0]) / view.scale, -(i + 0.5 - corner[1]) / view.scale
-            cell = grid.cells(START.inverse().transform(np.array([(x, y)])))[0]
-            expected[i, j] = palette[grid.data[tuple(cell)] + 1 if grid.contains(cell) else 0]
+    for i, j in np.ndindex(48, 64):
+        x, y = (j + 0.5 - corner[0]) / view.scale, -(i + 0.5 - corner[1]) / view.scale
+        cell = grid.cells(START.inverse().transform(np.array([(x, y)])))[0]
+        expected[i, j] = palette[grid.data[tuple(cell)] + 1 if grid.contains(cell) else 0]
     assert len(np.unique(expected)) > 50
     np.testing.assert_array_equal(image, expected)
 
@@ -189,13 +174,6 @@ def test_human_draws_into_a_window_and_keeps_pace():
     other.close()
 
 
-def run_without_display(code):
-    """Run code in a fresh interpreter that has no display."""
-    hidden = {"SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"}
-    environment = {key: value for key, value in os.environ.items() if key not in hidden}
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT)
-
-
 def test_arrays_need_no_display_and_import_needs_no_pygame():
     code = """
 import os, sys
@@ -211,7 +189,9 @@ try:
 except RuntimeError as error:
     print(error)
 """
-    result = run_without_display(code)
+    hidden = {"SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"}
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("cannot open a window"), "and nothing else, such as pygame's greeting"
     assert "SDL_VIDEODRIVER=dummy" in result.stdout

@@ -2,7 +2,10 @@ import math
 
 import pytest
 
-from envs.robots import ROBOT_NAMES, load_robot
+from envs.robots import ROBOT_NAMES, OdometryNoise, load_robot
+
+DISTANCE, TURN = 0.2, 0.3
+"""Motion between two key scans [m], [rad]."""
 
 
 def reach(robot):
@@ -39,24 +42,44 @@ def test_documented_biases():
     assert mouse.odometry.open_loop
     assert mouse.drive.wheel_radius / mouse.odometry.wheel_radius == pytest.approx(48 / 45)
     assert mouse.odometry.track / mouse.drive.track == pytest.approx(90 / 92.5)
-    original, corrected = load_robot("tugbot_original"), load_robot("tugbot")
+    original = load_robot("tugbot_original")
     assert (original.odometry.track, original.drive.track) == (0.5605, 0.514)
-    assert corrected.odometry.track == corrected.drive.track == 0.514
-    unbiased = set(ROBOT_NAMES) - {"raspimouse", "tugbot_original"}
-    for name in unbiased:
-        robot = load_robot(name)
+    assert load_robot("tugbot").drive.track == 0.514
+    for robot in map(load_robot, set(ROBOT_NAMES) - {"raspimouse", "tugbot_original"}):
         assert robot.odometry.track == robot.drive.track
         assert robot.odometry.wheel_radius == robot.drive.wheel_radius
 
 
 def test_lidars_are_as_documented():
-    assert (load_robot("turtlebot3_burger").lidar.range_min, load_robot("turtlebot3_burger").lidar.range_max) == (
-        0.12,
-        3.5,
-    )
-    tugbot = load_robot("tugbot").lidar
-    assert (tugbot.range_min, tugbot.range_max, tugbot.num_beams) == (0.6, 10.0, 360)
-    scanner = load_robot("mpo_500").lidar
-    assert (scanner.range_min, scanner.range_max) == (0.5, 50.0)
-    assert math.degrees(scanner.fov) == pytest.approx(270)
-    assert math.degrees(scanner.angle_increment) == pytest.approx(0.25)
+    burger, tugbot, scanner = (load_robot(name).lidar for name in ("turtlebot3_burger", "tugbot", "mpo_500"))
+    limits = [(lidar.range_min, lidar.range_max) for lidar in (burger, tugbot, scanner)]
+    assert limits == [(0.12, 3.5), (0.6, 10.0), (0.5, 50.0)]
+    assert tugbot.num_beams == 360
+    assert (math.degrees(scanner.fov), math.degrees(scanner.angle_increment)) == pytest.approx((270, 0.25))
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_noise_in_the_library_follows_from_what_is_simulated(name):
+    robot = load_robot(name)
+    drive, odometry, imu, noise = robot.drive, robot.odometry, robot.imu, robot.odometry.noise
+    position = noise.position_std + noise.position_per_metre * DISTANCE
+    straight = noise.heading_std + noise.heading_per_metre * DISTANCE
+    turning = noise.heading_std + noise.heading_per_radian * TURN
+    # Each wheel slips by slip_std times the root of the distance that it rolls; the base moves by their mean.
+    slip = drive.slip_std * math.sqrt(DISTANCE / 2)
+    scale = drive.wheel_radius / odometry.wheel_radius
+    assert slip <= position <= 3 * slip + 1.1 * DISTANCE * abs(scale - 1.0) + 0.001
+    if odometry.uses_gyro:
+        drift = imu.gyro_bias_std * DISTANCE / robot.max_v
+        assert drift <= straight <= 0.002
+    else:
+        expected = drive.slip_std * math.sqrt(2 * DISTANCE) / drive.track
+        assert expected <= straight <= 2 * expected
+        bias = TURN * abs(scale * odometry.track / drive.track - 1.0)
+        slipped = drive.slip_std * math.sqrt(TURN / drive.track)
+        assert math.hypot(slipped, bias) <= turning <= 2 * (slipped + bias)
+
+
+def test_noise_is_never_zero():
+    with pytest.raises(ValueError, match=r"heading_std\n.*greater than 0"):
+        OdometryNoise(heading_std=0.0)

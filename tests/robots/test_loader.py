@@ -15,15 +15,6 @@ def written(tmp_path, text):
     return path
 
 
-def changed(tmp_path, *keys, value):
-    content = yaml.safe_load(BURGER.read_text())
-    part = content
-    for key in keys[:-1]:
-        part = part[key]
-    part[keys[-1]] = value
-    return written(tmp_path, yaml.safe_dump(content))
-
-
 def test_a_name_a_path_and_the_robot_itself_are_the_same_robot():
     robot = load_robot("turtlebot3_burger")
     assert load_robot(BURGER) == load_robot(str(BURGER)) == robot
@@ -41,54 +32,41 @@ def test_a_robot_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch)
         load_robot("robot_of_mine:fast")
 
 
-def test_numbers_in_scientific_notation_are_numbers(tmp_path):
-    path = written(tmp_path, BURGER.read_text().replace("gyro_std: 0.0002", "gyro_std: 2e-4"))
-    assert isinstance(yaml.safe_load(path.read_text())["imu"]["gyro_std"], str)
-    assert load_robot(path) == load_robot("turtlebot3_burger")
-
-
-def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(ValueError, match=r"'turtlebot4'.*" + ".*".join(ROBOT_NAMES)):
-        load_robot("turtlebot4")
-
-
 @pytest.mark.parametrize(
-    ("keys", "value", "complaint"),
+    ("key", "value", "complaint"),
     [
-        (("drive", "trak"), 0.2, r"unknown key 'drive\.trak' \(did you mean 'track'\?\); allowed are wheel_radius"),
-        (("wheels",), {}, "unknown key 'wheels'"),
-        (("max_v",), -0.2, "max_v: Input should be greater than 0, got -0.2"),
-        (("max_w",), "fast", "max_w: .*number"),
-        (("drive", "track"), float("nan"), r"drive\.track: .*finite"),
-        (("drive", "wheel_radius"), 0, r"drive\.wheel_radius: Input should be greater than 0, got 0"),
-        (("lidar", "range_min"), 5.0, "lidar: range_min must be less than range_max, got 5.0 and 3.5"),
-        (("lidar", "num_beams"), 1.5, r"lidar\.num_beams: .*integer"),
-        (("body", "radius"), 0.1, "body: .*either size or radius"),
-        (("lidar", "num_beams"), 10**12, r"lidar\.num_beams: .*less than or equal to 20000, got 1000000000000"),
-        (("lidar", "range_max"), 1e300, r"lidar\.range_max: .*less than or equal to 1000000000, got 1e\+300"),
-        (("body", "center"), [0.0, 1e200, 0.0], r"body\.center\.1: .*less than or equal to 100"),
-        (("body", "size"), [0.3, 200.0, 0.1], r"body\.size\.1: .*less than or equal to 100, got 200"),
-        (("lidar", "mount", "x"), -6400.0, r"lidar\.mount\.x: .*greater than or equal to -100, got -6400"),
-        (
-            ("casters",),
-            [{"x": 0.1, "y": 0.0, "radius": -1}],
-            r"casters\.0\.radius: .*greater than 0, got -1",
-        ),
+        ("drive.trak", 0.2, r"unknown key 'drive\.trak' \(did you mean 'track'\?\); allowed are wheel_radius"),
+        ("wheels", {}, "unknown key 'wheels'"),
+        ("max_v", -0.2, "max_v: Input should be greater than 0, got -0.2"),
+        ("max_w", "fast", "max_w: .*number"),
+        ("drive.track", float("nan"), r"drive\.track: .*finite"),
+        ("lidar.range_min", 5.0, "lidar: range_min must be less than range_max, got 5.0 and 3.5"),
+        ("lidar.num_beams", 1.5, r"lidar\.num_beams: .*integer"),
+        ("lidar.num_beams", 10**12, r"lidar\.num_beams: .*less than or equal to 20000, got 1000000000000"),
+        ("lidar.range_max", 1e300, r"lidar\.range_max: .*less than or equal to 1000000000, got 1e\+300"),
+        ("lidar.mount.x", -6400.0, r"lidar\.mount\.x: .*greater than or equal to -100, got -6400"),
+        ("body.radius", 0.1, "body: .*either size or radius"),
+        ("body.center", [0.0, 1e200, 0.0], r"body\.center\.1: .*less than or equal to 100"),
+        ("body.size", [0.3, 200.0, 0.1], r"body\.size\.1: .*less than or equal to 100, got 200"),
+        ("casters", [{"x": 0.1, "y": 0.0, "radius": -1}], r"casters\.0\.radius: .*greater than 0, got -1"),
     ],
 )
-def test_errors_name_the_file_and_the_key(tmp_path, keys, value, complaint):
+def test_errors_name_the_file_and_the_key(tmp_path, key, value, complaint):
+    *parents, last = key.split(".")
+    content = part = yaml.safe_load(BURGER.read_text())
+    for parent in parents:
+        part = part[parent]
+    part[last] = value
     with pytest.raises(ValueError, match=r"mine\.yaml: .*" + complaint):
-        load_robot(changed(tmp_path, *keys, value=value))
+        load_robot(written(tmp_path, yaml.safe_dump(content)))
 
 
 def test_what_is_no_robot_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"mine\.yaml: .*keys and values"):
-        load_robot(written(tmp_path, "- 1\n"))
-    with pytest.raises(ValueError, match=r"mine\.yaml: .*YAML"):
-        load_robot(written(tmp_path, "a: [1\n"))
     with pytest.raises(ValueError, match=r"mine\.yaml: .*key 'drive' is missing"):
         load_robot(written(tmp_path, "name: x\n"))
     with pytest.raises(FileNotFoundError, match=r"gone\.yaml"):
         load_robot(tmp_path / "gone.yaml")
     with pytest.raises(TypeError, match="int"):
         load_robot(3)
+    with pytest.raises(ValueError, match=r"'turtlebot4'.*" + ".*".join(ROBOT_NAMES)):
+        load_robot("turtlebot4")
