@@ -1,68 +1,85 @@
 """How rules choose, and that explorers explore a small world with them."""
 
-import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401
+from agents.pursuit import UntrainedPursuit
+from agents.run_folder import CheckpointError
 from baselines import (
     ExploreLite,
     ExploreLiteExplorer,
     FrontierExplorer,
+    FrontierParams,
     GainOverCostExplorer,
     GreedyGainExplorer,
     NearestExplorer,
     NextBestViewExplorer,
     NextBestViewParams,
+    RrtParams,
     TourParams,
     make_explorer,
 )
-from baselines.explorer import to_action
+from baselines.episode import begin_episode, decide_with, run_episode
+from benchmarks.arena.policies import parse_policy
+from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.navigation import GainOverCost
+from envs.tasks.explore import Explore
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
 NAMES = ["nearest", "frontier", "explore_lite", "gain_over_cost", "greedy_gain", "next_best_view", "tour"]
+ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "target_coverage": 0.9}
 
 
-def explore(name, *, seed, max_time, **kwargs):
-    """Run an episode; returns the explorer, the last info and all actions."""
-    env = gymnasium.make("lidarnaut/Explore-v0", **kwargs).unwrapped
-    _, info = env.reset(seed=seed)
-    explorer = make_explorer(name)
-    explorer.reset(env.robot, env.control_period, np.random.default_rng(seed))
-    actions, done = [], False
-    while not done and explorer.end_reason is None and info["time"] < max_time:
-        actions.append(to_action(explorer.act(env.reading, env.belief), env.robot))
-        assert env.action_space.contains(actions[-1])
-        _, _, terminated, truncated, info = env.step(actions[-1])
-        done = terminated or truncated
+def explore(name, seed, **arguments):
+    env = LidarEnv(Explore, **arguments)
+    episode = run_episode(env, parse_policy(name).make(env.action_space), seed)
     env.close()
-    return explorer, info, np.array(actions)
+    return episode
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_explorers_explore_a_small_world(name):
-    world = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "tinyslam", "start": "spawn"}
-    _, info, _ = explore(name, seed=1, max_time=150.0, **world)
-    assert info["explored_fraction"] >= 0.97
-    assert info["collisions"] == 0
+@pytest.mark.parametrize(("name", "physics"), [*((name, "kinematic") for name in (*NAMES, "rrt")), ("rrt", "bullet")])
+def test_explorers_explore_a_small_world(name, physics):
+    world = {"world": "turtlebot3_world", "slam": "tinyslam", "start": "spawn", "time_limit": 150.0}
+    episode = explore(name, 1, physics=physics, **world)
+    assert episode.explored_fraction >= 0.97
+    assert episode.collisions == 0
     # It drives rather than turns.
-    assert info["path_length"] > 0.3 * info["time"] * BURGER.max_v
+    assert episode.path_length > 0.3 * episode.duration * BURGER.max_v
 
 
-@pytest.mark.parametrize("name", ["frontier", "next_best_view"])
+@pytest.mark.parametrize("name", ["pursuit", "pursuit:pretrained/frontiers"])
+def test_pursuit_explores_and_touches_nothing(name):
+    for seed in range(3):
+        episode = explore(name, seed, **ROOMS)
+        assert episode.explored_fraction >= 0.9
+        assert episode.collisions == 0
+
+
+def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
+    env = LidarEnv(Explore, **ROOMS, observations=("motion", "plan"))
+    policy, explorer = UntrainedPursuit(), make_explorer("pursuit")
+    for seed in range(4):
+        observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
+        assert decide_with(explorer, env)(observation) == pytest.approx(policy(observation), abs=0.02)
+
+
+def test_only_scores_of_frontiers_are_driven_by_pursuit():
+    with pytest.raises(CheckpointError, match="twist holds no score of frontiers"):
+        parse_policy("pursuit:pretrained/twist")
+
+
+@pytest.mark.parametrize("name", ["frontier", "next_best_view", "rrt", "oracle"])
 def test_same_seed_same_episode(name):
-    runs = [explore(name, seed=3, max_time=8.0, world="rooms", physics="kinematic")[2] for _ in range(2)]
-    np.testing.assert_array_equal(*runs)
+    first, second = (explore(name, 3, **ROOMS, time_limit=8.0).course for _ in range(2))
+    for measured in ("time", "path_length", "explored_fraction"):
+        np.testing.assert_array_equal(first.of(measured), second.of(measured))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rules_choose_at_decision_level_too(name):
-    env, explorer = (
-        ExploreFrontiersEnv(world="turtlebot3_world", physics="kinematic", start="spawn"),
-        make_explorer(name),
-    )
+    env = ExploreFrontiersEnv(world="turtlebot3_world", physics="kinematic", start="spawn")
+    explorer = make_explorer(name)
     env.reset(seed=0)
     if hasattr(explorer.rule, "reset"):
         explorer.rule.reset(env.robot, np.random.default_rng(0))
@@ -86,55 +103,46 @@ def test_in_a_closed_room_explorers_look_around_and_end(name):
     assert explorer.act(reading_of(), belief_at(5.0, 0.0, grid)) == (0.0, 0.0)
 
 
-def test_a_reset_comes_first():
-    with pytest.raises(RuntimeError, match="reset"):
-        make_explorer("nearest").act(reading_of(), belief_at(5.0, 0.0))
+@pytest.mark.parametrize(("name", "lacks"), [("nearest", "reset"), ("rrt", "reset"), ("oracle", "reveal")])
+def test_a_reset_comes_first(name, lacks):
+    with pytest.raises(RuntimeError, match=lacks):
+        make_explorer(name).act(reading_of(), belief_at(5.0, 0.0))
 
 
-def test_nearest_goes_to_the_nearest_opening():
+def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
     # The openings lie at x = -0.1 and x = 10.1.
     assert first_choice(NearestExplorer(), 4.0, 0.0)[0] < 0.0
     assert first_choice(NearestExplorer(), 6.0, 0.0)[0] > 10.0
-
-
-def test_what_failed_comes_last():
     candidates = candidates_from(4.0, 0.0)
-    nearest = make_explorer("nearest").rule
-    first = nearest(candidates, belief_at(4.0, 0.0)).argmax()
-    candidates["failures"][:] = np.hypot(*(candidates["frontier"] - candidates["frontier"][first]).T) < 2.0
-    other = nearest(candidates, belief_at(4.0, 0.0)).argmax()
-    assert candidates["frontier"][other][0] > 10.0
+    candidates["failures"][:] = candidates["frontier"][:, 0] < 0.0
+    chosen = NearestExplorer().rule(candidates, belief_at(4.0, 0.0)).argmax()
+    assert candidates["frontier"][chosen][0] > 10.0
 
 
 def test_explore_lite_weighs_three_metres_against_nine_cells():
     # Frontiers of 60 cells 4 m to the left, and of more cells than that farther away to the right.
-    def goal_x(right, more):
-        return first_choice(
-            make_explorer("explore_lite:published"), 10.0, -0.5, corridor((100, 119), (right, right + 19 + more))
-        )[0]
-
-    assert goal_x(280, 0) < 7.0
-    assert goal_x(280, 40) > 13.0
+    published = make_explorer("explore_lite:published")
+    assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
+    assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
     # Without gain the nearer one is better whatever its size.
     explorer = ExploreLiteExplorer(ExploreLite(gain_scale=0.0))
     assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
 
 
-def test_greedy_gain_goes_far_for_more_and_the_published_next_best_view_does_not():
-    grid = corridor((180, 183), (300, 340))
-    assert first_choice(GreedyGainExplorer(), 8.0, -0.5, grid)[0] > 14.0
-    assert first_choice(make_explorer("next_best_view:published"), 8.0, -0.5, grid)[0] < 10.0
-    undiscounted = NextBestViewExplorer(NextBestViewParams(discount=0.0))
-    assert first_choice(undiscounted, 8.0, -0.5, grid)[0] > 14.0
-
-
-def test_gain_over_cost_weighs_what_is_in_view_against_the_path():
-    # A crack 1 m away, and a wide opening 6 m away.
-    grid = corridor((180, 183), (300, 340))
-    assert first_choice(GainOverCostExplorer(), 8.0, -0.5, grid)[0] > 14.0
-    # The less is added to the cost, the more the nearest counts; a high least gain makes all views alike.
-    near = GainOverCostExplorer(GainOverCost(least_gain=100.0, least_cost=0.1))
-    assert first_choice(near, 8.0, -0.5, grid)[0] < 10.0
+@pytest.mark.parametrize(
+    ("explorer", "goes_far"),
+    [
+        (GreedyGainExplorer(), True),
+        (make_explorer("next_best_view:published"), False),
+        (NextBestViewExplorer(NextBestViewParams(discount=0.0)), True),
+        (GainOverCostExplorer(), True),
+        # The less is added to the cost, the more the nearest counts; a high least gain makes all views alike.
+        (GainOverCostExplorer(GainOverCost(least_gain=100.0, least_cost=0.1)), False),
+    ],
+)
+def test_rules_weigh_a_crack_close_by_against_a_wide_opening_far_away(explorer, goes_far):
+    x, _ = first_choice(explorer, 8.0, -0.5, corridor((180, 183), (300, 340)))
+    assert x > 14.0 if goes_far else x < 10.0
 
 
 def test_frontier_prefers_the_greater_gain_at_equal_distance():
@@ -153,6 +161,16 @@ def test_frontier_prefers_the_greater_gain_at_equal_distance():
         (NextBestViewParams, {"discount": -0.1}),
         (GainOverCost, {"least_gain": 0.0}),
         (GainOverCost, {"least_cost": -1.0}),
+        (FrontierParams, {"cluster_tolerance": 0.0}),
+        (FrontierParams, {"min_frontier_size_final": 9}),
+        (FrontierParams, {"adaptive_threshold": 1.5}),
+        (FrontierParams, {"obstacle_above": 100}),
+        (FrontierParams, {"blacklist_radius": -1.0}),
+        (FrontierParams, {"max_blacklist_size": 0}),
+        (RrtParams, {"eta_local": 0.0}),
+        (RrtParams, {"num_samples": 0}),
+        (RrtParams, {"hysteresis_gain": 1.0}),
+        (RrtParams, {"spacing": 2.0}),
     ],
 )
 def test_params_refuse_nonsense(params_type, wrong):

@@ -1,13 +1,44 @@
-"""Tours: what comes first, and the paths between stops, on a raster of cells as large as the robot's radius."""
+"""Tours: against all permutations, what comes first, and the paths between stops on a raster of coarse cells."""
+
+from itertools import permutations
 
 import numpy as np
 import pytest
 
 from baselines import TourExplorer, TourParams, make_explorer
+from baselines.frontier.open_tour import best_tours, tour_length
 from baselines.frontier.tour import FAR, path_lengths
 from envs.geometry import OccupancyGrid
 from envs.navigation import CostmapParams, make_costmap, travel_field
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
+
+
+def random_lengths(rng, num_stops):
+    points = rng.uniform(0.0, 10.0, (num_stops + 1, 2))
+    return np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
+
+
+def test_tours_are_almost_always_the_shortest_there_are():
+    rng = np.random.default_rng(0)
+    excess = []
+    for _ in range(40):
+        lengths = random_lengths(rng, 6)
+        tours, totals = best_tours(lengths)
+        for k in range(6):
+            rest = [stop for stop in range(1, 7) if stop != k + 1]
+            shortest = min(tour_length(lengths, np.array([0, k + 1, *order])) for order in permutations(rest))
+            assert totals[k] >= shortest - 1e-9
+            assert totals[k] == tour_length(lengths, tours[k])
+            excess.append(totals[k] / shortest - 1.0)
+    assert np.mean(np.array(excess) < 1e-9) > 0.9
+    assert np.max(excess) < 0.15
+
+
+def test_tours_pass_every_stop_once_and_begin_with_the_fixed_ones():
+    tours, _ = best_tours(random_lengths(np.random.default_rng(1), 16))
+    for k, tour in enumerate(tours):
+        assert list(tour[:2]) == [0, k + 1]
+        assert sorted(tour) == list(range(17))
 
 
 def rooms_with_a_door(width):
@@ -61,10 +92,7 @@ def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
     assert choice(explorer.rule, 10.2) < 9.0
     assert first_choice(TourExplorer(), 10.2, -0.5, grid)[0] > 11.0
     assert choice(explorer.rule, 11.2) > 11.0
-
-
-def test_a_goal_is_changed_during_a_drive():
-    explorer, grid = TourExplorer(), corridor((160, 169), (231, 240))
+    # It changes during a drive as well.
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for _ in range(12):
         explorer.act(reading_of(), belief_at(10.0, -0.5, grid))

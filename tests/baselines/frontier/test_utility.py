@@ -12,30 +12,11 @@ from envs.geometry import OccupancyGrid
 from envs.navigation import crop_to_known
 from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
 
-WIDE = 10.1, 0.0
-"""Where the hall's wide opening is."""
-
 
 def rule_at_rest(**params):
     rule = FrontierExplorer(FrontierParams(**params)).rule
     rule.reset(BURGER, np.random.default_rng(0))
     return rule
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"cluster_tolerance": 0.0},
-        {"min_frontier_size_final": 9},
-        {"adaptive_threshold": 1.5},
-        {"obstacle_above": 100},
-        {"blacklist_radius": -1.0},
-        {"max_blacklist_size": 0},
-    ],
-)
-def test_params_refuse_nonsense(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        FrontierParams(**wrong)
 
 
 def test_clusters_are_dense_groups_of_candidates_cells():
@@ -93,10 +74,8 @@ def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
     explorer = FrontierExplorer()
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     explorer.act(reading_of(), belief_at(5.0, 0.0))
-    first = explorer.rule.goal
+    first, steps, grid = explorer.rule.goal, 0, hall()
     assert first[0] > 10.0
-    steps = 0
-    grid = hall()
     while explorer.rule.goal == first:
         # To and fro by 0.2 m: that is moving, but leads nowhere.
         steps += 1
@@ -114,7 +93,7 @@ def test_the_log_tells_the_progress(caplog):
     with caplog.at_level(logging.INFO, logger="baselines.frontier"):
         rule(candidates, belief_at(5.0, 0.0))
     share = (crop_to_known(candidates.costmap.grid).data == 0).mean()
-    assert np.hypot(*np.subtract(rule.goal, WIDE)) < 0.15
+    assert np.hypot(*np.subtract(rule.goal, (10.1, 0.0))) < 0.15
     assert f"{100 * share:.0f} % explored, goal (10." in caplog.text
     assert "2 candidates at relaxation 0, 0 blacklisted" in caplog.text
 
@@ -125,7 +104,6 @@ def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
     grid.data[(rows - 80) ** 2 + (cols - 130) ** 2 <= 8**2] = 100
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for k in range(200):
-        explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0, grid))
-        if explorer.end_reason is not None:
-            break
+        if explorer.end_reason is None:
+            explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0, grid))
     assert explorer.end_reason == "stuck"

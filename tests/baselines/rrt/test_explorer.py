@@ -156,17 +156,15 @@ def distances(robots, points):
     return np.hypot(*(robots[:, None] - points[None]).transpose(2, 0, 1))
 
 
-def test_one_robot_gets_the_point_of_the_greatest_revenue():
-    grid = island_map()
+@pytest.mark.parametrize(("x", "best"), [(6.0, 1), (5.0, 0), (7.5, 1), (3.0, 0)])
+def test_one_robot_gets_the_point_of_the_greatest_revenue(x, best):
     # R of the islands from (6, 2): 3 * 1 - 4 = -1, 3 * 2 * 0.25 - 2 = -0.5, 3 * 0.25 - 6.1 = -5.3.
-    for x, best in ((6.0, 1), (5.0, 0), (7.5, 1), (3.0, 0)):
-        # At 5.0 both lie 3 m away: h doubles both gains.
-        robots = np.array([[x, 2.0]])
-        gains = np.array([1.0, 0.25, 0.25])
-        costs = distances(robots, ISLANDS)
-        revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
-        assert int(np.argmax(revenues)) == best
-        assert assign(grid, robots, ISLANDS, costs, REVENUE).tolist() == [best]
+    # At 5.0 the first two lie 3 m away: h doubles both gains.
+    robots, gains = np.array([[x, 2.0]]), np.array([1.0, 0.25, 0.25])
+    costs = distances(robots, ISLANDS)
+    revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
+    assert np.argmax(revenues) == best
+    assert assign(island_map(), robots, ISLANDS, costs, REVENUE).tolist() == [best]
 
 
 def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
@@ -174,10 +172,9 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
     # Two points on one island, a small island elsewhere. The first robot sees all of the island from either point.
     points = np.array([[2.0, 2.0], [2.1, 2.0], [5.0, 8.0]])
     robots = np.array([[1.5, 2.0], [3.0, 5.0]])
-    # For the second robot alone the island is worth more than the small one ...
     costs = distances(robots, points)
+    # For the second robot alone the island is worth more than the small one, but not once the first has it.
     assert assign(grid, robots[1:], points, costs[1:], REVENUE)[0] in (0, 1)
-    # ... but not once the first has it.
     first, second = assign(grid, robots, points, costs, REVENUE)
     assert first in (0, 1)
     assert second == 2
@@ -199,14 +196,6 @@ def test_points_that_cannot_be_reached_are_not_assigned():
     costs[0] = np.inf
     assert assign(island_map(), robots, ISLANDS, costs, REVENUE)[0] == UNASSIGNED
     assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], REVENUE).tolist() == [UNASSIGNED, UNASSIGNED]
-
-
-def test_params_refuse_nonsense():
-    for name, value in (("eta_local", 0.0), ("num_samples", 0), ("hysteresis_gain", 1.0)):
-        with pytest.raises(ValueError, match=name):
-            replace(RrtParams(), **{name: value})
-    with pytest.raises(ValueError, match="spacing"):
-        RrtParams(spacing=2.0)
 
 
 def belief_in(grid):
@@ -263,53 +252,24 @@ def test_points_in_costly_cells_and_beyond_walls_are_invalid():
     assert len(navigator_at(grid, points).candidates) == 0
 
 
-@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
-def test_it_explores_a_small_world(physics):
-    if physics == "bullet":
-        pytest.importorskip("pybullet")
-    env = LidarEnv(Explore, world="turtlebot3_world", physics=physics, slam="tinyslam", start="spawn", time_limit=180.0)
-    episode = run_episode(env, RrtExplorer(), 1)
-    assert episode.explored_fraction >= 0.95
-    assert episode.collisions == 0
-    env.close()
-
-
-def steps_until_the_end(explorer, belief):
+@pytest.mark.parametrize("door_closes", [False, True])
+def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(door_closes):
+    grid, explorer = rooms(), RrtExplorer(RrtParams(patience=250))
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    if door_closes:
+        # The global tree stays behind the door, and finds on.
+        for _ in range(20):
+            explorer.act(reading_of(), belief_in(grid))
+        grid.data[42:62, 100:102] = 100
+    else:
+        grid.data[12:92, 202:] = 100
+    belief = belief_in(OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin))
     steps = 0
     while explorer.end_reason is None and steps < 1000:
         explorer.act(reading_of(), belief)
         steps += 1
+    assert 250 - 20 * door_closes <= steps < 500
+    assert explorer.end_reason == "no_reachable_frontier"
+    assert (len(explorer.points) > 0) == door_closes
     # From then on it stands still.
     assert explorer.act(reading_of(), belief) == (0.0, 0.0)
-    return steps
-
-
-def test_a_world_without_frontiers_ends_the_episode_after_patience():
-    grid = rooms()
-    grid.data[12:92, 202:] = 100
-    explorer = RrtExplorer(RrtParams(patience=250))
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    steps = steps_until_the_end(explorer, belief_in(grid))
-    assert 250 <= steps < 500
-    assert explorer.end_reason == "no_reachable_frontier"
-    assert len(explorer.points) == 0
-
-
-def test_points_that_cannot_be_reached_do_not_keep_an_episode_going():
-    grid = rooms()
-    explorer = RrtExplorer()
-    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
-    # The global tree stays behind the door that closes, and finds on.
-    for _ in range(20):
-        explorer.act(reading_of(), belief_in(grid))
-    grid.data[42:62, 100:102] = 100
-    closed = OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin)
-    steps = steps_until_the_end(explorer, belief_in(closed))
-    assert RrtParams().patience - 20 <= steps < 500
-    assert explorer.end_reason == "no_reachable_frontier"
-    assert len(explorer.points) > 0
-
-
-def test_it_wants_a_reset_first():
-    with pytest.raises(RuntimeError, match="reset"):
-        RrtExplorer().act(None, Belief(Pose2D(0.0, 0.0, 0.0), rooms()))
