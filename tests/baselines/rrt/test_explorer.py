@@ -1,29 +1,18 @@
 """The random trees, the filter, the assigner, and the explorer made of them."""
 
-import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from sklearn.cluster import MeanShift
 
 from baselines import RrtExplorer, RrtParams
-from baselines.episode import run_episode
 from baselines.rrt.detector import RrtDetector, mean_shift
 from baselines.rrt.robot import RrtRobot
 from baselines.rrt.team import UNASSIGNED, assign
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
-from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation.frontiers import information_gain
-from envs.robots import load_robot
-from envs.tasks.explore import Explore
-from tests.baselines.maps import reading_of
-
-BURGER = load_robot("turtlebot3_burger")
-
-REVENUE = RrtParams()
+from tests.baselines.maps import BURGER, reading_of
 
 
 def rooms():
@@ -73,8 +62,8 @@ def test_nearest_equals_a_search_of_all_distances():
             assert squared[nearest(vertices, count, x, y)] == pytest.approx(squared.min(), rel=1e-5)
 
 
-def grown(tree, grid, num_steps, robot=(0.0, 0.0), seed=0):
-    rng = np.random.default_rng(seed)
+def grown(tree, grid, num_steps, robot=(0.0, 0.0)):
+    rng = np.random.default_rng(0)
     x0, y0, x1, y1 = grid.bounds
     return [tree.grow(grid, rng.uniform((x0, y0), (x1, y1), (200, 2)), robot) for _ in range(num_steps)]
 
@@ -104,19 +93,18 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
 def test_the_local_tree_starts_again_at_the_robot_after_a_find():
     grid = rooms()
     local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
-    assert sum(len(found) for found in grown(local, grid, 20, robot=(8.0, 1.0))) > 20
+    assert len(np.concatenate(grown(local, grid, 20, robot=(8.0, 1.0)))) > 20
     np.testing.assert_allclose(local.vertices[0], (8.0, 1.0), atol=1e-5)
     # A room without a frontier gives it no reason to.
     grid.data[42:62, 100:102] = 100
     local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
-    assert sum(len(found) for found in grown(local, grid, 20, robot=(1.0, 1.0))) == 0
+    assert len(np.concatenate(grown(local, grid, 20, robot=(1.0, 1.0)))) == 0
     np.testing.assert_allclose(local.vertices[0], (0.0, 0.0), atol=1e-5)
     assert local.vertices[:, 0].max() < 4.0
 
 
 def test_a_tree_stays_where_it_is_when_the_map_grows():
-    grid = rooms()
-    tree = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False)
+    grid, tree = rooms(), Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False)
     grown(tree, grid, 3)
     before = tree.vertices.copy()
     larger = np.pad(grid.data, ((40, 0), (60, 10)), constant_values=-1)
@@ -132,14 +120,6 @@ def test_mean_shift_equals_scikit_learn():
         expected = MeanShift(bandwidth=0.3).fit(points).cluster_centers_
         np.testing.assert_allclose(mean_shift(points, 0.3), expected, atol=1e-9)
     assert mean_shift(np.empty((0, 2)), 0.3).shape == (0, 2)
-
-
-def test_information_gain_is_the_unknown_area_within_the_radius():
-    grid = rooms()
-    deep, edge, none = information_gain(grid, np.array([[40.0, 40.0], [9.1, 0.0], [0.5, 0.0]]), 1.0)
-    assert deep == pytest.approx(math.pi, rel=0.02)
-    assert edge == pytest.approx(math.pi / 2, rel=0.05)
-    assert none == 0.0
 
 
 def island_map():
@@ -164,7 +144,7 @@ def test_one_robot_gets_the_point_of_the_greatest_revenue(x, best):
     costs = distances(robots, ISLANDS)
     revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
     assert np.argmax(revenues) == best
-    assert assign(island_map(), robots, ISLANDS, costs, REVENUE).tolist() == [best]
+    assert assign(island_map(), robots, ISLANDS, costs, RrtParams()).tolist() == [best]
 
 
 def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
@@ -174,8 +154,8 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
     robots = np.array([[1.5, 2.0], [3.0, 5.0]])
     costs = distances(robots, points)
     # For the second robot alone the island is worth more than the small one, but not once the first has it.
-    assert assign(grid, robots[1:], points, costs[1:], REVENUE)[0] in (0, 1)
-    first, second = assign(grid, robots, points, costs, REVENUE)
+    assert assign(grid, robots[1:], points, costs[1:], RrtParams())[0] in (0, 1)
+    first, second = assign(grid, robots, points, costs, RrtParams())
     assert first in (0, 1)
     assert second == 2
     # With gains that stay, it would go to the island's other point.
@@ -185,34 +165,27 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
 def test_three_robots_take_three_points_and_a_fourth_gets_none():
     robots = np.array([[7.5, 2.0], [5.0, 7.5], [1.0, 2.0]])
     costs = distances(robots, ISLANDS)
-    assert assign(island_map(), robots, ISLANDS, costs, REVENUE).tolist() == [1, 2, 0]
+    assert assign(island_map(), robots, ISLANDS, costs, RrtParams()).tolist() == [1, 2, 0]
     more = np.vstack([robots, [[9.0, 9.0]]])
-    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), REVENUE).tolist() == [1, 2, 0, UNASSIGNED]
+    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), RrtParams()).tolist() == [1, 2, 0, UNASSIGNED]
 
 
 def test_points_that_cannot_be_reached_are_not_assigned():
     robots = np.array([[1.0, 2.0], [7.0, 2.0]])
     costs = distances(robots, ISLANDS)
     costs[0] = np.inf
-    assert assign(island_map(), robots, ISLANDS, costs, REVENUE)[0] == UNASSIGNED
-    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], REVENUE).tolist() == [UNASSIGNED, UNASSIGNED]
+    assert assign(island_map(), robots, ISLANDS, costs, RrtParams())[0] == UNASSIGNED
+    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], RrtParams()).tolist() == [UNASSIGNED, UNASSIGNED]
 
 
 def belief_in(grid):
     return Belief(Pose2D(0.0, 0.0, 0.0), grid)
 
 
-def detector_in(grid, num_steps=20):
-    """Return a detector whose trees have grown."""
-    detector = RrtDetector(RrtParams(), np.random.default_rng(0))
-    for _ in range(num_steps):
-        detector.detect(grid, [(0.0, 0.0)])
-    return detector
-
-
 def test_the_filter_keeps_few_points_and_drops_stale_ones():
-    grid = rooms()
-    detector = detector_in(grid)
+    grid, detector = rooms(), RrtDetector(RrtParams(), np.random.default_rng(0))
+    for _ in range(20):
+        detector.detect(grid, [(0.0, 0.0)])
     assert 3 <= len(detector.points) <= 16
     assert distances(detector.points, detector.points)[~np.eye(len(detector.points), dtype=bool)].min() > 0.3
     grid.data[12:92, 202:239] = 0

@@ -16,30 +16,24 @@ from envs.core import LidarEnv
 from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams, make_costmap, travel_field
-from envs.robots import load_robot
 from envs.tasks.explore import Explore, ExploreTeam
 from envs.worlds import World
-
-BURGER = load_robot("turtlebot3_burger")
-
-
-def act(team, env):
-    """Let a team decide; returns the actions."""
-    twists = team.act([robot.reading for robot in env.robots], [robot.belief for robot in env.robots])
-    return np.stack([to_action(twist, env.robot) for twist in twists])
+from tests.baselines.maps import BURGER
 
 
-def run(env, seed, max_time, watch=None):
+def drive(env, seed, grid=None):
+    """Let a team drive for at most 150 s, by the map that it makes or another one.
+
+    Yields the team and the info after each step.
+    """
     _, info = env.reset(seed=seed)
     team = RrtTeam()
     team.reset(env.robot, env.control_period, np.random.default_rng(seed))
-    done = False
-    while not done and team.end_reason is None and info["time"] < max_time:
-        _, _, terminated, truncated, info = env.step(act(team, env))
-        done = terminated or truncated
-        if watch is not None:
-            watch(team, info)
-    return team, info
+    while team.end_reason is None and info["time"] < 150.0:
+        beliefs = [Belief(robot.belief.pose, grid) if grid else robot.belief for robot in env.robots]
+        twists = team.act([robot.reading for robot in env.robots], beliefs)
+        *_, info = env.step(np.stack([to_action(twist, env.robot) for twist in twists]))
+        yield team, info
 
 
 def corridor(width=0.45, length=4.0):
@@ -76,15 +70,9 @@ def known_map(env, targets):
 @pytest.mark.parametrize("indices", [(0, 1), (1, 0)])
 def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch):
     starts, targets = [(-2.3, 0.0, 0.0), (2.3, 0.0, math.pi)], [(3.3, 0.3), (-3.3, -0.3)]
-    env = LidarEnv(
-        ExploreTeam,
-        world=corridor(),
-        physics="kinematic",
-        slam="truth",
-        start=tuple(starts[k] for k in indices),
-        target_coverage=1.0,
-    )
-    _, info = env.reset(seed=0)
+    settings = {"world": corridor(), "physics": "kinematic", "slam": "truth", "target_coverage": 1.0}
+    env = LidarEnv(ExploreTeam, **settings, start=tuple(starts[k] for k in indices))
+    env.reset(seed=0)
     targets = [targets[k] for k in indices]
     grid, points = known_map(env, targets), env.map_pose.inverse().transform(np.array(targets))
 
@@ -92,9 +80,7 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
         """Send each robot to its target at the other end, whatever lies nearer."""
         chosen = np.full(len(robots), UNASSIGNED)
         for k, position in enumerate(robots):
-            index = int(
-                np.argmin([math.dist(position, belief.pose[:2]) for belief in [robot.belief for robot in env.robots]])
-            )
+            index = np.argmin([math.dist(position, robot.belief.pose[:2]) for robot in env.robots])
             gaps = np.hypot(*(found - points[index]).T)
             if len(gaps) and gaps.min() < 0.4 and np.isfinite(costs[k, gaps.argmin()]):
                 chosen[k] = gaps.argmin()
@@ -102,18 +88,15 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
 
     monkeypatch.setattr(team_module, "assign", assign_far_ends)
     monkeypatch.setattr(RrtDetector, "detect", lambda detector, *_: setattr(detector, "points", points))
-    team = RrtTeam()
-    team.reset(env.robot, env.control_period, np.random.default_rng(0))
     arrived, met = [math.inf, math.inf], math.inf
-    while max(arrived) == math.inf and info["time"] < 150.0:
-        beliefs = [Belief(belief.pose, grid) for belief in [robot.belief for robot in env.robots]]
-        twists = team.act([robot.reading for robot in env.robots], beliefs)
-        _, _, _, _, info = env.step(np.stack([to_action(twist, env.robot) for twist in twists]))
-        poses = [truth.state.pose for truth in env.truths]
-        met = min(met, math.dist(poses[0][:2], poses[1][:2]))
+    for _, info in drive(env, 0, grid):
+        positions = [truth.state.pose[:2] for truth in env.truths]
+        met = min(met, math.dist(*positions))
         for k in range(2):
-            if math.dist(poses[k][:2], targets[k]) < 0.35:
+            if math.dist(positions[k], targets[k]) < 0.35:
                 arrived[k] = min(arrived[k], info["time"])
+        if max(arrived) < math.inf:
+            break
     assert met < 1.0
     # The lower index goes first.
     assert arrived[0] < arrived[1] < 150.0
@@ -124,20 +107,21 @@ def test_a_team_of_one_explores_as_the_single_explorer_does():
     kwargs = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
     env, team_env = LidarEnv(Explore, **kwargs), LidarEnv(ExploreTeam, **kwargs, num_robots=1)
     params = RrtParams(patience=30)
-    episode = run_episode(env, RrtExplorer(params), 3)
-    team_episode = run_episode(team_env, RrtTeam(params), 3)
-    assert team_episode.duration == episode.duration
-    assert team_episode.path_length == episode.path_length
+    alone, team = run_episode(env, RrtExplorer(params), 3), run_episode(team_env, RrtTeam(params), 3)
+    assert (team.duration, team.path_length) == (alone.duration, alone.path_length)
 
 
 def test_two_robots_explore_a_small_world_without_touching():
     env = LidarEnv(ExploreTeam, world="rooms", world_size=(8.0, 8.0), physics="kinematic")
-    apart = []
-    _, info = run(env, 1, 200.0, lambda team, _: apart.append(team.targets))
+    targets = []
+    for team, info in drive(env, 1):
+        targets.append(team.targets)
+        if "end_reason" in info:
+            break
     assert info["explored_fraction"] >= 0.99
     assert info["is_success"]
     assert info["collisions"].tolist() == [0, 0]
-    both = np.array([targets for targets in apart if None not in targets])
+    both = np.array([pair for pair in targets if None not in pair])
     assert len(both) > 50
     assert np.hypot(*(both[:, 0] - both[:, 1]).T).min() > 0.4
 
