@@ -29,27 +29,32 @@ def world_of(*corners, walls=(), start=(1.0, 1.0)):
     )
 
 
-def planner_for(world, target=1.0, seed=0):
+def corridor(x):
+    """A corridor of 20 m x 2 m, with the start at an x."""
+    return world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(x, 1.0))
+
+
+def planner_for(world, target=1.0):
     area = explorable_area(world, BURGER, 0.05)
     viewpoints = find_viewpoints(make_costmap(area.walls, FOOTPRINT), world.spawns[0][:2])
-    return CoverPlanner(area, viewpoints, REACH, target, np.random.default_rng(seed))
+    return CoverPlanner(area, viewpoints, REACH, target, np.random.default_rng(0))
 
 
-def seen_from(planner, *points):
-    """What is seen from some points, as a mask of the explorable area."""
+def seen_from(planner, point):
+    """What is seen from a point, as a mask of the explorable area."""
     area = planner.area
     cells = np.argwhere(area.explorable)
-    words = views_from(area.walls.data == 0, area.walls.cells(np.array(points)), REACH / 0.05, cells)
-    flags = np.unpackbits(np.bitwise_or.reduce(words).view(np.uint8), bitorder="little")[: len(cells)]
+    words = views_from(area.walls.data == 0, area.walls.cells(np.array([point])), REACH / 0.05, cells)
+    flags = np.unpackbits(words[0].view(np.uint8), bitorder="little")[: len(cells)]
     seen = np.zeros_like(area.explorable)
     seen[tuple(cells.T)] = flags.astype(bool)
     return seen
 
 
-def planned(world, target=1.0, num_rounds=60):
+def planned(world, target=1.0):
     """Plan a tour from the spawn, after a first look; return its stops and its length without turns."""
     planner, (x, y, _) = planner_for(world, target), world.spawns[0]
-    assert planner.plan(x, y, seen_from(planner, (x, y)), num_rounds)
+    assert planner.plan(x, y, seen_from(planner, (x, y)), 60)
     points = np.array([(x, y), *planner.viewpoints.points[planner.stops]])
     lengths, _ = planner.viewpoints.paths_from(x, y)
     length = lengths[planner.stops[0]] if planner.stops else 0.0
@@ -71,22 +76,18 @@ def test_views_equal_a_look_along_every_line():
         for angle in 2.0 * np.pi * np.arange(num_lines) / num_lines:
             step = np.array([np.sin(angle), np.cos(angle)])
             longer = np.abs(step).max()
-            cells = np.floor(viewpoint + 0.5 + np.outer(np.arange(1, int(reach * longer) + 1), step / longer)).astype(
-                int
-            )
-            inside = ((cells >= 0) & (cells < free.shape)).all(axis=1)
-            clear = inside.copy()
-            clear[inside] = free[tuple(cells[inside].T)]
-            cells = cells[np.logical_and.accumulate(clear)]
+            steps = np.outer(np.arange(1, int(reach * longer) + 1), step / longer)
+            cells = np.floor(viewpoint + 0.5 + steps).astype(int)
+            cells = cells[((cells >= 0) & (cells < free.shape)).all(axis=1)]
+            cells = cells[np.logical_and.accumulate(free[tuple(cells.T)])]
             seen[tuple(cells.T)] = True
         expected[k] = seen[tuple(samples.T)]
     views = views_from(free, viewpoints, reach, samples)
     np.testing.assert_array_equal(views, np.array([pack_bits(flags) for flags in expected]))
 
 
-def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls():
-    world = world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])
-    viewpoints = planner_for(world).viewpoints
+def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_that_lie_on_them():
+    viewpoints = planner_for(world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])).viewpoints
     gaps = np.hypot(*(viewpoints.points[:, None] - viewpoints.points).transpose(2, 0, 1))
     np.fill_diagonal(gaps, np.inf)
     assert gaps.min() >= 0.2
@@ -96,12 +97,7 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls():
     # Costs near the wall add to the length.
     assert around < viewpoints.lengths[a, b] < 1.5 * around
     np.testing.assert_array_equal(viewpoints.lengths, viewpoints.lengths.T)
-
-
-def test_paths_lead_through_viewpoints_that_lie_on_them():
-    viewpoints = planner_for(world_of((0, 0), (10, 0), (10, 6), (0, 6), walls=[(5, 0, 5, 4)])).viewpoints
-    rng = np.random.default_rng(0)
-    for origin, last in rng.integers(0, len(viewpoints.cells), (50, 2)):
+    for origin, last in np.random.default_rng(0).integers(0, len(viewpoints.cells), (50, 2)):
         chain = [last]
         while chain[-1] != origin:
             chain.append(viewpoints.predecessors[origin, chain[-1]])
@@ -116,19 +112,19 @@ def test_a_room_that_is_seen_from_the_start_needs_no_path():
     assert length == 0.0
 
 
-def test_in_a_corridor_the_shorter_end_comes_first():
-    # From 3.35 m before an end the lidar sees both of its corners.
-    stops, length = planned(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0)))
-    assert stops[0, 0] == pytest.approx(3.35, abs=0.4)
-    assert stops[-1, 0] == pytest.approx(16.65, abs=0.4)
-    assert length == pytest.approx(2 * 4.65 + 8.65, abs=0.8)
-
-
-def test_a_corridor_is_left_unseen_where_that_saves_the_longest_path():
-    # 80 % may be: the last 4 m of the longer end.
-    stops, length = planned(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(3.0, 1.0)), target=0.8)
-    assert stops[-1, 0] == pytest.approx(12.6, abs=0.5)
-    assert length == pytest.approx(9.6, abs=0.6)
+@pytest.mark.parametrize(
+    ("start", "target", "first", "last", "expected"),
+    [
+        # The shorter end comes first. From 3.35 m before an end the lidar sees both of its corners.
+        (8.0, 1.0, 3.35, 16.65, 2 * 4.65 + 8.65),
+        # 80 % are enough: the last 4 m of the longer end are left unseen.
+        (3.0, 0.8, 12.6, 12.6, 9.6),
+    ],
+)
+def test_a_corridor_is_toured_by_the_shortest_path_from_which_enough_is_seen(start, target, first, last, expected):
+    stops, length = planned(corridor(start), target)
+    assert stops[[0, -1], 0] == pytest.approx([first, last], abs=0.5)
+    assert length == pytest.approx(expected, abs=0.8)
 
 
 def test_the_longest_arm_of_a_cross_comes_last():
@@ -141,10 +137,8 @@ def test_the_longest_arm_of_a_cross_comes_last():
 
 
 def test_a_viewpoint_that_is_used_up_is_no_stop_again():
-    world = world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0))
-    planner = planner_for(world)
-    seen = seen_from(planner, (8.0, 1.0))
-    used = set()
+    planner = planner_for(corridor(8.0))
+    seen, used = seen_from(planner, (8.0, 1.0)), set()
     planner.plan(8.0, 1.0, seen, 2)
     while planner.stops:
         assert not used & set(planner.stops)
@@ -156,7 +150,7 @@ def test_a_viewpoint_that_is_used_up_is_no_stop_again():
 
 
 def test_cells_missed_too_often_are_ignored_and_the_rest_of_the_tour_stays():
-    planner = planner_for(world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(8.0, 1.0)))
+    planner = planner_for(corridor(8.0))
     seen = seen_from(planner, (8.0, 1.0))
     assert planner.plan(8.0, 1.0, seen, 20)
     # The map shows nothing of the left end.

@@ -1,6 +1,6 @@
 """Tours from which enough is seen, against all orders of all subsets of the viewpoints."""
 
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from baselines.frontier.open_tour import tour_length
 from baselines.oracle.cover_tour import Cover, complete, count_bits, search_tour, seen_on, shorten
 
-NOTHING = np.zeros(1, dtype=np.uint64)
+NOTHING, START = np.zeros(1, dtype=np.uint64), np.array([0])
 
 
 def cover_of(points, sees):
@@ -23,14 +23,11 @@ def cover_of(points, sees):
 def shortest(cover, target):
     """Try all orders of all subsets; viewpoint 0 is the start."""
     best = np.inf
-    viewpoints = range(1, len(cover.lengths))
     for size in range(len(cover.lengths)):
-        for stops in permutations(viewpoints, size):
-            seen = 0
-            for stop in stops:
-                seen |= int(cover.sees[stop, 0])
-            if seen.bit_count() >= target:
-                best = min(best, sum(cover.lengths[a, b] for a, b in zip((0, *stops), stops)))
+        for stops in permutations(range(1, len(cover.lengths)), size):
+            seen = np.bitwise_or.reduce(cover.sees[list(stops), 0], initial=0)
+            if int(seen).bit_count() >= target:
+                best = min(best, sum(cover.lengths[a, b] for a, b in pairwise((0, *stops))))
     return best
 
 
@@ -52,7 +49,7 @@ def test_tours_are_almost_always_the_shortest_from_which_enough_is_seen(share):
     for _ in range(20):
         cover = random_cover(rng, 6)
         target = int(share * count_bits(np.bitwise_or.reduce(cover.sees)))
-        tour, enough = search_tour(cover, NOTHING, target, np.array([0]), 60, rng)
+        tour, enough = search_tour(cover, NOTHING, target, START, 60, rng)
         assert enough
         assert tour[0] == 0
         assert len(set(tour)) == len(tour)
@@ -65,33 +62,33 @@ def test_tours_are_almost_always_the_shortest_from_which_enough_is_seen(share):
 
 def test_seven_stops_that_all_must_be_passed_are_passed_in_the_best_order():
     rng = np.random.default_rng(1)
-    points = rng.uniform(0.0, 10.0, (8, 2))
-    cover = cover_of(points, [0] + [1 << k for k in range(7)])
-    tour, _ = search_tour(cover, NOTHING, 7, np.array([0]), 60, rng)
-    orders = [np.array([0, *order]) for order in permutations(range(1, 8))]
+    cover = cover_of(rng.uniform(0.0, 10.0, (8, 2)), [0] + [1 << k for k in range(7)])
+    tour, _ = search_tour(cover, NOTHING, 7, START, 60, rng)
+    lengths = [tour_length(cover.lengths, np.array([0, *order])) for order in permutations(range(1, 8))]
     assert sorted(tour) == list(range(8))
-    assert tour_length(cover.lengths, tour) == pytest.approx(min(tour_length(cover.lengths, order) for order in orders))
+    assert tour_length(cover.lengths, tour) == pytest.approx(min(lengths))
 
 
-def test_what_is_seen_on_a_path_needs_no_stop():
+@pytest.mark.parametrize(
+    ("known", "target", "expected"),
+    [(0, 3, [0, 3]), (0, 2, [0, 2]), (6, 3, [0, 1])],
+    ids=["all is seen on the path", "what is beyond the share is left", "what is known needs no path"],
+)
+def test_what_is_seen_on_a_path_needs_no_stop(known, target, expected):
     cover = cover_of([(0, 0), (1, 0), (2, 0), (3, 0)], [0, 1, 2, 4])
     cover.predecessors[0, 3], cover.predecessors[0, 2] = 2, 1
-    tour, enough = search_tour(cover, NOTHING, 3, np.array([0]), 20, np.random.default_rng(0))
+    known = np.array([known], dtype=np.uint64)
+    tour, enough = search_tour(cover, known, target, START, 20, np.random.default_rng(0))
     assert enough
-    assert tour.tolist() == [0, 3]
-    # What is beyond the share that is asked for is left unseen, and what is known already needs no path.
-    tour, _ = search_tour(cover, NOTHING, 2, np.array([0]), 20, np.random.default_rng(0))
-    assert tour.tolist() == [0, 2]
-    tour, _ = search_tour(cover, np.array([6], dtype=np.uint64), 3, np.array([0]), 20, np.random.default_rng(0))
-    assert tour.tolist() == [0, 1]
+    assert tour.tolist() == expected
 
 
 def test_all_that_can_be_seen_is_when_it_is_not_enough():
     cover = cover_of([(0, 0), (1, 0), (-2, 0)], [0, 1, 2])
-    tour, enough = search_tour(cover, NOTHING, 5, np.array([0]), 20, np.random.default_rng(0))
+    tour, enough = search_tour(cover, NOTHING, 5, START, 20, np.random.default_rng(0))
     assert not enough
     assert tour.tolist() == [0, 1, 2]
-    assert not complete(cover, NOTHING, 5, np.array([0]), 0.0, np.random.default_rng(0))[1]
+    assert not complete(cover, NOTHING, 5, START, 0.0, np.random.default_rng(0))[1]
 
 
 def test_stops_are_reordered_and_left_out_where_enough_is_still_seen():
@@ -103,5 +100,5 @@ def test_stops_are_reordered_and_left_out_where_enough_is_still_seen():
 def test_the_same_seed_finds_the_same_tour():
     cover = random_cover(np.random.default_rng(5), 40)
     target = count_bits(np.bitwise_or.reduce(cover.sees))
-    tours = [search_tour(cover, NOTHING, target, np.array([0]), 10, np.random.default_rng(3))[0] for _ in range(2)]
+    tours = [search_tour(cover, NOTHING, target, START, 10, np.random.default_rng(3))[0] for _ in range(2)]
     np.testing.assert_array_equal(*tours)

@@ -1,6 +1,5 @@
 """The random trees, the filter, the assigner, and the explorer made of them."""
 
-
 import numpy as np
 import pytest
 from sklearn.cluster import MeanShift
