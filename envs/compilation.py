@@ -105,5 +105,14 @@ def _name(path: str) -> str:
     return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
+def _load_index(file: Any, load: Any = caching.IndexDataCacheFile._load_index) -> dict[Any, str]:
+    """Return the kernels of a file that are kept; none where a record that one takes is in another module now."""
+    try:
+        return load(file)
+    except (ImportError, AttributeError):
+        return {}
+
+
+caching.IndexDataCacheFile._load_index = _load_index
 caching.CacheImpl._locator_classes.insert(0, SourceLocator)
 event.register("numba:compile", _Progress())

@@ -70,6 +70,18 @@ def test_an_edit_compiles_what_depends_on_it_and_nothing_else(make_checkout, mod
     assert run(first)[0] == ["7", "3", "1", "1"]
 
 
+def test_records_that_kernels_take_may_move_to_another_module(make_checkout):
+    checkout, record = (
+        make_checkout("first"),
+        "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    x: int\n",
+    )
+    program = "import envs.compilation\nfrom envs.{0} import Pair\nfrom envs.other import same\nprint(same(Pair(3)).x)"
+    for module in ("records", "numbers"):
+        (checkout / "envs" / f"{module}.py").write_text(record)
+        assert run(checkout, program.format(module))[0] == ["3"]
+        (checkout / "envs" / f"{module}.py").unlink()
+
+
 def test_a_cache_that_cannot_be_written_is_done_without(make_checkout):
     checkout = make_checkout("first")
     assert run(checkout, XDG_CACHE_HOME="/dev/null")[0] == ["7", "3", "0", "0"]
