@@ -113,6 +113,6 @@ def _load_index(file: Any, load: Any = caching.IndexDataCacheFile._load_index) -
         return {}
 
 
-caching.IndexDataCacheFile._load_index = _load_index
+caching.IndexDataCacheFile._load_index = _load_index  # type: ignore[method-assign]
 caching.CacheImpl._locator_classes.insert(0, SourceLocator)
 event.register("numba:compile", _Progress())

@@ -117,8 +117,10 @@ def measure(
             errors[f"{prefix}{field}"] = relation_error(log.times, trajectory, some)
     loop_closures = getattr(slam, "loop_closures", None)
     times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
-    shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
-    return Run(name, seed, *times, *shares, None if loop_closures is None else int(loop_closures), **errors)
+    closed = None if loop_closures is None else int(loop_closures)
+    return Run(
+        name, seed, *times, float(replayed.is_lost.mean()), conflict_share(log, replayed.final), closed, **errors
+    )
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
