@@ -116,10 +116,16 @@ def measure(
         for field, some in relations.items():
             errors[f"{prefix}{field}"] = relation_error(log.times, trajectory, some)
     loop_closures = getattr(slam, "loop_closures", None)
-    times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
-    closed = None if loop_closures is None else int(loop_closures)
     return Run(
-        name, seed, *times, float(replayed.is_lost.mean()), conflict_share(log, replayed.final), closed, **errors
+        slam=name,
+        seed=seed,
+        milliseconds=float(milliseconds.mean()),
+        milliseconds_p99=float(np.percentile(milliseconds, 99)),
+        milliseconds_max=float(milliseconds.max()),
+        lost_share=float(replayed.is_lost.mean()),
+        conflict_share=conflict_share(log, replayed.final),
+        loop_closures=None if loop_closures is None else int(loop_closures),
+        **errors,
     )
 
 
