@@ -5,6 +5,8 @@ logarithm of a likelihood, and its second moments are the covariance. A match th
 scores alike wherever it slides to, and gets a long ellipse; the curvature at the optimum alone would not show that.
 """
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 
@@ -62,16 +64,22 @@ def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_widt
     return scores
 
 
+@cache
+def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarray:
+    """Return x, y and turn of scores of a shape from the one in the middle: shape (3, number of scores), float64."""
+    steps = np.array([[turn_step], [step], [step]])
+    offsets: np.ndarray = (np.indices(shape).reshape(3, -1) - np.array(shape)[:, None] // 2) * steps
+    return np.ascontiguousarray(offsets[::-1])
+
+
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
     """Return the second moments about the match of the likelihood that scores stand for: shape (3, 3), float64.
 
     `scores` is from `surface_scores`; `step` is the distance between positions [m], `turn_step` between headings [rad].
     """
-    weights = np.exp((scores - scores.max()) / TEMPERATURE)
-    steps = np.array([[turn_step], [step], [step]])
-    offsets = (np.indices(scores.shape).reshape(3, -1) - np.array(scores.shape)[:, None] // 2) * steps
-    d = offsets[::-1]
-    moments: np.ndarray = (d * weights.ravel()) @ d.T / weights.sum()
+    weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
+    d = _offsets(scores.shape, step, turn_step)
+    moments: np.ndarray = (d * weights) @ d.T / weights.sum()
     return moments
 
 
