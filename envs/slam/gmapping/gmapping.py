@@ -31,12 +31,8 @@ def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Choose particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
-    Args:
-        weights: shape (n,), float64, normalized.
-        offset: uniform, from 0 to 1, 1 excluded: the one random number.
-
-    Returns:
-        Shape (n,), int64, ascending: particle i is chosen n w_i times, rounded down or up.
+    `weights`, shape (n,), are normalized; `offset` is uniform in [0, 1), the one random number. Returns shape (n,),
+    int64, ascending: particle i is chosen n w_i times, rounded down or up.
     """
     n = len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)

@@ -73,10 +73,7 @@ def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarra
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return the second moments about the match of the likelihood that scores stand for: shape (3, 3), float64.
-
-    `scores` is from `surface_scores`; `step` is the distance between positions [m], `turn_step` between headings [rad].
-    """
+    """Return the second moments about the match, shape (3, 3), of the likelihood that scores `step` [m] apart mean."""
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()
