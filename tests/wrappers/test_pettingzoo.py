@@ -14,11 +14,8 @@ from envs.wrappers.pettingzoo import TeamParallelEnv
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.0}
 
 
-def test_the_api_is_that_of_pettingzoo():
+def test_the_api_is_that_of_pettingzoo_and_episodes_repeat():
     parallel_api_test(TeamParallelEnv(num_robots=3, **QUICK), num_cycles=50)
-
-
-def test_episodes_repeat():
     parallel_seed_test(lambda: TeamParallelEnv(num_robots=2, **QUICK), num_cycles=5)
 
 
@@ -38,5 +35,3 @@ def test_agents_get_their_rows_of_the_team_environment():
             assert (terminations[agent], truncations[agent]) == (terminated, truncated)
             assert infos[agent]["path_length"] == info["path_length"][k]
     assert truncated
-    team.close()
-    env.close()

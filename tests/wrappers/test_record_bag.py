@@ -16,6 +16,7 @@ from envs.logs import load_log
 from envs.logs.replay import Options, main
 from envs.navigation import crop_to_known
 from envs.wrappers import BagRecorder, RecordBag
+from tests.rooms import ORIGIN
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.5}
 FIELDS = {
@@ -65,13 +66,22 @@ def pose(transform):
     return Pose2D(move.x, move.y, 2 * math.atan2(turn.z, turn.w))
 
 
+@pytest.fixture
+def drive_recorded(tmp_path):
+    """Records a whole episode; returns the environment, the readings and the bag."""
+
+    def record(**arguments):
+        with RecordBag(make(**arguments), tmp_path) as env:
+            return env.unwrapped, drive(env), tmp_path / "episode_0.mcap"
+
+    return record
+
+
 @pytest.mark.parametrize("slam", ["tinyslam", "truth"])
-def test_a_bag_gives_the_readings_back(tmp_path, slam):
-    with RecordBag(make(slam=slam), tmp_path) as env:
-        readings = drive(env)
-        source, poses = make_motion_source(env.unwrapped.robot, env.unwrapped.control_period), [Pose2D(0.0, 0.0, 0.0)]
-        lidar = env.unwrapped.robot.lidar
-    log = load_log(tmp_path / "episode_0.mcap")
+def test_a_bag_gives_the_readings_back(drive_recorded, slam):
+    env, readings, bag = drive_recorded(slam=slam)
+    source, poses, lidar = make_motion_source(env.robot, env.control_period), [ORIGIN], env.robot.lidar
+    log = load_log(bag)
     np.testing.assert_array_equal(log.ranges, [reading.ranges for reading in readings])
     np.testing.assert_allclose(log.times, [reading.time for reading in readings], atol=1e-9)
     np.testing.assert_array_equal(log.scan_rows, np.arange(len(readings)))
@@ -84,46 +94,39 @@ def test_a_bag_gives_the_readings_back(tmp_path, slam):
     assert log.lidar.range_max == pytest.approx(lidar.range_max)
 
 
-def test_a_bag_is_replayed_to_a_map(tmp_path):
-    with RecordBag(make(), tmp_path) as env:
-        drive(env)
-        final = env.unwrapped.belief
-    main(Options(tmp_path / "episode_0.mcap", out=tmp_path, preset="default"))
+def test_a_bag_is_replayed_to_a_map(drive_recorded, tmp_path):
+    env, _, bag = drive_recorded()
+    main(Options(bag, out=tmp_path, preset="default"))
     trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
-    np.testing.assert_allclose(trajectory[-1, 1:3], final.pose[:2], atol=0.02)
+    np.testing.assert_allclose(trajectory[-1, 1:3], env.belief.pose[:2], atol=0.02)
     assert (tmp_path / "map_0.yaml").is_file()
 
 
-def test_frames_maps_plans_and_commands(tmp_path):
-    with RecordBag(make(), tmp_path) as env:
-        readings = drive(env)
-        belief, robot = env.unwrapped.belief, env.unwrapped.robot
-        steps = len(readings) - 1
-    messages = read(tmp_path / "episode_0.mcap")
+def test_frames_maps_plans_and_commands(drive_recorded):
+    env, readings, bag = drive_recorded()
+    belief, robot, steps, messages = env.belief, env.robot, len(readings) - 1, read(bag)
     counts = {topic: len(found) for topic, found in messages.items()}
     each = dict.fromkeys(("/clock", "/scan", "/odom", "/tf"), steps + 1)
     assert counts == each | {"/tf_static": 1, "/map": 4, "/plan": steps, "/cmd_vel": steps}
     assert [time for time, _ in messages["/map"]] == [0, 10**9, 2 * 10**9, 25 * 10**8]
-    assert [clock.clock.sec * 10**9 + clock.clock.nanosec for _, clock in messages["/clock"]] == [
-        time for time, _ in messages["/scan"]
-    ]
+    for (time, _), (_, clock) in zip(messages["/scan"], messages["/clock"]):
+        assert clock.clock.sec * 10**9 + clock.clock.nanosec == time
 
     map_odom, odom_base = messages["/tf"][-1][1].transforms
-    assert (map_odom.header.frame_id, map_odom.child_frame_id) == ("map", "odom")
-    assert (odom_base.header.frame_id, odom_base.child_frame_id) == ("odom", "base_footprint")
+    link, laser = messages["/tf_static"][0][1].transforms
+    frames = [(one.header.frame_id, one.child_frame_id) for one in (map_odom, odom_base, link, laser)]
+    chain = ["map", "odom", "base_footprint", "base_link", "laser"]
+    assert frames == list(zip(chain, chain[1:]))
+    assert laser.transform.translation.z == robot.lidar.mount.z
     np.testing.assert_allclose(pose(map_odom.transform).compose(pose(odom_base.transform)), belief.pose, atol=1e-9)
     odometry = messages["/odom"][-1][1]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_footprint")
     assert odometry.pose.pose.position.x == odom_base.transform.translation.x
     assert odometry.twist.twist.linear.x == pytest.approx(0.8 * robot.max_v, rel=0.1)
-    link, laser = messages["/tf_static"][0][1].transforms
-    assert (link.header.frame_id, link.child_frame_id) == ("base_footprint", "base_link")
-    assert (laser.header.frame_id, laser.child_frame_id) == ("base_link", "laser")
-    assert laser.transform.translation.z == robot.lidar.mount.z
-    assert messages["/scan"][0][1].header.frame_id == "laser"
+    for topic, frame in (("/scan", "laser"), ("/map", "map"), ("/plan", "map")):
+        assert messages[topic][0][1].header.frame_id == frame
 
     grid, known = messages["/map"][-1][1], crop_to_known(belief.grid, margin=0)
-    assert grid.header.frame_id == "map"
     np.testing.assert_array_equal(grid.data.reshape(grid.info.height, grid.info.width), known.data)
     assert (grid.info.origin.position.x, grid.info.origin.position.y) == known.origin
     assert grid.info.resolution == pytest.approx(known.resolution)
@@ -131,15 +134,14 @@ def test_frames_maps_plans_and_commands(tmp_path):
     assert time == 0
     assert (command.twist.linear.x, command.twist.angular.z) == pytest.approx((0.8 * robot.max_v, 0.3 * robot.max_w))
     plan = messages["/plan"][2][1]
-    assert plan.header.frame_id == "map"
     assert [(p.pose.position.x, p.pose.position.y) for p in plan.poses] == [(0.0, 0.0), (1.0, 3.0)]
 
 
-def test_messages_are_those_of_ros_2(tmp_path):
-    with RecordBag(make(), tmp_path) as env:
-        drive(env)
-    with AnyReader([tmp_path / "episode_0.mcap"]) as reader:
+def test_messages_are_those_of_ros_2_and_maps_and_static_transforms_are_latched(drive_recorded):
+    with AnyReader([drive_recorded()[2]]) as reader:
         found = {c.topic: (c.msgtype, c.msgdef.data) for c in reader.connections}
+        latched = {c.topic for c in reader.connections for q in c.ext.offered_qos_profiles if q.durability.value == 1}
+    assert latched == {"/map", "/tf_static"}
     assert found.keys() == FIELDS.keys()
     stores = [get_typestore(store) for store in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.LATEST)]
     for topic, (kind, fields) in FIELDS.items():
@@ -148,14 +150,6 @@ def test_messages_are_those_of_ros_2(tmp_path):
         lines = [line.split("#")[0].split() for line in own.splitlines()]
         assert [line[1] for line in lines if len(line) == 2] == fields.split()
         assert len({store.hash_rihs01(kind) for store in stores}) == 1
-
-
-def test_maps_and_static_transforms_are_latched(tmp_path):
-    with RecordBag(make(), tmp_path) as env:
-        drive(env)
-    with AnyReader([tmp_path / "episode_0.mcap"]) as reader:
-        latched = {c.topic for c in reader.connections for q in c.ext.offered_qos_profiles if q.durability.value == 1}
-    assert latched == {"/map", "/tf_static"}
 
 
 def test_each_episode_has_a_bag_which_is_whole_or_absent(tmp_path):
@@ -194,7 +188,6 @@ def test_a_recorder_leaves_nothing_after_an_exception(tmp_path):
         recorder.close()
         env.reset(seed=1)
     assert len(read(tmp_path / "drive.mcap")["/scan"]) == 1
-    env.close()
 
 
 def test_control_periods_within_decisions_are_recorded(tmp_path):
