@@ -55,10 +55,8 @@ def test_a_training_that_does_not_improve_fails_and_leaves_an_earlier_demo(tmp_p
 def test_a_training_counts_if_it_halves_the_time():
     rows = [{"policy": policy, "steps": 0.0, "time_to_95": 16.0} for policy in ("nearest", "learned")]
     improved = [*rows, {"policy": "learned", "steps": 4096.0, "time_to_95": 8.0}]
-    assert (
-        check_learning(improved, "T")
-        == "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
-    )
+    sentence = "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
+    assert check_learning(improved, "T") == sentence
     for time in (8.1, float("nan")):
         improved[-1]["time_to_95"] = time
         with pytest.raises(RuntimeError, match=f"16.0 s before and {time:.1f} s after"):

@@ -115,29 +115,16 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--policies", "own_explorers:leave"], "own_explorers:leave: SystemExit: 3 (own_explorers.py, line "),
-        (["--slam", "own_explorers:leave"], "own_explorers:leave in pimouse_arena: SystemExit: 3 (own_explorers.py"),
-        (
-            ["--slam", "own_explorers:Circling"],
-            "own_explorers:Circling in pimouse_arena: TypeError: Circling() takes no",
-        ),
+        (["--policies", "own_explorers:leave"], [": own_explorers:leave: SystemExit: 3 (own_explorers.py, line "]),
+        (["--slam", "own_explorers:leave"], [": own_explorers:leave in pimouse_arena: SystemExit: 3 (own_explorers.p"]),
+        (["--slam", "own_explorers:Circling"], [": own_explorers:Circling in pimouse_arena: TypeError: Circling() ta"]),
+        (["--policies", "own_explorers:Circlign"], ["own_explorers", "no attribute", "did you mean 'Circling'"]),
+        (["--policies", "nowhere.at_all:Mine"], ["no module 'nowhere'"]),
+        (["--policies", "own_explorers:WORLD"], ["is no explorer", "predict(observation)"]),
+        (["--policies", "nearest=own_explorers:Circling"], ["not that of a classic policy"]),
     ],
 )
 def test_what_cannot_be_made_is_named_before_any_episode(own_folder, capsys, options, says):
     assert main([*BRIEF, "--policies", "nearest", "--worlds", "pimouse_arena", "--out", "out", *options]) == 2
-    assert f": {says}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("own_explorers:Circlign", ["own_explorers", "no attribute", "did you mean 'Circling'"]),
-        ("nowhere.at_all:Mine", ["no module 'nowhere'"]),
-        ("own_explorers:WORLD", ["is no explorer", "predict(observation)"]),
-        ("nearest=own_explorers:Circling", ["not that of a classic policy"]),
-    ],
-)
-def test_mistakes_in_names_are_reported_before_any_episode(own_folder, capsys, name, says):
-    assert main([*BRIEF, "--policies", name, "--worlds", "pimouse_arena", "--out", "out"]) == 2
-    message = " ".join("".join(capsys.readouterr()).split())
+    message = " ".join(capsys.readouterr().err.split())
     assert all(text in message for text in says), message

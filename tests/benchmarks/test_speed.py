@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -64,8 +65,9 @@ def test_a_box_is_outlined_where_it_stands():
     np.testing.assert_allclose(outline(1.0, 2.0, math.pi / 2, 4.0, 2.0), sides, atol=1e-12)
 
 
-def drive_both(hall, uses_truth, steps):
-    """Give NaiveSlam and the project's own SLAM the same scans, motions and draws; return both and the true pose."""
+@pytest.mark.parametrize("uses_truth", [False, True])
+def test_naive_slam_is_the_same_slam(hall, uses_truth):
+    """Given the same scans, motions and draws."""
     robot = benchmark_robot()
     simulator, odometry = make_simulator("kinematic", robot, 0.1), WheelMotion(robot)
     naive = NaiveSlam(robot.lidar, load_params("default"), match_scans=not uses_truth)
@@ -76,7 +78,7 @@ def drive_both(hall, uses_truth, steps):
     motion = Pose2D(0.0, 0.0, 0.0)
     odometry.reset(reading)
     actions = make_actions(1)
-    for _ in range(steps):
+    for _ in range(80):
         new = naive.update(reading.ranges, motion)
         belief = own.update(reading, motion)
         assert {tuple(cell) for cell in new.tolist()} == {tuple(cell) for cell in belief.update.new_cells.tolist()}
@@ -86,14 +88,8 @@ def drive_both(hall, uses_truth, steps):
         motion = odometry.update(reading)
         if uses_truth:
             motion = truth.between(simulator.states[0].pose)
-    return naive, own, truth
-
-
-@pytest.mark.parametrize("uses_truth", [False, True])
-def test_naive_slam_is_the_same_slam(hall, uses_truth):
-    naive, own, truth = drive_both(hall, uses_truth, steps=80)
     np.testing.assert_allclose(naive.pose, own.belief.pose, atol=1e-9)
-    assert math.hypot(naive.pose.x - truth.x, naive.pose.y - truth.y) < (1e-9 if uses_truth else 0.05)
+    assert math.dist(naive.pose[:2], truth[:2]) < (1e-9 if uses_truth else 0.05)
     words = own.map.words
     np.testing.assert_array_equal(naive.counts, words & MAX_COUNT)
     np.testing.assert_allclose(naive.values, probabilities(words), atol=1e-4)
@@ -118,23 +114,19 @@ def test_naive_environment_does_the_job_of_ours(hall):
     naive = NaiveExploreEnv(hall, benchmark_robot())
     own = LidarEnv(Explore, world=hall.world, robot=benchmark_robot(), physics="kinematic", start="spawn")
     check_env(naive, skip_render_check=True)
-    actions, fractions = make_actions(1), []
     for env in (naive, own):
         env.reset(seed=0)
     assert naive.time_limit == own.time_limit
-    total = [0.0, 0.0]
+    actions, total = make_actions(1), np.zeros(2)
     for _ in range(150):
         action = next(actions)[0]
-        steps = [env.step(action) for env in (naive, own)]
-        total = [sum_ + step[1] for sum_, step in zip(total, steps)]
-        for step in steps:
-            assert step[4]["pose_error"][0] < 0.05
-        fractions = [step[4]["explored_fraction"] for step in steps]
-    assert fractions[0] == pytest.approx(fractions[1], abs=0.02)
+        observations, rewards, *_, infos = zip(*(env.step(action) for env in (naive, own)))
+        total += rewards
+        assert all(info["pose_error"][0] < 0.05 for info in infos)
+    assert infos[0]["explored_fraction"] == pytest.approx(infos[1]["explored_fraction"], abs=0.02)
     assert total[0] == pytest.approx(total[1], rel=0.1)
-    assert 0.05 < np.mean(steps[0][0]["map"][1] > 0) <= 1.0
+    assert 0.05 < np.mean(observations[0]["map"][1] > 0) <= 1.0
     naive.close()
-    own.close()
 
 
 def test_every_kernel_computes_what_its_reference_does():
@@ -169,15 +161,13 @@ def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch)
     rows = written["designs"]
     assert [(row["name"], row["num_envs"], row["cores"]) for row in rows[:6]] == [tuple(d) for d in designs]
     for row in rows:
-        assert row["ratio"] == pytest.approx(
-            row["steps_per_second"] / rows[6 * (row["slam"] == "truth")]["steps_per_second"]
-        )
+        naive = rows[6 * (row["slam"] == "truth")]
+        assert row["ratio"] == pytest.approx(row["steps_per_second"] / naive["steps_per_second"])
         assert 5 < row["steps_per_second"] < 1e6
     assert rows[1]["ratio"] > 3  # the kinematic environment, whatever else the machine does
     assert all(0 < row["us"] < row["NumPy us"] for row in written["kernels"])
-    assert (
-        0.8 < written["memory"][0]["MiB of a further sub-environment"] < 4.0
-    )  # two arrays of 400 x 400 cells at least
+    further = written["memory"][0]["MiB of a further sub-environment"]
+    assert 0.8 < further < 4.0  # two arrays of 400 x 400 cells at least
     assert all(0 < row["least us"] <= row["median us"] for row in written["physics"])
 
 
@@ -189,8 +179,7 @@ def test_one_and_many_environments_decide(monkeypatch):
 
 
 def test_growth_is_drawn(tmp_path):
-    keys = [(key, slam, at) for key in ("beams", "num_envs") for slam in ("tinyslam", "truth") for at in (90, 180)]
-    command.plot_growth(
-        [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys], tmp_path / "growth.png"
-    )
+    keys = itertools.product(("beams", "num_envs"), ("tinyslam", "truth"), (90, 180))
+    rows = [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys]
+    command.plot_growth(rows, tmp_path / "growth.png")
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")

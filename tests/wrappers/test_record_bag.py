@@ -1,5 +1,6 @@
 """Episodes as ROS 2 bags."""
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -116,7 +117,7 @@ def test_frames_maps_plans_and_commands(drive_recorded):
     link, laser = messages["/tf_static"][0][1].transforms
     frames = [(one.header.frame_id, one.child_frame_id) for one in (map_odom, odom_base, link, laser)]
     chain = ["map", "odom", "base_footprint", "base_link", "laser"]
-    assert frames == list(zip(chain, chain[1:]))
+    assert frames == list(itertools.pairwise(chain))
     assert laser.transform.translation.z == robot.lidar.mount.z
     np.testing.assert_allclose(pose(map_odom.transform).compose(pose(odom_base.transform)), belief.pose, atol=1e-9)
     odometry = messages["/odom"][-1][1]
