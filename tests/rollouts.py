@@ -4,7 +4,7 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.navigation.candidates import COST, FAILURES
-from envs.worlds import World
+from tests.rooms import make_room
 
 
 def rollout(env, seed, steps):
@@ -26,11 +26,4 @@ def nearest(observation):
 
 def hall(width=8.0, height=4.0, segments=()):
     """Return a rectangular world with its lower left corner at the origin, and further walls in it."""
-    walls = [[0, 0, width, 0], [width, 0, width, height], [width, height, 0, height], [0, height, 0, 0]]
-    return World(
-        name="hall",
-        segments=np.array([*walls, *segments], dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(0.4, 0.4, 0.0),),
-        bounds=(0.0, 0.0, width, height),
-    )
+    return make_room(0.0, 0.0, width, height, segments, spawn=Pose2D(0.4, 0.4, 0.0))

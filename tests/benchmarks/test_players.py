@@ -61,8 +61,7 @@ def test_what_was_not_recorded_is_left_out(folder, tmp_path):
 def test_figures_are_texts_with_units_and_without_times_of_the_machine(folder):
     row = next(read_table(folder / "episodes.csv", COLUMNS))
     figures = describe(row, MEASURES)["figures"]
-    assert figures["time to 95 % [s]"] == "never"
-    assert figures["explored [%]"] == f"{100 * row['explored_fraction']:.1f}"
-    assert figures["collisions"] == f"{row['collisions']:.0f}"
-    assert figures["ended by"] == "time limit"
+    shown = {"time to 95 % [s]": "never", "explored [%]": f"{100 * row['explored_fraction']:.1f}"}
+    shown |= {"collisions": f"{row['collisions']:.0f}", "ended by": "time limit"}
+    assert shown.items() <= figures.items()
     assert not any("decision" in name for name in figures)

@@ -15,15 +15,12 @@ from benchmarks.speed.halls import GAP, make_hall, outline
 from benchmarks.speed.kernels import make_kernels
 from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
 from benchmarks.speed.naive_slam import NaiveSlam
-from benchmarks.speed.references import advance_in_numpy
 from envs.core import LidarEnv
 from envs.estimation.motion import WheelMotion
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.geometry.raycast import cast_rays
 from envs.simulation import Twist, make_simulator
-from envs.simulation.kinematic import Obstacles, advance
-from envs.simulation.records import robot_record
 from envs.slam import load_params, make_slam
 from envs.slam.grid_map import MAX_COUNT, probabilities
 from envs.tasks.explore import Explore
@@ -137,17 +134,6 @@ def test_every_kernel_computes_what_its_reference_does():
         result, reference = kernel.read().astype(float), kernel.reference().astype(float)
         assert len(np.unique(result)) > 1
         np.testing.assert_allclose(result, reference, atol=1e-4, err_msg=kernel.name)
-
-
-def test_the_reference_of_advance_meets_walls_as_the_kernel_does(hall):
-    robot, circles = benchmark_robot(), hall.world.circles
-    state = np.array([7.86, 0.0, 0.4, 0.22, 0.0, 0.0, 0.0, 0.22, 0.0, 0.0, 0.001])
-    for _ in range(5):
-        expected = advance_in_numpy(state, (0.22, 0.5), (0.3, -1.0), 0.1, 6, robot, hall.world.segments, circles)
-        obstacles = Obstacles(hall.world.segments, circles, circles)
-        touched, _ = advance(state, (0.22, 0.5), (0.3, -1.0), robot_record(robot, 0.1), obstacles)
-        np.testing.assert_allclose(state, expected, atol=1e-12)
-    assert touched
 
 
 def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch):

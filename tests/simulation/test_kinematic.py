@@ -5,6 +5,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from benchmarks.speed.references import advance_in_numpy
 from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.robots import load_robot
@@ -15,51 +16,8 @@ from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 SUBSTEPS = 6
 
 
-def plain_advance(pose, reached, command, normals, period, robot, segments, before, after):
-    """One control period without kernels: the same physics, every obstacle looked at in every substep."""
-    dt, wheels, assumed = period / SUBSTEPS, robot.drive, robot.odometry
-    angles, touched = np.zeros(2), False
-    for step in range(1, SUBSTEPS + 1):
-        limits = ((robot.max_v, robot.max_acc_v), (robot.max_w, robot.max_acc_w))
-        goals = [np.clip(goal, -limit, limit) for goal, (limit, _) in zip(command, limits)]
-        reached = [
-            now + np.clip(goal - now, -acc * dt, acc * dt) for now, goal, (_, acc) in zip(reached, goals, limits)
-        ]
-        v, w = reached
-        rates = np.array([v - w * assumed.track / 2, v + w * assumed.track / 2]) / assumed.wheel_radius
-        angles += rates * dt
-        rolled = rates * dt * wheels.wheel_radius
-        rolled += wheels.slip_std * np.sqrt(np.abs(rolled) / SUBSTEPS) * normals
-        turn, ahead = (rolled[1] - rolled[0]) / wheels.track, rolled.mean()
-        if abs(turn) > 1e-12:
-            arc = Pose2D(ahead / turn * math.sin(turn), ahead / turn * (1 - math.cos(turn)), turn)
-        else:
-            arc = Pose2D(ahead, 0.0, turn)
-        moved = pose.compose(arc)
-        circles = before + (after - before) * step / SUBSTEPS
-        at, free = np.array(moved[:2]), False
-        for _ in range(12):
-            overlaps = []
-            for x0, y0, x1, y1 in segments:
-                a, e = np.array([x0, y0]), np.array([x1 - x0, y1 - y0])
-                nearest = a + np.clip((at - a) @ e / (e @ e), 0, 1) * e
-                overlaps.append((robot.radius - np.linalg.norm(at - nearest), at - nearest))
-            for x, y, radius in circles:
-                offset = at - (x, y)
-                overlaps.append((robot.radius + radius - np.linalg.norm(offset), offset))
-            depth, offset = max(overlaps, key=lambda overlap: overlap[0])
-            if depth <= 1e-6:
-                free = True
-                break
-            touched = True
-            at = at + depth * offset / np.linalg.norm(offset)
-        x, y = at if free else pose[:2]
-        pose = Pose2D(x, y, moved.theta)
-    return pose, reached, angles, touched
-
-
 def test_equals_the_plain_physics():
-    """Among walls, posts and a walking body, with slip."""
+    """Among walls, posts and a walking body, with slip; here every obstacle is looked at in every substep."""
     walls = [[0.4, -0.5, 0.4, 0.5], [-0.3, 0.3, 0.3, 0.5], [-0.5, -0.4, 0.2, -0.45]]
     mover = Mover(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
     world = square_room(0.8, walls, circles=[[-0.2, 0.2, 0.05]], movers=[mover])
@@ -68,22 +26,22 @@ def test_equals_the_plain_physics():
     simulator.reset(world, [pose], [rng])
     size = 4 + BURGER.lidar.num_beams
     copy.standard_normal(size)
-    reached, angles, contacts = [0.0, 0.0], np.zeros(2), 0
+    state, contacts = np.array([*pose, *np.zeros(8)]), 0
     commands = np.random.default_rng(8)
     for step in range(200):
         if step % 10 == 0:
             command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
         reading = simulator.step([command])[0]
-        circles = [world.circles_at(0.1 * time) for time in (step, step + 1)]
-        normals = copy.standard_normal(size)[:2]
-        pose, reached, turned, touched = plain_advance(
-            pose, reached, command, normals, 0.1, BURGER, world.segments, *circles
-        )
-        angles += turned
+        normals, touched = copy.standard_normal(size)[:2] / math.sqrt(SUBSTEPS), False
+        before, after = (world.circles_at(0.1 * time) for time in (step, step + 1))
+        for part in range(1, SUBSTEPS + 1):
+            arguments = state, command, normals, 0.1 / SUBSTEPS, 1, BURGER
+            state = advance_in_numpy(*arguments, world.segments, before + (after - before) * part / SUBSTEPS)
+            touched |= (state[:2] != advance_in_numpy(*arguments, PLAIN.segments, PLAIN.circles)[:2]).any()
         contacts += touched
-        np.testing.assert_allclose(simulator.states[0].pose, pose, atol=1e-9)
+        np.testing.assert_allclose(simulator.states[0].pose, state[:3], atol=1e-9)
         assert reading.bumper == touched
-        np.testing.assert_array_equal(reading.ticks, np.floor(angles * 4096 / (2 * math.pi) + 1e-9))
+        np.testing.assert_array_equal(reading.ticks, np.floor(state[5:7] * 4096 / (2 * math.pi) + 1e-9))
     assert 20 < contacts < 180
 
 
