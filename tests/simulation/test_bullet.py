@@ -1,36 +1,46 @@
+"""PyBullet, in worlds of many walls too, and the lidar's ray casting against its own."""
+
+import math
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from envs.geometry import Pose2D
+from envs.geometry.raycast import Beams, cast_rays
+from envs.robots import load_robot
 from envs.simulation import Twist, make_simulator
-from tests.rooms import BURGER, ORIGIN, begin, square_room
+from envs.worlds import WORLD_NAMES, load_world
+from tests.rooms import BURGER, ORIGIN, begin, make_room, square_room
+
+pytest.importorskip("pybullet", reason="PyBullet is not installed")
+
+from envs.simulation import bullet_world
+from envs.simulation.bullet_world import BulletClient, NearbyWalls, build_meshes, outlines
 
 ROOT = Path(__file__).parents[2]
+BEAMS, POSES, REACH = 360, 25, 12.0
+TOLERANCE = 0.002
+GRAZED = 1e-3
+"""How near a beam may pass a corner and be called grazing [m]: PyBullet's rays see triangles a little too large."""
 
 
-def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(ImportError, match=r"Linux x86_64 and Python 3\.11.*pip install pybullet.*'kinematic'"):
-        make_simulator("bullet", BURGER, 0.1)
-    make_simulator("kinematic", BURGER, 0.1)
-
-
-def test_worlds_may_have_more_walls_than_fit_into_one_mesh(bullet):
+def test_worlds_may_have_more_walls_than_fit_into_one_mesh():
     """A floor of 200 m x 60 m has 47,000 of them, circles included; the last one is as solid as the first."""
     xs = np.linspace(-9.0, 9.0, 35_000)
     far = np.column_stack([xs, np.full_like(xs, 9.0), xs, np.full_like(xs, 9.1)])
-    simulator = begin(bullet, BURGER, square_room(10.0, [*far, [0.3, -1.0, 0.3, 1.0]]), ORIGIN)
+    simulator = begin("bullet", BURGER, square_room(10.0, [*far, [0.3, -1.0, 0.3, 1.0]]), ORIGIN)
     for _ in range(30):
         reading = simulator.step([Twist(0.2, 0.0)])[0]
     assert reading.bumper
     assert simulator.states[0].pose.x < 0.3
 
 
-def test_pybullet_is_imported_late_and_silently(bullet):
+def test_pybullet_is_imported_late_and_silently():
     code = """
 import sys
 import numpy as np
@@ -50,8 +60,8 @@ simulator.close()
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
-def test_it_can_be_pickled_before_the_first_reset_and_closed_twice(bullet):
-    simulator = pickle.loads(pickle.dumps(make_simulator(bullet, BURGER, 0.1)))
+def test_it_can_be_pickled_before_the_first_reset_and_closed_twice():
+    simulator = pickle.loads(pickle.dumps(make_simulator("bullet", BURGER, 0.1)))
     simulator.close()
     for _ in range(2):
         simulator.reset(square_room(3.0), [ORIGIN], [np.random.default_rng(0)])
@@ -61,9 +71,9 @@ def test_it_can_be_pickled_before_the_first_reset_and_closed_twice(bullet):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_ever_new_worlds_do_not_fill_the_memory(bullet):
+def test_ever_new_worlds_do_not_fill_the_memory():
     rng = np.random.default_rng(0)
-    simulator = make_simulator(bullet, BURGER, 0.1)
+    simulator = make_simulator("bullet", BURGER, 0.1)
 
     def megabytes_after(num_worlds):
         for _ in range(num_worlds):
@@ -74,3 +84,100 @@ def test_ever_new_worlds_do_not_fill_the_memory(bullet):
 
     before = megabytes_after(4)
     assert megabytes_after(12) - before < 8.0, "2 MB are lost with every such world when lists are not reused"
+
+
+@pytest.fixture
+def many(monkeypatch):
+    """Let every world count as one with many walls."""
+    monkeypatch.setattr(bullet_world, "_MANY", 0)
+
+
+def corridor(length):
+    """A corridor of 1 m along x, of walls of a tenth of a metre, closed at both ends."""
+    sides = [[x, y, x + 0.1, y] for y in (-0.5, 0.5) for x in np.arange(0.0, length, 0.1)]
+    ends = [[x, -0.5, x, 0.5] for x in (0.0, length)]
+    bodies = {"segments": np.array(sides + ends), "circles": np.array([[length - 1.0, 0.4, 0.1]])}
+    return replace(make_room(0.0, -0.5, length, 0.5, spawn=Pose2D(0.5, 0.0, 0.0)), **bodies)
+
+
+def drive(simulator, world, commands, seed=0):
+    simulator.reset(world, [world.spawns[0]], [np.random.default_rng(seed)])
+    readings = [simulator.step([command])[0] for command in commands]
+    return simulator.states[0].pose, readings[-1]
+
+
+def test_a_robot_far_from_its_start_is_stopped_by_walls(many):
+    robot = load_robot("create3")
+    simulator = make_simulator("bullet", robot, 0.2)
+    length = 14.0
+    pose, reading = drive(simulator, corridor(length), [Twist(robot.max_v, 0.0)] * 300)
+    assert length / 2 < pose.x < length - robot.radius + 0.02
+    assert abs(pose.y) < 0.5 - robot.radius + 0.02
+    assert reading.bumper
+
+
+def test_an_episode_does_not_depend_on_the_one_before(many):
+    world, rng = load_world("turtlebot3_house"), np.random.default_rng(1)
+    commands = [Twist(BURGER.max_v, float(w)) for w in rng.uniform(-1.0, 1.0, 60).repeat(5)]
+    first, again = (make_simulator("bullet", BURGER, 0.2) for _ in range(2))
+    drive(again, world, commands[::-1], seed=5)
+    poses = [drive(simulator, world, commands)[0] for simulator in (first, again, again)]
+    assert poses[0] == poses[1] == poses[2]
+
+
+def test_what_is_near_is_there_and_what_is_far_is_not(many):
+    """Along a drive of 30 m, no wall in reach is missing, and the meshes of old walls are gone."""
+    shapes = {}
+
+    class Client:
+        GEOM_MESH = GEOM_FORCE_CONCAVE_TRIMESH = GEOM_CONCAVE_INTERNAL_EDGE = 0
+
+        def createCollisionShape(self, _, vertices, **__):
+            shapes[number := max(shapes, default=0) + 1] = np.array(vertices)[:, :2]
+            return number
+
+        def createMultiBody(self, _, shape):
+            return shape
+
+        def removeBody(self, shape):
+            del shapes[shape]
+
+        def setCollisionFilterGroupMask(self, *_): ...
+
+        def changeDynamics(self, *_, **__): ...
+
+    world, reach = corridor(30.0), 0.7
+    walls = NearbyWalls(Client(), world, reach)
+    for x in np.arange(0.5, 29.5, 0.1):
+        walls.follow(np.array([[x, 0.0]]))
+        (built,) = shapes.values()
+        starts = {tuple(np.round(point, 3)) for point in built}
+        for x0, y0, x1, _ in world.segments:
+            if math.hypot(max(x0 - x, x - x1, 0.0), y0) < reach:
+                assert (round(x0, 3), round(y0, 3)) in starts
+        assert np.abs(built[:, 0] - x).max() < 5.0
+
+
+@pytest.mark.parametrize("name", WORLD_NAMES)
+def test_ranges_agree_within_two_millimetres(name):
+    world = load_world(name)
+    bullet = BulletClient()
+    (mesh,) = build_meshes(bullet, outlines(world, sagitta=1e-5), world.height)
+    bullet.createMultiBody(0.0, mesh)
+    corners = np.vstack([world.segments[:, :2], world.segments[:, 2:]])
+    rng = np.random.default_rng(0)
+    ranges, grazing = np.empty(BEAMS), 0
+    for _ in range(POSES):
+        x, y = rng.uniform(world.bounds[:2], world.bounds[2:])
+        heading, increment = rng.uniform(-math.pi, math.pi), 2 * math.pi / BEAMS
+        cast_rays(x, y, heading, Beams(0.0, increment, REACH), world.segments, world.circles, ranges)
+        angles = heading + increment * np.arange(BEAMS)
+        directions = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(BEAMS)])
+        starts = np.tile([x, y, 0.5 * world.height], (BEAMS, 1))
+        hits = bullet.rayTestBatch(starts.tolist(), (starts + REACH * directions).tolist())
+        theirs = np.array([fraction * REACH if body >= 0 else np.inf for body, _, fraction, *_ in hits])
+        for beam in np.flatnonzero(~np.isclose(ranges, theirs, rtol=0.0, atol=TOLERANCE)):
+            point = np.array([x, y]) + min(ranges[beam], theirs[beam]) * directions[beam, :2]
+            assert np.hypot(*(corners - point).T).min() < GRAZED, f"{ranges[beam]} m against {theirs[beam]} m"
+            grazing += 1
+    assert grazing <= 0.001 * BEAMS * POSES

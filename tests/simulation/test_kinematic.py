@@ -1,4 +1,5 @@
 import math
+import sys
 from dataclasses import replace
 
 import gymnasium
@@ -111,3 +112,10 @@ def test_bad_use_is_refused(physics):
 def test_simulators_that_cannot_be_made_are_refused(physics, max_v, period, complaint):
     with pytest.raises(ValueError, match=complaint):
         make_simulator(physics, replace(BURGER, max_v=max_v), period)
+
+
+def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(ImportError, match=r"Linux x86_64 and Python 3\.11.*pip install pybullet.*'kinematic'"):
+        make_simulator("bullet", BURGER, 0.1)
+    make_simulator("kinematic", BURGER, 0.1)
