@@ -1,3 +1,6 @@
+import io
+import zipfile
+
 import gymnasium
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from envs.geometry import OccupancyGrid
 from envs.navigation import crop_to_known
 from envs.player import EpisodeRecorder, Recording, build_page
 from envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
+from tests.player.episodes import synthetic
 
 BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
 
@@ -150,3 +154,57 @@ def test_corners_keep_within_the_tolerance():
     away = np.abs(path[:, 1] - np.interp(path[:, 0], *kept.T))
     assert away.max() < 3.2 * PLAN_TOLERANCE  # across a slope of 3, vertical distances are longer
     np.testing.assert_array_equal(corners(np.array([(0, 0), (1, 0), (2, 0), (2, 1.0)]), 0.1), [(0, 0), (2, 0), (2, 1)])
+
+
+def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(tmp_path):
+    recording = synthetic(20.0)
+    path = tmp_path / "episode.npz"
+    path.write_bytes(recording.to_bytes())
+    loaded = Recording.load(path)
+    assert loaded.about == recording.about | {"format": 2}
+    for name, array in recording.arrays.items():
+        np.testing.assert_array_equal(getattr(loaded, name), array)
+    assert loaded.to_bytes() == recording.to_bytes() == synthetic(20.0).to_bytes()
+
+
+def changed(name, change):
+    """The bytes of a recording with one array changed, or left out where the change returns None."""
+    with np.load(io.BytesIO(synthetic(5.0).to_bytes())) as archive:
+        arrays = {**archive, name: change(archive[name])}
+    content = io.BytesIO()
+    np.savez(content, **{key: array for key, array in arrays.items() if array is not None})
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "No data left in file"),
+        (b"<html>", "allow_pickle"),
+        (synthetic(5.0).to_bytes()[:-300], "zip"),
+        (changed("scans", lambda scans: None), "lacks scans"),
+        (changed("time", lambda time: time[:-1]), "not (10"),
+        (changed("plan_ends", lambda ends: ends + 1), "plan_ends do not count plans"),
+        (changed("poses", lambda poses: poses.astype(float)), "poses is float64"),
+        (changed("map_cells", lambda cells: cells + 10**6), "beside the map"),
+        (changed("about", lambda _: np.frombuffer(b'{"format": 7}', np.uint8)), "format 7"),
+    ],
+)
+def test_what_is_no_recording_is_named(tmp_path, content, says):
+    (tmp_path / "other.npz").write_bytes(content)
+    with pytest.raises(ValueError, match=r"other\.npz is no recorded episode") as error:
+        Recording.load(tmp_path / "other.npz")
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = tmp_path / "episode.npz"
+    path.write_bytes(synthetic(5.0).to_bytes())
+    with zipfile.ZipFile(path) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size)
+    Recording.load(path)
+    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size - 1)
+    with pytest.raises(ValueError, match=rf"npz .*unpacks to {size:,} bytes; at most {size - 1:,} are allowed"):
+        Recording.load(path)

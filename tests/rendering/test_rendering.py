@@ -82,13 +82,18 @@ def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
     np.testing.assert_array_equal(first, other)
 
 
-def test_true_and_estimated_robot_are_where_they_should_be(renderer):
-    scene = make_scene()
-    truth, belief = panels(renderer.draw(scene))
+@pytest.fixture(scope="module")
+def truth_and_belief(renderer):
+    """Return the two panels of a scene."""
+    return panels(renderer.draw(make_scene()))
+
+
+def test_true_and_estimated_robot_are_where_they_should_be(truth_and_belief):
+    truth, belief = truth_and_belief
     for panel, colour, pose in (
-        (truth, style.TRUE, scene.pose),
-        (belief, style.TRUE, scene.pose),
-        (belief, style.ESTIMATED, scene.estimated_pose),
+        (truth, style.TRUE, TRUE),
+        (belief, style.TRUE, TRUE),
+        (belief, style.ESTIMATED, ESTIMATED),
     ):
         positions = found(panel, colour)
         near = np.hypot(*(positions - pose[:2]).T) < 0.25
@@ -97,21 +102,18 @@ def test_true_and_estimated_robot_are_where_they_should_be(renderer):
     assert len(found(truth, style.ESTIMATED)) == 0
 
 
-def test_the_map_is_drawn_in_the_frame_of_the_world(renderer):
-    _, belief = panels(renderer.draw(make_scene()))
-    occupied = found(belief, style.OCCUPIED)
-    assert occupied[:, 0].min() == pytest.approx(6.0, abs=0.1)
-    assert occupied[:, 0].max() == pytest.approx(6.5, abs=0.1)
-    frontier = found(belief, style.FRONTIER)
+def test_the_map_is_drawn_in_the_frame_of_the_world(truth_and_belief):
+    _, belief = truth_and_belief
+    occupied, frontier = found(belief, style.OCCUPIED)[:, 0], found(belief, style.FRONTIER)[:, 0]
+    assert (occupied.min(), occupied.max()) == pytest.approx((6.0, 6.5), abs=0.1)
     assert len(frontier) > 100
-    assert np.abs(frontier[:, 0] - 1.0).max() < 0.2
+    assert np.abs(frontier - 1.0).max() < 0.2
     assert found(belief, style.UNKNOWN)[:, 0].min() < 0.0
-    path_end = found(belief, style.PLAN)
-    assert np.hypot(*(path_end - (2.0, 4.0)).T).min() < 0.05
+    assert np.hypot(*(found(belief, style.PLAN) - (2.0, 4.0)).T).min() < 0.05
 
 
-def test_the_ground_truth_shows_floor_bodies_and_outside(renderer):
-    truth, _ = panels(renderer.draw(make_scene()))
+def test_the_ground_truth_shows_floor_bodies_and_outside(truth_and_belief):
+    truth, _ = truth_and_belief
     floor, outside, solid = (found(truth, colour, 2) for colour in (style.FLOOR, style.OUTSIDE, style.SOLID))
     assert floor.min() > -0.05
     assert (floor.max(axis=0) < (8.05, 6.05)).all()
